@@ -28,7 +28,7 @@ from hgogen.graph import Graph
 from hgogen.rigor.box import put
 from hgogen.rigor.field import Box, dependence, free_of, is_zero
 from hgogen.rigor.slope import JUMPS
-from hgogen.rigor.tape import bent, slope, unbent
+from hgogen.rigor.tape import slope, with_norms, without_norms
 from hgogen.rigor.tape import slope as slope_of
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
@@ -104,7 +104,7 @@ class Link:
     @property
     def jumps(self) -> sp.Expr | None:
         """A part of the row that may jump in the state, which the slope does not show; None without one."""
-        rough = () if self.affine else (node for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
+        rough = () if self.affine else (node for node in with_norms(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, key=str, default=None)
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
@@ -250,7 +250,7 @@ def _line(
     """Return gain, offset, and whether row = gain * state + offset with both free of the state. `clean`: the row
     without the states that it does not depend on. The gain is the slope, or where the slope is not exact the row's
     difference between 0 and 1."""
-    gain = unbent(free_of(slope, rows.states, rows.box))
+    gain = without_norms(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
     # row - gain * state is the same at every value of the state: at 0, or where that is 0/0 at 1, 2 or 3
     offsets = (_at(clean, state, value) - gain * value for value in range(4))
@@ -505,7 +505,7 @@ class Measurement:
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
     """Return the row of that name as an affine function of the states. It is refuted by a slope that varies with one of
     them, or by a residual that does; it is proved where no such slope and residual exist."""
-    none, slopes, offset, may = (sp.S.Zero,) * len(states), [], bent(row), list[sp.Symbol]()
+    none, slopes, offset, may = (sp.S.Zero,) * len(states), [], with_norms(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
         gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero

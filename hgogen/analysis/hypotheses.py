@@ -33,7 +33,7 @@ from hgogen.rigor.bounds import Cause, Proof, Sign, bound, counted, ends, nonzer
 from hgogen.rigor.box import EVERYTHING, box, exact, kind, points, settled, witness
 from hgogen.rigor.singular import minimal, one_sided, reasons, singular
 from hgogen.rigor.slope import JUMPS, lipschitz_bound
-from hgogen.rigor.tape import NoTape, bent
+from hgogen.rigor.tape import NoTape, with_norms
 from hgogen.rigor.tape import slope as slope_of
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, joined
 from hgogen.signal import Signal
@@ -356,7 +356,8 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
     """Return the verdict, reason and fix of rows for whose slope neither a bound nor its absence is proved."""
     around = system.box
-    jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
+    nodes = {node for row in map(with_norms, rows) for node in row.atoms(*JUMPS)}
+    jumps = sorted((node for node in nodes if node.has(*system.states)), key=str)
     if jumps:
         why = because("{part} may jump", part=jumps[0])
         return {"reason": why, "fix": "Write saturations with sympy.Min and sympy.Max."}

@@ -492,7 +492,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 
 def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
     """Return the number of branches with an answer, and of those that were left out."""
-    if not reached.bent:
+    if not reached.branching:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
     more = because("{more} were found and left out", more=len(reached.branches) + reached.more - count)

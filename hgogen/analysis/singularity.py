@@ -501,12 +501,12 @@ def of_plant(plant: System) -> UniformObservability:
     n, answers = len(plant.states), []
     if not reached.branches:
         raise NowhereDefined(reached.points)
-    outside = _outside(plant.flow, plant.output, plant.inputs) if reached.bent else NONE
+    outside = _outside(plant.flow, plant.output, plant.inputs) if reached.branching else NONE
     if outside:
         return UniformObservability(None, False, outside)
     for branch in reached.branches:
         one = gauthier_bornard(branch.rows[:n], branch.rows[n:], plant.states, plant.inputs, branch.places)
-        if not reached.bent:
+        if not reached.branching:
             return one
         at = because("where {conditions: and }: {reason}", conditions=branch.where, reason=one.reason)
         answers.append(replace(one, reason=at))

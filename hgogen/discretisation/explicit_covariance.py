@@ -5,15 +5,13 @@ occurs, and the smaller one is the limit.
 
 Steady. Around its steady value X moves like dX' = M dX + dX M', M = L - X V, whose eigenvalues are the sums mu_i +
 mu_j. In both views the mu are those of the observer's closed loop F - P N: no Riccati equation is solved, and where
-(C, F) is unobservable a mu is 0, which admits every step. Beyond this bound the steady value is unstable: X fails or
-does not settle.
+(C, F) is unobservable a mu is 0, which admits every step. Beyond this bound the steady value is unstable.
 
 Transient. Before it settles X can lose positive definiteness, which the equation preserves and an explicit step need
 not. Where the quadratic term dominates, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V X(0), and
 fails in the first step from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun 1.544, RK4
-1.739). Elsewhere F decides, and no such formula was right within a factor of 5. So the frozen equation is simulated
-with the step itself, from every initial value of X: X(0) and, where theta rises from an idle value, the steady value at
-that theta.
+1.739). Elsewhere F decides, and no such formula was right within a factor of 5. So the step itself simulates the frozen
+equation from every initial value of X: X(0) and, where theta rises from an idle value, the steady value there.
 
 Every Jacobian is frozen, and the searches at all of them run in parallel. So a refusal is about one point of the
 declared ranges: the observer started there fails (for a rise of theta: if the plant rests there), while steps twice as

@@ -63,8 +63,7 @@ _WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, b
 
 
 def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
-    """The product c = a b in the order of operations of `kernels.product`, by columns: ten times as fast as its
-    loops."""
+    """The product c = a b, in the order of operations of `kernels.product` but ten times as fast."""
     size = isqrt(len(a))
     A, B = np.array(a).reshape(size, size), np.array(b).reshape(size, size)
     total = np.zeros_like(B)
@@ -118,8 +117,7 @@ def _bound(name: str, size: int, kind: Any) -> Any:
 
 
 def bound(functions: Mapping[str, Any], words: Mapping[str, Any], real: Any) -> dict[str, Any]:
-    """The functions, which may call each other, with real constants of the type `real`; `words`: the values of the
-    other names in them."""
+    """The functions, which may call each other, with constants of the type `real`; `words`: values of their names."""
     names: dict[str, Any] = {**words, "real": real}
     for name, written in functions.items():
         constants = (real(value) if isinstance(value, float) else value for value in written.__code__.co_consts)

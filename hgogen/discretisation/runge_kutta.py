@@ -107,11 +107,9 @@ def _is_place(symbol: Graph) -> bool:
 def routine(
     name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
 ) -> Callable[[Values], dict[str, Graph]]:
-    """A function that calls a routine on columns by the names of `sizes` and returns the values of `body`, by their
-    names.
+    """A function that calls a routine on columns, by the names of `sizes`, and returns the values of `body` by name.
 
-    The routine has only the arguments that `body` reads, and only the results and elements that are not constant
-    numbers.
+    The routine has only arguments that `body` reads, and only results and elements that are not constant numbers.
     """
     arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
     results = {key: _Result(value) for key, value in body(arguments).items()}
@@ -311,8 +309,7 @@ class OpenLoop:
 
 @lru_cache(maxsize=8)  # the same model predicts one log after another
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
-    """The model over a sample of `dt` in `steps` Runge-Kutta steps; `between`: "line" or "hold", the course of
-    inputs."""
+    """The model over a sample of `dt` in `steps` Runge-Kutta steps; `between`: "line" or "hold" of the inputs."""
     dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))

@@ -43,8 +43,7 @@ class Lengths:
     """Two step lengths, in the unit of the model's time.
 
     A step above `refused` is refused: `why` says what happens there, and `other` which method has no such limit. A step
-    up to `take` is advised, and `basis` says how that is known. `rule`: the rule that advances the part, "" for the
-    method.
+    up to `take` is advised, and `basis` says how that is known. `rule`: that of the part, "" for the method's.
     """
 
     refused: float = INF
@@ -298,8 +297,8 @@ SEARCHED = "sought over the declared ranges, no proof"
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """The ranges of a point's coordinates: `low` (n), `high` (n) and `names`; the first `states` coordinates are the
-    model's state."""
+    """The ranges `low` (n), `high` (n) of the coordinates `names` of a point; the first `states` are the model's
+    state."""
 
     low: Array
     high: Array

@@ -22,7 +22,7 @@ from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.hypotheses import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form
-from hgogen.rigor.tape import unbent
+from hgogen.rigor.tape import without_norms
 from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -53,13 +53,13 @@ def state_affine(plant: System) -> Form:
     A, b = sp.zeros(len(flow), len(flow)), []
     remainders = []  # each rate without its terms in unmeasured states, as the user wrote it where these cancel
     for x, row in zip(plant.states, flow, strict=True):
-        terms = (unbent(gain) * state for gain, state in zip(row.slopes, hidden, strict=True))
+        terms = (without_norms(gain) * state for gain, state in zip(row.slopes, hidden, strict=True))
         written = sp.expand(rows.rate(x) - sp.Add(*terms))
-        remainders.append(unbent(row.offset) if written.has(*hidden) else written)
+        remainders.append(without_norms(row.offset) if written.has(*hidden) else written)
     linear, nonlinear = split(remainders, plant.states)
     for i, row in enumerate(flow):
         for x, gain in zip(hidden, row.slopes, strict=True):
-            A[i, plant.states.index(x)] = z.carry(unbent(gain))
+            A[i, plant.states.index(x)] = z.carry(without_norms(gain))
         b.append(z.carry(nonlinear[i]))
     A += linear
     steep = lipschitz("state_affine", plant.flow, plant, "A x + b")

@@ -61,7 +61,7 @@ from hgogen.rigor.bounds import Proof, Range
 from hgogen.rigor.box import exact, largest_exponent
 from hgogen.rigor.definite import Matrix, root
 from hgogen.rigor.slope import JUMPS
-from hgogen.rigor.tape import bent
+from hgogen.rigor.tape import with_norms
 from hgogen.sentence import NONE, Reason, because
 
 GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # ratios of the scales of consecutive states
@@ -146,7 +146,8 @@ _LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker ari
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
     """Return the slopes of b, with 0 in each range; `endless`: whether a slope may have an infinite end."""
     slopes, powers, J = [], exponents(form), jacobian(form)
-    jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
+    nodes = (node for row in map(with_norms, form.b) for node in row.atoms(*JUMPS))
+    jumps = sorted(str(node) for node in nodes if node.has(*form.states))
     if endless and jumps:
         return because("{part} may jump", part=jumps[0])
     for i, (j, z) in product(range(form.n), enumerate(form.states)):

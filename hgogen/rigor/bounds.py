@@ -178,8 +178,8 @@ def finite(interval: Interval) -> bool:
 
 # --- rational ends
 
-_BITS = 512  # of an end, of the ends of functions
-_PRECISIONS = (128, 512, 2048)  # of a number, until its sign is known
+_BITS = 512  # bits of a rational end, and of the value of a function
+_PRECISIONS = (128, 512, 2048)  # bits tried in turn for a number, until its sign is known
 _STEEPEST = 10**6  # largest argument of exp that is evaluated: more ends would have too many digits
 _POWER = 64  # exponents beyond which ends are computed in floats
 _RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # increasing functions, with bounds of all their values
@@ -342,7 +342,7 @@ def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str
 
 
 def clamped_cells(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
-    """The table without clamping along the axes where its argument stays between the breakpoints on the box.
+    """The table without clamping along the axes where its argument remains between the breakpoints on the box.
 
     `program`: also where the argument leaves them by no more than its rounding error.
     """
@@ -389,9 +389,9 @@ def special_point(
         doubtful = doubtful | ((first.value[0] <= 0) & (first.value[1] >= 0))
     for index in np.nonzero(doubtful)[0][:_EXACT]:
         point = candidates[int(index)]
-        what = kind(expression, _rational(point))
-        if what in kinds:
-            return what, point
+        value = kind(expression, _rational(point))
+        if value in kinds:
+            return value, point
     return None
 
 
@@ -786,8 +786,8 @@ def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sig
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Whether factors prove that an expression has no zero on the box where it is defined; the rational ends of its
-    range."""
+    """Whether factors prove that an expression has no zero on the box where it is defined; its range, with rational
+    ends."""
     low, high = rational(expression, box)
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
@@ -816,8 +816,8 @@ def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Re
     ]
     special = special_point(problem.expression, problem.program, problem.sides, hints=extremes)
     if special:
-        what, point = special
-        cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
+        value, point = special
+        cause = Cause.ZERO if value == "= 0" else Cause.UNDEFINED
         return cause, because(cause.value), point
     crossed = _crossed(problem, outcome, boxes)
     if crossed:
@@ -849,8 +849,7 @@ def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """The divisors and the factors of an expression, which make it undefined or zero, each with the pattern of a
-    reason."""
+    """The divisors and factors of an expression, which make it undefined or zero, each with a pattern for a reason."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:

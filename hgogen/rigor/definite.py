@@ -83,8 +83,7 @@ def positive(M: Any) -> bool:
 
 def _near_unit(M: Any) -> bool:
     """Whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every matrix
-    within the balls. M has whole numbers or balls; R is the inverse of a Cholesky factor in floats, as whole
-    numbers."""
+    within the balls. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky factor."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
@@ -195,8 +194,7 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part, proved either
-    way."""
+    """Whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part: an exact test."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]

@@ -242,8 +242,7 @@ class Enclosure:
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
-    """The enclosure of each output of the tape on the boxes low <= x <= high (m x k); `slopes`: in all or some
-    symbols."""
+    """The enclosure of each output of the tape on boxes low <= x <= high (m x k); `slopes`: in all or some symbols."""
     by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
     shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
     everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()

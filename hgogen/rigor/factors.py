@@ -224,12 +224,12 @@ def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[s
         writer.measure(row)
     values = [writer.write(row) for row in rows]
     slopes = dict(_slopes(writer, states))
-    of_plant, as_quotients = field(writer, (*values, *slopes.values(), *states))
-    place = {g: k for k, g in enumerate(of_plant.generators)}
-    n, m, one = len(states), len(rows), of_plant.ring.constant(1)
+    algebra, as_quotients = field(writer, (*values, *slopes.values(), *states))
+    place = {g: k for k, g in enumerate(algebra.generators)}
+    n, m, one = len(states), len(rows), algebra.ring.constant(1)
     rates = {(place[x], i): (one, one) for i, x in enumerate(states)}
     rates |= {(place[g], i): q for (g, i), q in zip(slopes, as_quotients[m:], strict=False)}
-    return Tower(tuple(states), of_plant, tuple(as_quotients[:n]), tuple(as_quotients[n:m]), rates)
+    return Tower(tuple(states), algebra, tuple(as_quotients[:n]), tuple(as_quotients[n:m]), rates)
 
 
 def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple[sp.Symbol, int], sp.Expr]]:
@@ -256,8 +256,8 @@ Row = tuple[int, int]  # (output, order of the derivative), both from 0
 def _lie_derivative(
     row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
 ) -> list[Any]:
-    """The Lie derivative L_f of a row, times the common denominator of `rates`, the generators' time derivatives, and
-    of the flow's Jacobian."""
+    """The Lie derivative L_f of a row, for `rates` (generators' time derivatives) and a Jacobian without
+    denominators."""
     derivative = []
     for i, entry in enumerate(row):
         total = entry.context().constant(0)
@@ -363,8 +363,7 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """The product as a number and powers with whole exponents, equal wherever the roots are real. Raises:
-    `TooLarge`."""
+    """The product as a number and powers with whole exponents, equal where the roots are real. Raises: `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
@@ -541,8 +540,8 @@ def factored_form(
     layers: dict[tuple[int, ...], dict[tuple[int, ...], Any]] = {}
     for powers, coefficient in polynomial.terms():
         others = tuple(0 if g in field.angles else int(k) for g, k in enumerate(powers[:count]))
-        layer_of = layers.setdefault(tuple(int(powers[g]) for g in field.angles), {})
-        layer_of[(*others, *(0,) * (2 * len(field.angles)))] = coefficient
+        coefficients = layers.setdefault(tuple(int(powers[g]) for g in field.angles), {})
+        coefficients[(*others, *(0,) * (2 * len(field.angles)))] = coefficient
     total, one = ring.constant(0), ring.constant(1)
     for key, terms in layers.items():
         layer = ring.from_dict(terms)

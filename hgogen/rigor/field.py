@@ -22,8 +22,7 @@ A tape forms quotients of FLINT polynomials over the rationals; sizes are limite
 
 Zero tests decide whether an expression is 0 wherever it is defined, and which symbols a function depends on. True is
 proved by exact algebra (`vanishes`), False by a value at a rational point whose ball excludes 0, or by a polynomial
-that is not 0; None means neither. A box restricts the points, not the algebra: |x| - x is neither refuted nor proved on
-x >= 1.
+that is not 0; None means neither. A box restricts the points, not the algebra: on x >= 1, |x| - x is undecided.
 """
 
 import random
@@ -78,8 +77,7 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Kernels and relations in the order of their first use; `units`: the g of each exponential's or angle's
-    monomial."""
+    """Kernels and relations in the order of first use; `units`: the g of each exponential's or angle's monomial."""
 
     kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
     relations: list[Relation] = attribute(default_factory=list)
@@ -176,8 +174,7 @@ class Writer:
         return rules.get(type(node), power)
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
-        """The divisor g and the whole number factor/g; g = 1/q for a factor p/q of an argument that was not
-        measured."""
+        """The divisor g and the whole number factor/g; g = 1/q for a factor p/q that was not measured."""
         unit = self.units.get((kind, monomial), sp.S.One)
         if not (factor / unit).is_Integer:
             unit = sp.Rational(1, factor.q)
@@ -580,8 +577,7 @@ def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = N
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The function without the symbols on which it is proved not to depend, each at one value, 0 where that is
-    defined."""
+    """The function with the symbols on which it is proved not to depend at one value each, if possible at 0."""
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
         plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})

@@ -7,8 +7,8 @@ s_k is the start of cell k. A table is clamped at the ends of its axes, so f has
 A derivative by t jumps at breakpoints of t only: across those of r it is as continuous as f. So smoothness is stored
 for each axis. A cell, and the order of a derivative, has an index for each axis. The polynomials are
 
-    linear     c_k1 = D_k = (y_k - y_(k-1))/(x_k - x_(k-1)) monotone   cubics through the points with slopes d_k, which
-    rise and fall with the points and have no other extrema
+    linear     c_k1 = D_k = (y_k - y_(k-1))/(x_k - x_(k-1))
+    monotone   cubics through the points with slopes d_k, which rise and fall with the points, without other extrema
 
 The slopes d_k are Fritsch and Butland's, as in PCHIP: 0 where D_k D_(k+1) <= 0, else the weighted harmonic mean
 
@@ -32,8 +32,7 @@ with the cells above. For two arguments they search along each axis and compute,
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
 Beyond its breakpoints a table is clamped, and its slope is 0. Where the argument is proved to stay between them
-(`Axis.clamped` is false), only clamped estimates and rounding put it beyond: there a derivative keeps its value at the
-end.
+(`Axis.clamped` is false), only clamped estimates and rounding put it beyond: there a derivative is that at the end.
 
 For an argument that is NaN k is 0, and d and the value are NaN: a lookup needs no guard. In a CasADi graph a lookup is
 a call of its `graph`, whose name identifies it.
@@ -189,8 +188,7 @@ class Axis:
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
-        """The first and the last cell that share more than an end with [low, high]; the cells beside a single
-        breakpoint."""
+        """The first and the last cell that share more than an end with [low, high], or adjoin a single breakpoint."""
         if low == high:
             return self._before(low), self._until(low)
         return self._until(low), self._before(high)
@@ -712,7 +710,7 @@ def walked(
     of a called function, which is inlined by default; `operations`: codes of the instructions, by default CasADi's.
     """
 
-    def of_call(target: Lookup | ca.Function, elements: Sequence[Graph]) -> Sequence[Graph]:
+    def called_values(target: Lookup | ca.Function, elements: Sequence[Graph]) -> Sequence[Graph]:
         if isinstance(target, Lookup):
             return [apply(ca.OP_CALL, target, *elements)]
         ends = list(accumulate((target.numel_in(i) for i in range(target.n_in())), initial=0))
@@ -723,7 +721,7 @@ def walked(
     def operation(op: int, values: Sequence[Graph]) -> Graph:
         return apply(op, None, *values)
 
-    outputs = folded(function, lambda k, i: inputs[k][i], ca.SX, operation, of_call, operations)
+    outputs = folded(function, lambda k, i: inputs[k][i], ca.SX, operation, called_values, operations)
     results = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     for result, elements in zip(results, outputs, strict=True):
         for k, element in enumerate(elements):

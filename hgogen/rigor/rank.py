@@ -1,23 +1,21 @@
-"""Generic ranks of the gradients of an output, and the branches of expressions that a box reaches.
+"""Generic observability: ranks of the gradients of an output's derivatives, and branches of expressions on a box.
 
-The branches of expressions that points of a box reach: |x| is x where x > 0, and a table one of its polynomials.
+On a branch the expressions are analytic: |x| is x where x > 0, and a table is one of its polynomials. So a result at
+one point of a branch holds almost everywhere around it. A branch is found by its points: random points, points of a
+search along the sides towards a change of sign of a kink's argument, and midpoints between points of two branches, by
+repeated bisection, which find thin branches between them. There may be more branches than are found.
 
-On a branch the expressions are analytic, so that what is found at one of its points holds almost everywhere around. A
-branch is found by its points: random ones, those that a search along the sides takes to where a kink's argument
-changes its sign, and those halfway between two branches, again and again, which find a thin one between them. So there
-may be more branches than are found; that none is missing is not proved.
-
-Generic observability: the rank of the gradients of an output's derivatives at a random point.
+The observability rank is that of the gradients of an output's derivatives at a random point.
 
     O_k = d(y, y', .., y^(k)) / d(x, p),   rank O_k = rank O_(k+1)  =>  no later derivative adds to it
 
 With all derivatives of the inputs free, the span of the rows over the field of functions of x, p, u, u', .. is closed
-under d/dt once it is stationary, so the test is final. A rational model is taken modulo a prime of 61 bits: the rank
-there is at most the generic rank for certain, and equal to it but for a chance of the order of 1e-15. With exp, sin,
-roots or real powers the numbers are balls. A pivot is an entry whose ball excludes zero: so the rank is at least the
-number of pivots, for certain at this point. What is left counts as zero when its ball contains zero and is tiny, at
-1024 bits; a ball that contains zero and is not tiny raises `Blurred`: more bits may decide.
-A. Sedoglavic, J. Symbolic Computation 33 (2002).
+under d/dt once it is stationary, so the test is final. A rational model is evaluated modulo a prime of 61 bits: the
+rank there is at most the generic rank for certain, and smaller with a probability of the order of 1e-15. With exp, sin,
+roots or real powers the numbers are balls. A pivot is an entry whose ball excludes zero, so the rank is at least the
+number of pivots, for certain at this point. A residual counts as zero when its ball contains zero and is tiny, at 1024
+bits; a ball that contains zero and is not tiny raises `Blurred`, since more bits may decide. Source: A. Sedoglavic, J.
+Symbolic Computation 33 (2002).
 """
 
 import random
@@ -59,21 +57,21 @@ from hgogen.rigor.tape import Tape, tape
 Place = Mapping[sp.Symbol, Fraction]
 Sides = Mapping[sp.Symbol, tuple[Any, Any]]
 
-BRANCHES = 32  # that are kept
-_RANDOM, _PLACES = 256, 24  # points at first; points that are kept of a branch
-_WORK = 1_000_000  # instructions of a tape at all points together, which take about a second
-_FEWEST, _MOST = 64, 4000  # points in all, whatever their work
-_HALVINGS, _PAIRS = 48, 2  # of the way between two points; ways between two branches
-_BITS, _FINER = 60, 30  # of a share of a side; of how near to an end
-_DECADES = 2  # below and above 1, of what has no range
+BRANCHES = 32  # most branches of a result
+_RANDOM, _PLACES = 256, 24  # random points at first; most stored points of a branch
+_WORK = 1_000_000  # instructions of a tape at all points together, about a second
+_FEWEST, _MOST = 64, 4000  # bounds of the number of points
+_HALVINGS, _PAIRS = 48, 2  # bisections between two points; such lines between two branches
+_BITS, _FINER = 60, 30  # bits of a random share of a side; further bits next to an end
+_DECADES = 2  # decades below and above 1, for symbols without a range
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Table)
-_STEPPED = (Table, sp.floor, sp.ceiling)  # of which the cell, or the whole number, tells the branch
-_ONE = (sp.Abs, sp.sign, sp.Heaviside)  # that tell the sign of one argument
+_STEPPED = (Table, sp.floor, sp.ceiling)  # the branch is the cell, or the whole number
+_ONE = (sp.Abs, sp.sign, sp.Heaviside)  # the branch is the sign of one argument
 
 
 @dataclass(frozen=True)
 class Branch:
-    """The `rows` without kinks and jumps, as they are where all conditions of `where` hold; `places`: points there."""
+    """The `rows` without kinks and jumps, valid where all conditions of `where` hold; `places`: points there."""
 
     rows: tuple[sp.Expr, ...]
     where: tuple[Boolean, ...]
@@ -82,22 +80,21 @@ class Branch:
 
 @dataclass(frozen=True)
 class Reached:
-    """The `branches` that `points` of the box reach; `more` were found and left out. There is none where no point was
-    found at which all rows have a value."""
+    """The `branches` found by a number of `points` of the box, without `more` that were also found. There is none where
+    the rows have values together at no point."""
 
     branches: tuple[Branch, ...]
     points: int
     more: int
 
     @property
-    def bent(self) -> bool:
+    def branching(self) -> bool:
         """Whether there is more than one branch."""
         return len(self.branches) + self.more > 1
 
 
 def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
-    """The branches of some rows in the box of their symbols; a symbol of an infinite side takes numbers of the sizes
-    1/100 to 100.
+    """The branches of some rows in the box of their symbols, searched up to the sizes 1/100 to 100 of an infinite side.
 
     Raises: `NoTape` for a function without a rule.
     """
@@ -115,7 +112,7 @@ def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
         before = branches[name].places if name in branches else ()
         conditions = tuple(sorted(walk.where, key=sp.default_sort_key))
         branches[name] = Branch(there, conditions, (*before, *search.places[key])[:_PLACES])
-    # the first of each kind, by what its rows read, then the others
+    # the first branch for each set of symbols that its rows read, then the others
     first: dict[tuple[Any, ...], Branch] = {}
     for branch in branches.values():
         first.setdefault(tuple(frozenset(row.free_symbols) for row in branch.rows), branch)
@@ -130,8 +127,8 @@ def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
 
 @dataclass(frozen=True)
 class _Search:
-    """Points by what they decide: the sign of each test, or the cell or whole number that it is in, None where the
-    numbers do not tell. `counts` has how many there are, of None those at which a row has no value."""
+    """A search for points of each branch. `places` has points by their decisions: the sign of each test, or its cell or
+    whole number, None where undecided. `counts`: the number of points; under None those where a row has no value."""
 
     rows: tuple[sp.Expr, ...]
     sides: Sides
@@ -141,8 +138,8 @@ class _Search:
 
     @cached_property
     def tests(self) -> tuple[sp.Basic, ...]:
-        """The expressions that tell the branch of the rows: the argument of |e|, differences of those of a maximum,
-        both sides of a relation, and tables and roundings themselves."""
+        """The expressions that decide the branch: the argument of |e|, differences of a maximum's arguments and of a
+        relation's sides, and tables and roundings themselves."""
         tests: dict[sp.Basic, None] = {}
         for node in (node for row in self.rows for node in sp.preorder_traversal(row)):
             if isinstance(node, _ONE):
@@ -211,7 +208,7 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Walk, where no point has these signs of tests, along the sides from one that has all but the last of them."""
+        """Search a point with the `wanted` signs of tests, along the sides from a point with all but the last."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -219,17 +216,17 @@ class _Search:
         here, best = (starts or [self.anywhere()])[0], arb("nan")
         ways = [(s, end) for s, side in self.sides.items() for end in side]
         for s, end in (ways[0], *ways, *ways):
-            beside = {**here, s: self.near(end, self.sides[s])}
-            decided, tests = self.decide(beside) or (None, ())
+            trial = {**here, s: self.near(end, self.sides[s])}
+            decided, tests = self.decide(trial) or (None, ())
             if decided is None or any(decided[k] != wanted[k] for k in others):
                 continue
             if decided[last] == wanted[last]:
                 return
             if not best.is_finite() or (tests[last] - best) * wanted[last] > 0:
-                here, best = beside, tests[last]
+                here, best = trial, tests[last]
 
     def near(self, end: Any, side: tuple[Any, Any]) -> Fraction:
-        """A number of a side, next to one of its ends."""
+        """A random number of a side next to one of its ends."""
         low, high = side
         if low == -inf or high == inf:
             return self.on(low, high)
@@ -238,7 +235,7 @@ class _Search:
         return Fraction(end) + width * (share if end == low else -share)
 
     def between(self) -> None:
-        """Halve the way between points of each two branches to where one ends, which finds what lies between."""
+        """Search branches between each two known ones, by bisection of the line between two of their points."""
         ways = Counter[tuple[Any, Any]]()
         while not self.ended:
             pairs = combinations(list(self.places), 2)
@@ -256,7 +253,7 @@ class _Search:
 
 
 def _ordered(node: sp.Expr) -> list[sp.Expr]:
-    """The arguments of a minimum or maximum in an order that is the same in every run."""
+    """The arguments of a minimum or maximum in a reproducible order."""
     return sorted(node.args, key=sp.default_sort_key)
 
 
@@ -272,7 +269,7 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
     (ball,) = balls
     if isinstance(test, (sp.floor, sp.ceiling)):
         whole = None if ball.contains_integer() else ball.floor().unique_fmpz()
-        return None if whole is None else int(whole)  # its ends are rounded, so that it may be none next to one
+        return None if whole is None else int(whole)  # None next to a whole number, since the ball's ends are rounded
     return 1 if ball > 0 else -1 if ball < 0 else 0 if ball.is_zero() else None
 
 
@@ -281,7 +278,7 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Walk:
-    """Expressions where the tests are decided; `where` gathers the conditions that were needed."""
+    """The translation of expressions to a branch, with the tests as `decided`; `where` gathers the conditions used."""
 
     decided: Mapping[sp.Basic, Any]
     where: dict[Boolean, None] = field(default_factory=dict)
@@ -308,7 +305,7 @@ class _Walk:
             self.where[condition.canonical] = None
 
     def sign(self, test: sp.Expr) -> int:
-        """The sign of a test, 0 where it is 0 around the point."""
+        """The sign of a test, 0 where it vanishes identically around the point."""
         sign = self.decided.get(test)
         if sign is None:
             raise Undecided
@@ -338,7 +335,7 @@ class _Walk:
         return args[best]
 
     def level(self, node: sp.Expr, argument: sp.Expr) -> sp.Expr:
-        """The whole number that an argument is rounded to."""
+        """The whole number to which floor or ceiling rounds an argument."""
         if argument.is_number:
             return node.func(argument)
         low = self.decided[node]
@@ -361,7 +358,7 @@ class _Walk:
         return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, sp.sympify))
 
     def pieces(self, node: sp.Piecewise) -> Iterator[sp.Expr]:
-        """The value whose condition is the first that holds."""
+        """Yield the values whose conditions hold, the first of which counts."""
         for piece, condition in node.args:
             if self.holds(condition):
                 yield piece
@@ -387,21 +384,21 @@ class _Walk:
 
 Row = Sequence[Any]
 
-SURE_BITS = 1024  # at which a zero is believed: then it is smaller than 2^-341
+SURE_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as zero
 
 
 class Blurred(ArithmeticError):
-    """The precision does not tell whether an entry is zero."""
+    """An entry of which the precision does not decide whether it is zero."""
 
 
 def believe_zeros(modulus: int) -> None:
-    """Raise `Blurred` for balls of few bits: a deficiency rests on what counts as zero, so it is asked again."""
+    """Raise `Blurred` for balls of few bits: a rank deficiency depends on entries that count as zero."""
     if not modulus and flint.ctx.prec < SURE_BITS:
         raise Blurred
 
 
 def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
-    """Indices of the rows that are no combination of the rows before; `modulus` 0 for balls."""
+    """Indices of the rows that are linearly independent of the rows before; `modulus` 0 for balls."""
     if not rows or not rows[0]:
         return []
     if not modulus:
@@ -432,13 +429,13 @@ def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
 
 
 def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
-    """For each new row its index, the column of its pivot, and the reduced row with 1 there; a pivot is the largest
-    entry of its row."""
+    """The index, the column of the pivot and the reduced row, with 1 there, of each independent row; a pivot is the
+    largest entry of its row."""
     reduced: list[tuple[int, int, list[Any]]] = []
     for i, row in enumerate(rows):
         residual = list(row)
         largest = max((entry.abs_lower() for entry in row), default=flint.arb(0))
-        if not largest.is_zero():  # times a power of two, so that the largest entry that is not zero is about 1
+        if not largest.is_zero():  # scaled by a power of two, so that the largest entry is about 1
             mantissa, exponent = largest.mid().man_exp()
             scale = flint.arb(2) ** -(int(exponent) + int(mantissa).bit_length())
             residual = [entry * scale for entry in row]
@@ -466,7 +463,7 @@ def _counts_as_zero(entry: Any) -> bool:
 # --- the rank
 
 PRIMES = (2**61 - 1, 2**62 - 57, 2**62 - 87)
-SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # whose squares fit a word
+SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # with squares that fit a word
 TRIES = 48
 FEW_BITS, MANY_BITS = 256, 8192
 BITS_EACH = 4  # more bits for each unknown
@@ -478,7 +475,7 @@ Places = Sequence[Mapping[sp.Symbol, Fraction]]
 
 @dataclass(eq=False)
 class NothingMeasured(HgogenError):
-    """Observability of a plant without outputs or without states."""
+    """A plant without outputs or without states, of which observability has no meaning."""
 
     what: str
 
@@ -488,7 +485,7 @@ class NothingMeasured(HgogenError):
 
 @dataclass(eq=False)
 class NowhereDefined(HgogenError):
-    """No point was found at which the plant is defined."""
+    """A plant that is defined at none of the random points."""
 
     tries: int
 
@@ -500,7 +497,7 @@ class NowhereDefined(HgogenError):
 
 
 def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:
-    """The rows with these values. Raises: `NowhereDefined` where a comparison in them then has no real value."""
+    """The rows with values for symbols. Raises: `NowhereDefined` where a comparison then has no real operands."""
     put_in = tuple(put(sp.sympify(row), values) for row in rows)
     defined = tuple(row for row in put_in if row is not None)
     if len(defined) < len(put_in):
@@ -510,8 +507,8 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Rank:
-    """The answer of a question of observability. `observable`: those whose unit vector is in the row space; `final`:
-    whether the rank was stationary; if not, rank and `observable` hold and more derivatives may add to them.
+    """The observability rank. `observable`: the unknowns whose unit vector is in the row space; `final`: whether the
+    rank was stationary; if not, more derivatives may raise it and add to `observable`.
     """
 
     dimension: Annotated[int, "number of unknowns"]
@@ -527,8 +524,8 @@ class Ranks:
     """The ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters together; `method`
     says how they were computed.
 
-    `local` names the functions with branches, for which the answer is the least of several points' and holds on an
-    open set only; it is "" where the answer holds at almost every point.
+    `local` names the functions with branches, for which the ranks are the least over several branches and hold on an
+    open set only; it is "" where the ranks hold at almost every point.
     """
 
     known: Rank
@@ -549,10 +546,10 @@ def observability(
     sides: Sides | None = None,
 ) -> Ranks:
     """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant. With kinks,
-    jumps or tables the least of those on the branches that points reach.
+    jumps or tables the least ranks over the branches that are found.
 
-    `limit`: the most derivatives to take (None: until the rank is stationary); `places`: values of all symbols, near
-    which a real point is taken; without them it is in the ranges `sides`, of symbols that have one.
+    `limit`: the highest order of derivatives (None: until the rank is stationary); `places`: values of all symbols,
+    near which real points are drawn, by default from the ranges `sides` of symbols that have one.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
@@ -562,15 +559,15 @@ def observability(
     if exact_numbers(plant) or places or not (sides or branches(plant)):
         return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
     around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
-    of_box = reached((*flow, *output), around)
+    on_box = reached((*flow, *output), around)
     n, each = len(flow), dict[tuple[sp.Expr, ...], Ranks]()
-    for branch in of_box.branches:
+    for branch in on_box.branches:
         rows = branch.rows[:n], branch.rows[n:], states, inputs, parameters
         if branch.rows not in each:
             with suppress(NowhereDefined):
                 each[branch.rows] = observability(*rows, limit=limit, places=branch.places)
     if not each:
-        raise NowhereDefined(of_box.points)
+        raise NowhereDefined(on_box.points)
     answers = list(each.values())
     known = reduce(_least, (ranks.known for ranks in answers))
     joint = reduce(_least, (ranks.joint for ranks in answers))
@@ -578,12 +575,12 @@ def observability(
 
 
 def branches(plant: Plant) -> str:
-    """The functions with branches in a plant, "" without: an answer at a point holds on its branch only."""
+    """The names of a plant's functions with branches, "" for none: a result at a point holds on its branch only."""
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHING))
 
 
 def _least(a: Rank, b: Rank) -> Rank:
-    """The lower of two ranks, with what is unobservable in either of them."""
+    """The lower of two ranks; an unknown is unobservable if it is in either of them."""
     low = min(a, b, key=lambda rank: rank.rank)
     hidden = {*a.unobservable, *b.unobservable}
     lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
@@ -599,8 +596,7 @@ def plant_of(
     parameters: Iterable[sp.Symbol] = (),
     places: Places = (),
 ) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """The plant as a tape, with the `places` near which real points are taken, and its unknowns: states, then unknown
-    parameters."""
+    """The plant as a tape, and its unknowns: states, then unknown parameters; `places`: real points are near these."""
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters)
     for what, part in (("states", states), ("outputs", output)):
@@ -615,7 +611,7 @@ def plant_of(
 
 
 def exact_numbers(plant: Plant) -> bool:
-    """Whether the plant can be taken modulo a prime: + - * / only, and not both of pi and e."""
+    """Whether the plant can be evaluated modulo a prime: with + - * / only, and without both pi and e."""
     constants = {i.value for i in plant.tape.instructions if i.op == "constant"}
     return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
 
@@ -623,10 +619,10 @@ def exact_numbers(plant: Plant) -> bool:
 def somewhere(
     plant: Plant, answer: Callable[[Arithmetic, Point], _Answer], *, first: int = 0, power: int = 1, balls: bool = False
 ) -> _Answer:
-    """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
+    """The value of `answer` at the first random point at which the plant is defined, with balls precise enough.
 
-    `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo; `balls`:
-    a real point even for a rational plant.
+    `first`: the number of the group of random points; `power`: numbers are modulo this power of a prime; `balls`: real
+    points for all plants.
 
     Raises: `NowhereDefined`.
     """
@@ -691,7 +687,7 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
 ) -> Rank | None:
-    """The rank once it is full, stationary over one more derivative of every output, or at its limit; None before."""
+    """The rank once it is full, stationary under one more derivative of every output, or at its limit; else None."""
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]

@@ -94,7 +94,7 @@ class Rounding:
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def parameter(self, number: float) -> Computed:
-        """A number that a program is given, as one that stands in it."""
+        """A gain or a parameter of the program, rounded as a constant is."""
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
@@ -183,7 +183,7 @@ def _chosen(test: Computed, value: Computed) -> Computed:
 
 
 def _unchanged(op: int, values: list[Computed]) -> Computed | None:
-    """The result where an operation rounds nothing: a sum with 0, a choice as a sum, a product with 1 or 0; else
+    """The result of an operation that rounds nothing: a sum with 0, a choice as a sum, a product with 1 or 0; or
     None."""
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None

@@ -1,18 +1,18 @@
-"""Branch and bound: boxes of floats that are cut in two, what is known on each, and rigorous ranges on them.
+"""Branch and bound: bisection of boxes of floats, with rigorous ranges of expressions on them.
 
-A search looks at boxes, and cuts those on which most is left to do for its goal. On each box the range of an expression
-is what several enclosures have in common: the natural interval extension of every output of the tape (forms of one
-expression: as written, factored, ..); the same on the faces towards which the expression is monotone; and the mean
+A search evaluates boxes, and bisects those that are farthest from its goal. On each box the range of an expression is
+the intersection of several enclosures: the natural interval extension of every output of the tape (equivalent forms of
+one expression: as written, factored, ..); the same on the faces at which a monotone expression is extreme; and the mean
 value form
 
     f(x) in f(c) + sum_i [df/dx_i] (x_i - c_i),
 
 with one centre c for the lower and one for the upper bound (E. Baumann, "Optimal centered forms", BIT 28, 1988).
-Values at points of the box, enclosed too, bound the range from inside.
-The search counts boxes and draws nothing at random.
+Enclosed values at points of the box bound the range from inside. The search counts boxes and uses no random numbers.
 
-A box with exact ends is cut in few cells: the cell that weighs most across the side whose halves weigh least, until
-none weighs more than 1, or much more than the centre of one does: there no cut would help.
+A box with exact ends is divided into few cells (`subdivided`): the cell of the largest weight is cut across the side
+whose halves have the least weight, until no weight is above 1, or much above that of a cell's centre, where cuts would
+not help.
 """
 
 import math
@@ -37,14 +37,14 @@ Indices = NDArray[np.int64]
 
 
 def middle(low: Array, high: Array) -> Array:
-    """The point at which a side is cut: its midpoint; for an unbounded one 0, or beyond 0 twice its end and one."""
+    """The point at which a side is cut: its midpoint; for an unbounded side 0, or twice its end and one beyond 0."""
     centre = low / 2.0 + high / 2.0
     if np.isfinite(centre).all():
         return np.clip(centre, low, high)
     both = np.isinf(low) & np.isinf(high)
-    right, left = np.isinf(high) & ~both, np.isinf(low) & ~both
-    centre = np.where(right, np.where(low < 0, 0.0, 2.0 * low + 1.0), centre)
-    centre = np.where(left, np.where(high > 0, 0.0, 2.0 * high - 1.0), centre)
+    above, below = np.isinf(high) & ~both, np.isinf(low) & ~both
+    centre = np.where(above, np.where(low < 0, 0.0, 2.0 * low + 1.0), centre)
+    centre = np.where(below, np.where(high > 0, 0.0, 2.0 * high - 1.0), centre)
     return np.clip(np.where(both, 0.0, centre), low, high)
 
 
@@ -57,7 +57,7 @@ def spread(m: int, count: int) -> Array:
 
 
 def placed(low: Array, high: Array, t: Array) -> Array:
-    """Points of the unit cube on the box; an unbounded side is reached by a rational map."""
+    """Points of the unit cube mapped to the box, for an unbounded side by a rational map."""
     low, high = low[:, None], high[:, None]
     t = np.clip(t, 1e-6, 1.0 - 1e-6)
     ends = np.isinf(low), np.isinf(high)
@@ -70,7 +70,7 @@ def placed(low: Array, high: Array, t: Array) -> Array:
 
 
 def corners(low: Array, high: Array) -> Array:
-    """Middle, then up to 64 corners; zero or a large number for an infinite end."""
+    """The middle, then up to 64 corners, with zero or a large number for an infinite end."""
     m = len(low)
     ends = (
         np.where(np.isinf(low), np.minimum(high, 0.0) - 1e3, low),
@@ -89,8 +89,8 @@ Tree = tuple[object, ...] | str
 
 @dataclass(frozen=True)
 class Known:
-    """Facts on n boxes (m x n ends): bottom <= value <= top, where the value is `defined` and `continuous`;
-    `node`: the place of each in the tree; `cut`: the variable to bisect, or -1."""
+    """Facts on n boxes (m x n ends): bounds bottom <= value <= top, and whether the value is `defined` and
+    `continuous`; `node`: the index of each box in the tree; `cut`: the variable to bisect, or -1."""
 
     low: Array
     high: Array
@@ -113,7 +113,8 @@ class Known:
 
 @dataclass(frozen=True)
 class Inner:
-    """Points (m) where a value at most `least`, or at least `most`, is attained; inf and -inf before one is known."""
+    """Bounds from inside: a value at most `least` at the point `at_least` (m), and one at least `most` at `at_most`;
+    inf and -inf before one is known."""
 
     least: float = math.inf
     most: float = -math.inf
@@ -123,8 +124,8 @@ class Inner:
 
 @dataclass(frozen=True)
 class Cover:
-    """A bisection so far: the leaves of its tree, of whose nodes the `splits` were cut, and where; what is attained at
-    points of the box; whether nothing is left to do for the goal. From `before` a search with more boxes goes on."""
+    """A bisection so far: the leaves of its tree, bounds from inside, and the `splits` (node, variable); `finished`:
+    whether the goal is reached; `before`: the cover from which a search with more boxes continues."""
 
     leaves: Known
     inner: Inner
@@ -134,12 +135,12 @@ class Cover:
 
     @property
     def boxes(self) -> int:
-        """The number of boxes that were tried."""
+        """The number of boxes."""
         return 1 + 2 * len(self.splits)
 
     @property
     def tree(self) -> Tree:
-        """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, split j makes 2j+1 and 2j+2."""
+        """The tree of ("split", variable, left, right) and "leaf"; node 0 is the root, split j makes 2j+1 and 2j+2."""
         subtrees: dict[int, Tree] = {}
         for j in range(len(self.splits) - 1, -1, -1):
             node, variable = self.splits[j]
@@ -167,29 +168,28 @@ class Cover:
         return bool(self.leaves.continuous.all() and self.leaves.defined.all())
 
 
-# What is still to be done on each leaf: > 0, more for worse; 0 for nothing.
+# The distance of each leaf from the goal: 0 where it is reached, larger for worse leaves.
 Goal = Callable[[Known, Inner], Array]
-# What is known on boxes (m x k ends), with the places of these in the tree, and what is attained there.
+# The facts on boxes (m x k ends) with given indices in the tree, and bounds from inside.
 Look = Callable[[Array, Array, Indices, Inner], tuple[Known, Inner]]
-ROOT: Indices = np.zeros(1, dtype=np.int64)  # the place of the whole box
+ROOT: Indices = np.zeros(1, dtype=np.int64)  # the index of the whole box
 
 
 def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Cover:
-    """The cover with leaves cut, a batch of the worst a round, until nothing is left to do for the goal, or `limit`
-    boxes were tried."""
+    """The cover after bisection of its worst leaves in batches, until the goal or the `limit` of boxes is reached."""
     while True:
         todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
         rows = np.nonzero(todo > 0.0)[0]
         rows = rows[np.argsort(-todo[rows], kind="stable")][:batch]
         room = (limit - cover.boxes) // 2
         last = _cut(cover, rows[:room], look) if len(rows) and room > 0 else cover
-        if len(rows) == 0 or room < len(rows):  # a higher limit makes the whole batch: it goes on from before
+        if len(rows) == 0 or room < len(rows):  # a higher limit cuts the whole batch: it continues from before
             return replace(last, finished=not (goal(last.leaves, last.inner) > 0.0).any(), before=cover)
         cover = last
 
 
 def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
-    """The cover with these leaves cut in two; both children of one are neighbours."""
+    """The cover with some leaves bisected; the two children of a leaf are neighbours."""
     parents, columns = cover.leaves.only(rows), np.arange(len(rows))
     centre = middle(parents.low, parents.high)[parents.cut, columns]
     low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
@@ -204,7 +204,7 @@ def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
 
 def best_cuts(low: Array, high: Array, weight: Array, known: Flags, share: Array, possible: Flags) -> Indices:
     """The variable to bisect in each box: that of the largest `weight` (m x k), or of the largest `share` of the root's
-    side where that is not `known` to be finite; -1 where no side that is `possible` can be cut."""
+    side where the weight is not `known` and finite; -1 where no `possible` side can be cut."""
     finite = known & np.isfinite(weight).all(axis=0)
     score = np.where(finite, weight + 1e-3 * weight.max(axis=0) * share, share)
     centre = middle(low, high)
@@ -216,15 +216,15 @@ def best_cuts(low: Array, high: Array, weight: Array, known: Flags, share: Array
 # --- ranges
 
 _BATCH = 256  # boxes a round
-_GLANCE = 60  # boxes to show that a part is defined
-_FINE = 2.0**-44  # of the root's width: no box is cut further
-_FAR = 2.0**40  # an unbounded box that begins beyond it is not cut
-_ROUNDS, _AROUND = 8, 48  # of the search for good points
-_SPREAD = 160  # first points
+_GLANCE = 60  # most boxes of a proof that a part is defined
+_FINE = 2.0**-44  # least width of a side that is cut, as a share of the root's
+_FAR = 2.0**40  # an unbounded side that begins beyond it is not cut
+_ROUNDS, _AROUND = 8, 48  # rounds of the search for extreme points, and points around each
+_SPREAD = 160  # first points of that search
 
 
 def tight(relative: float) -> Goal:
-    """The goal that low and high are within `relative` of the range's width of values that are attained."""
+    """The goal that low and high are within `relative` of the range's width of attained values."""
 
     def excess(leaves: Known, inner: Inner) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
@@ -269,12 +269,12 @@ def regular(leaves: Known, inner: Inner) -> Array:
 
 
 def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | None = None) -> Cover:
-    """The cover of a bisection of a box until nothing is left to do for the goal, or `limit` boxes were tried; what was
-    `begun` for the same goal with a lower limit goes on."""
+    """The cover of a bisection of a box until the goal is reached or there are `limit` boxes; `begun`: a cover for the
+    same goal with a lower limit, from which it continues."""
     look = partial(_ranges, program, around)
     with np.errstate(all="ignore"):
         if begun is None:
-            # whether it is defined asks for no values
+            # goals about definedness need no values
             inner = Inner() if goal in (everywhere, regular) else _explore(program, around)
             low, high = around.outer
             begun = Cover(*look(low[:, None], high[:, None], ROOT, inner), [])
@@ -282,7 +282,7 @@ def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | 
 
 
 def _points(around: Sides, x: Array) -> Pair:
-    """Enclosures of points (m x k): an end that is no float by its two neighbours."""
+    """Enclosures of points (m x k); an end that is not a float is enclosed by its two neighbours."""
     first, last = (end[:, None] for end in around.inner)
     bottom, top = (end[:, None] for end in around.outer)
     low, high = np.where(x < first, bottom, x), np.where(x < first, first, x)
@@ -293,7 +293,7 @@ def _points(around: Sides, x: Array) -> Pair:
 
 
 def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
-    """Ranges on boxes (m x k), and the inner values with their centres'."""
+    """Ranges on boxes (m x k), and the bounds from inside improved by values at their centres."""
     k = low.shape[1]
     parts = enclose(program, low, high, slopes=True)
     first = parts[0]
@@ -320,7 +320,7 @@ def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices
     return Known(low, high, node, cut, *value, first.defined, first.continuous), inner
 
 
-Values = tuple[Pair, Flags]  # on boxes, with where they are defined
+Values = tuple[Pair, Flags]  # ranges on boxes, and where the values are defined
 
 
 def _values(program: Tape, low: Array, high: Array) -> Values:
@@ -329,7 +329,7 @@ def _values(program: Tape, low: Array, high: Array) -> Values:
 
 
 def _common(parts: list[Enclosure]) -> Pair:
-    """The values that all forms admit; those of the first alone where they have nothing in common (no value there)."""
+    """The intersection of the ranges of all forms; the range of the first where it is empty (no value there)."""
     return reduce(_meet, (part.value for part in parts))
 
 
@@ -348,7 +348,7 @@ def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
 
 
 def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:
-    """Baumann's centres, for the lower and the upper bound; the midpoint where no slope is known."""
+    """Baumann's centres for the lower and the upper bound; the midpoint where no slope is known."""
     centre = middle(low, high)
     least, most = slope
     width = most - least
@@ -372,10 +372,10 @@ def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
 
 
 def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
-    """The faces where the expression is least, and those where it is most, of what is not monotone the boxes; nothing
-    where none is, or where the faces are the centres."""
+    """The faces where the expression is least and those where it is largest, along sides in which it is monotone; none
+    where it is monotone in no side, or where the faces are the centres."""
     rising = sound & (slope[0] >= 0)
-    falling = sound & (slope[1] <= 0) & ~rising  # not both, of a slope that is 0: one face is as good as the other
+    falling = sound & (slope[1] <= 0) & ~rising  # a slope of 0 counts once
     if len(low) == 1 or not (rising | falling).any():
         return []
     bottom = np.where(falling, high, low), np.where(rising, low, high)
@@ -384,7 +384,7 @@ def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
 
 
 def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Indices:
-    """The variable to bisect in each box: that with the largest |slope| times width, or the relatively widest where no
+    """The variable to bisect in each box: that of the largest |slope| times width, or the relatively widest where no
     slope is known; -1 where no side can be cut."""
     m, k = low.shape
     if m == 0:
@@ -396,11 +396,11 @@ def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Ind
     return best_cuts(low, high, size, sound, share, np.where(np.isinf(width), within_reach, share > _FINE))
 
 
-# --- values that are attained
+# --- attained values
 
 
 def _better(inner: Inner, x: Array, at: Values) -> Inner:
-    """The inner values, with those at points x (m x k)."""
+    """The bounds from inside, improved by the values at points x (m x k)."""
     value, known = at
     least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
     most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
@@ -413,7 +413,7 @@ def _better(inner: Inner, x: Array, at: Values) -> Inner:
 
 
 def _explore(program: Tape, around: Sides) -> Inner:
-    """The values at the corners, at a spread of points, and then closer and closer around the best two points."""
+    """Bounds from inside by values at corners, at spread points, and in shrinking boxes around the best two points."""
     low, high = around.outer
     m = len(low)
     if m == 0:
@@ -438,14 +438,14 @@ def _explore(program: Tape, around: Sides) -> Inner:
 
 T = TypeVar("T")
 Ranges = Mapping[sp.Symbol, tuple[Fraction, Fraction]]
-Place = tuple[int, ...]  # of a cell: which half of each cut, from the first on
-MOST = 32  # cells
-_OVER_CENTRE = 1.25  # of the weight of a centre: what a cell may weigh
+Place = tuple[int, ...]  # the address of a cell: the half of each cut, from the first on
+MOST = 32  # largest number of cells
+_OVER_CENTRE = 1.25  # factor on the weight of a centre up to which a cell is not cut
 
 
 @dataclass(frozen=True)
 class _Cell(Generic[T]):
-    """A box, the facts on it, None without any, and their weight."""
+    """A box, the facts on it, if any, and their weight."""
 
     box: Ranges
     known: T | None
@@ -454,8 +454,8 @@ class _Cell(Generic[T]):
 
 @dataclass(frozen=True)
 class Subdivision(Generic[T]):
-    """The facts on each of the cells, and the `tree` of their cuts in prefix order: the name of the side that is
-    cut in its middle, a dot for a cell."""
+    """The facts on each of the cells, and the `tree` of cuts in prefix order: the name of the side that is cut in its
+    middle, a dot for a cell."""
 
     cells: tuple[T, ...]
     tree: str
@@ -464,7 +464,7 @@ class Subdivision(Generic[T]):
 def subdivided(
     box: Ranges, known_on: Callable[[Ranges], T | None], weight: Callable[[T], float]
 ) -> Subdivision[T] | None:
-    """The box in at most `MOST` cells; None where nothing is known of one of them, or of the centre of one."""
+    """The box divided into at most `MOST` cells; None where there are no facts on a cell or on the centre of one."""
 
     def cell(here: Ranges) -> _Cell[T]:
         known = known_on(here)
@@ -493,7 +493,7 @@ def subdivided(
 
 
 def _best_cut(here: Ranges, whole: Ranges, cell: Callable[[Ranges], _Cell[T]]) -> tuple[str, list[_Cell[T]]]:
-    """The name of the best side to cut, and its halves; of those that are as good the widest for its range."""
+    """The name of the best side to cut, and its halves; among equally good sides the relatively widest."""
     cuts = dict[str, tuple[tuple[float, ...], list[_Cell[T]]]]()
     for x, (low, high) in here.items():
         middle = (low + high) / 2

@@ -1,24 +1,22 @@
-"""Arithmetics of a tape by balls and power series: values at rational points, and series of the motion in t.
+"""Evaluation of a tape in balls and power series: values at rational points, and Taylor series of a motion in t.
 
-A tape in Arb balls: its values at a rational point, and power series, also of exp, log, sin, roots and branches.
+Each value, or coefficient, is an Arb ball: a midpoint with a proved radius. A value at a point that is undefined, or
+undecided at this precision, is NaN; a finite ball proves that the value is defined. A series that is not finite, or a
+branch that the balls cannot decide, raises `Undecided`: another point may succeed.
 
-Each value, or coefficient, is a midpoint with a proved radius. At a point what is undefined, or not decided at this
-precision, is NaN; a finite ball proves that the value is defined. A series that is not finite, or a branch that the
-balls cannot decide, raises `Undecided`: another point may do.
-
-Power series in t of a plant's states, outputs and variational equations at a random point.
+The series in t are those of a plant's states, outputs and variational equations at a random point:
 
     x' = f(x, u),  y = h(x, u),  p' = 0         u: power series with random coefficients, so all derivatives are free
     Phi' = df/dx Phi + [0 | df/dp],  Phi(0) = [I | 0]
     dy/d(x_0, p) = dh/dx Phi + [0 | dh/dp] = sum_k Y_k t^k
 
-Y_k is the gradient of the k-th derivative of the output, over k!. The states' series is found by Newton's iteration,
-which doubles the known order; the variational equations by recurrence. A. Sedoglavic, "A probabilistic algorithm to
-test local algebraic observability in polynomial time", J. Symbolic Computation 33 (2002).
+Y_k is the gradient of the k-th derivative of the output, over k!. Newton's iteration gives the states' series and
+doubles the known order; a recurrence gives the variational equations. Source: A. Sedoglavic, "A probabilistic algorithm
+to test local algebraic observability in polynomial time", J. Symbolic Computation 33 (2002).
 
-Numbers are balls, or of tapes of + - * / and whole powers modulo a prime (or a prime's square): a random point modulo a
-prime of 61 bits tells a polynomial that is not zero from zero but for a chance of its degree over 2^61. A nonzero value
-is certain: what is not zero modulo a prime is not zero.
+Numbers are balls or, for tapes of + - * / and whole powers, numbers modulo a prime (or a prime's square). At a random
+point modulo a prime of 61 bits a nonzero polynomial is zero with a probability of its degree over 2^61. A nonzero value
+is certain: a number that is not zero modulo a prime is not zero.
 """
 
 import random
@@ -38,42 +36,42 @@ from hgogen.rigor.tape import Tape
 # --- series
 
 BRANCHING = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
-_BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
+_BITS, _FINER = 60, 20  # bits of a random number; further bits of its distance to a given one
 _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
 
 
 class Undecided(ArithmeticError):
-    """The balls do not decide a value at this point: a pole, the edge of a domain, or a branch point."""
+    """A value that the balls do not decide at a point: a pole, the edge of a domain, or a branch point."""
 
 
 def between(low: Fraction, high: Fraction) -> Any:
-    """The least ball that holds the numbers from one rational to another."""
+    """The smallest ball around the interval between two rationals."""
     return arb(number(low)).union(arb(number(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
-    """A rational at or above the size of what a ball holds."""
+    """A rational upper bound of the absolute values in a ball."""
     return fraction(ball.abs_upper().fmpq())
 
 
 def draws(seed: int, name: str) -> random.Random:
-    """The random numbers of one purpose; the same for the same seed and name, at every call."""
+    """The random numbers for one purpose, reproducible by seed and name."""
     return random.Random(f"{seed} {name}")
 
 
 @dataclass(frozen=True)
 class Balls:
-    """Series with balls of the precision of `flint.ctx`, at points that `seed` draws in wider and wider ranges."""
+    """The arithmetic of series of balls, of the precision of `flint.ctx`; `seed` selects the range of random points."""
 
     seed: int
 
     def draw(self, source: random.Random) -> Any:
-        """A random number of the range of this seed."""
+        """A random number in the range of the seed."""
         low, high = _SCALES[self.seed % len(_SCALES)]
         return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
 
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
-        """c_0 + c_1 t + ... , known below t^order."""
+        """The series c_0 + c_1 t + ... , known below t^order."""
         return arb_series(list(coefficients[:order]), prec=order)
 
     def number(self, value: Fraction, order: int) -> Any:
@@ -85,11 +83,11 @@ class Balls:
         return self.series([arb.pi() if name == "pi" else arb.const_e()], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
-        """a b below t^order."""
+        """The product a b below t^order."""
         return a * b if min(a.prec, b.prec) <= order else self.cut(a, order) * self.cut(b, order)
 
     def cut(self, a: Any, order: int) -> Any:
-        """a below t^order."""
+        """The series a below t^order."""
         return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
 
     def nothing(self, a: Any) -> bool:
@@ -97,7 +95,7 @@ class Balls:
         return all(c.is_zero() for c in a.coeffs())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
-        """(f(a), f'(a)) below t^order, for the function or power of an instruction."""
+        """The series f(a) and f'(a) below t^order, for the function or power of an instruction."""
         a = self.cut(a, order)
         if op == "power" and value < 0:
             inverse = _inverse(a)
@@ -120,13 +118,13 @@ class Balls:
         return _finite(result), _finite(slope)
 
     def raised(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
-        """a^b = exp(b log a) and its derivatives by a and by b."""
+        """The power a^b = exp(b log a) and its derivatives by a and by b."""
         log = _positive(a).log()
         result = _finite((b * log).exp())
         return result, b * result * _inverse(a), result * log
 
     def angle(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
-        """atan2(a, b) and its derivatives by a and by b."""
+        """The angle atan2(a, b) and its derivatives by a and by b."""
         square = _inverse(a * a + b * b)
         if b[0].contains(0):
             raise Undecided
@@ -134,7 +132,7 @@ class Balls:
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
 
     def table(self, cells: Cells, order: Index, *arguments: Any) -> tuple[Any, ...]:
-        """A derivative of a table, and those by each argument, by the cell that the arguments are in."""
+        """A derivative of a table and its derivatives by each argument, from the cell of the arguments."""
         cell = cells.cell([ends(a[0]) for a in arguments])
         if cell is None:
             raise Undecided
@@ -173,12 +171,12 @@ class Balls:
 
     @property
     def nudge(self) -> Any:
-        """A small step d: F(x + d v) - F(x) = d F'(x) v but for d^2."""
+        """A small step d: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
         return arb(2) ** -(ctx.prec // 2)
 
-    def slope(self, moved: Any, base: Any) -> Any:
-        """F'(x) v, with a radius that is far more than the step leaves out (F'' would have to be 2^(bits / 8))."""
-        return (moved - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
+    def slope(self, shifted: Any, base: Any) -> Any:
+        """The derivative F'(x) v, with a radius far above the truncation error (unless F'' reaches 2^(bits/8))."""
+        return (shifted - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
 
     def reduced(self, a: Any) -> Any:
         """The number itself."""
@@ -204,7 +202,7 @@ def _positive(a: Any) -> Any:
 
 
 def _whole(a: Any, k: int) -> Any:
-    """a^k by squaring; k > 0."""
+    """The power a^k by squaring; k > 0."""
     result = None
     while k:
         if k & 1:
@@ -235,7 +233,7 @@ def ends(a: Any) -> tuple[Fraction, Fraction]:
 
 
 def rising(function: Callable[[Any], Any], a: Any) -> Any:
-    """A function that rises, of a ball, by its ends: Arb's own of a wide ball may be far wider, or none."""
+    """An increasing function of a ball, by its ends: Arb's own result for a wide ball may be far wider, or NaN."""
     return function(a.lower()).union(function(a.upper()))
 
 
@@ -245,7 +243,7 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """tanh by t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
+    """The series of tanh and its derivative by t' = (1 - t^2) a': wide balls exclude a quotient of exponentials."""
     x = a.coeffs() or [arb(0)]
     t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
@@ -256,7 +254,7 @@ def _tanh(a: Any) -> tuple[Any, Any]:
 
 
 def _area(a: Any, sign: int) -> tuple[Any, Any]:
-    """The series of asinh (sign 1) or acosh (sign -1)."""
+    """The series of asinh (sign 1) or acosh (sign -1), and of the derivative."""
     root = (a * a + sign).sqrt()
     return (a + root).log(), _inverse(root)
 
@@ -277,7 +275,7 @@ _FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
     "acosh": lambda a: _area(a, -1),
     "atanh": lambda a: (_positive((1 + a) * _inverse(1 - a)).log() / 2, _inverse(1 - a * a)),
 }
-# What is level or straight but at its corners: (level, slope) at a value.
+# Piecewise constant or linear functions: (level, slope) at a value.
 _STEPS: Mapping[str, Callable[[Any], tuple[Any, int]]] = {
     "abs": lambda x: (0, _sign(x)),
     "sign": lambda x: (_sign(x), 0),
@@ -339,13 +337,13 @@ def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
 
 
 def _step(a: Ball, at_zero: Ball = None) -> Ball:
-    """Heaviside; SymPy's value at 0 is 1/2 unless it is given."""
+    """The unit step; its value at 0 is SymPy's 1/2 unless it is given."""
     middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
 
 
 def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
-    """A derivative of a table by the cells that the balls meet; undefined where it may jump among them."""
+    """A derivative of a table by the cells that the balls overlap; NaN where it may jump between them."""
     if not all(a.is_finite() for a in place):
         return _NAN
     cells, order = derivative
@@ -376,7 +374,7 @@ def _both(a: bool | None, b: bool | None) -> bool | None:
 
 
 def _first_piece(*parts: Any) -> Ball:
-    """The first value whose condition holds; conditions before it must be known not to."""
+    """The first value whose condition is true; NaN where a condition before it is undecided."""
     for value, condition in zip(parts[::2], parts[1::2], strict=True):
         if condition is None:
             return _NAN
@@ -430,10 +428,10 @@ OPERATIONS = frozenset({"symbol", "number", "constant", "add", "mul", "power"})
 
 @dataclass(frozen=True)
 class Modular:
-    """Series with coefficients modulo `modulus`, of which `prime` is the one prime factor.
+    """The arithmetic of series with coefficients modulo `modulus`, a power of `prime`.
 
-    A division by what is zero modulo the prime raises `ZeroDivisionError`: another point may do. A constant, pi or e,
-    is a random number: it is transcendental, and an expression over the rationals vanishes at it only identically.
+    A division by zero modulo the prime raises `ZeroDivisionError`: another point may succeed. A constant, pi or e, is a
+    random number: it is transcendental, and an expression over the rationals vanishes at it only identically.
     """
 
     modulus: int
@@ -445,7 +443,7 @@ class Modular:
         return source.randrange(1, self.prime)
 
     def series(self, coefficients: Sequence[int], order: int) -> Any:
-        """c_0 + c_1 t + ... , known below t^order."""
+        """The series c_0 + c_1 t + ... , known below t^order."""
         return flint.nmod_poly(list(coefficients[:order]), self.modulus)
 
     def number(self, value: Fraction, order: int) -> Any:
@@ -459,7 +457,7 @@ class Modular:
         return self.series([self.draw(draws(self.seed, f"constant {name}"))], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
-        """a b below t^order."""
+        """The product a b below t^order."""
         return a.mul_low(b, order)
 
     def nothing(self, a: Any) -> bool:
@@ -467,7 +465,7 @@ class Modular:
         return bool(a.is_zero())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
-        """(f(a), f'(a)) below t^order, for f the whole power `value`."""
+        """The series f(a) and f'(a) below t^order, for f the whole power `value`."""
         assert op == "power"
         if value < 0:
             if a[0] == 0 or int(a[0]) % self.prime == 0:
@@ -492,9 +490,9 @@ class Modular:
         """A step d whose square is zero modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
         return self.prime
 
-    def slope(self, moved: Any, base: Any) -> int:
-        """F'(x) v modulo the prime, from F(x + d v) and F(x) modulo prime^2."""
-        return (int(moved) - int(base)) % self.modulus // self.prime
+    def slope(self, shifted: Any, base: Any) -> int:
+        """The derivative F'(x) v modulo the prime, from F(x + d v) and F(x) modulo prime^2."""
+        return (int(shifted) - int(base)) % self.modulus // self.prime
 
     def reduced(self, a: Any) -> int:
         """The number modulo the prime."""
@@ -511,7 +509,7 @@ Gradient = Mapping[int, Any]
 class Plant:
     """A tape of flow then output whose symbols are n states, q parameters, m inputs, then constants.
 
-    `places`: values of the symbols near which real points are taken; without any they may be anywhere.
+    `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere.
     """
 
     tape: Tape
@@ -522,19 +520,18 @@ class Plant:
 
     @property
     def wide(self) -> int:
-        """Directions of the variational equations: states and parameters."""
+        """The number of directions of the variational equations: states and parameters."""
         return self.n + self.q
 
     @property
     def outputs(self) -> int:
-        """Number of outputs."""
+        """The number of outputs."""
         return len(self.tape.outputs) - self.n
 
 
 @dataclass(frozen=True)
 class Point:
-    """The point at which the series start: `states` and `constants` (parameters, then the rest) at t = 0, and the
-    `inputs` as series."""
+    """The start of the series: `states` and `constants` (parameters first) at t = 0, and the `inputs` as series."""
 
     states: tuple[Any, ...]
     constants: tuple[Any, ...]
@@ -542,10 +539,10 @@ class Point:
 
 
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
-    """A random point, of balls near one of the plant's places, with inputs whose derivatives are all random."""
+    """A random point, for balls near one of the plant's places, with inputs whose derivatives are all random."""
     source = draws(numbers.seed, "point")
     if isinstance(numbers, Balls) and plant.places:
-        # beside each value by less than a millionth of it
+        # near each value, by less than a millionth of it
         place = source.choice(plant.places)
         point = [number(v) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER)) for v in place]
     else:
@@ -560,7 +557,7 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
 
 
 def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
-    """The matrices Y_0, Y_1, ... (p x (n + q)), without end; the work for K of them is of order K^2.
+    """Yield the matrices Y_0, Y_1, ... (p x (n + q)) without end, in lists; K of them cost of the order of K^2.
 
     Raises: `ZeroDivisionError`, `Undecided` where the series do not exist at this point.
     """
@@ -598,8 +595,7 @@ def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int)
 def evaluate(
     plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
 ) -> list[tuple[Any, Gradient]]:
-    """The outputs of the tape, each as a series below t^order, its gradient by states and parameters below
-    t^slope_order."""
+    """The outputs of the tape as series below t^order, with gradients by states and parameters below t^slope_order."""
     one = numbers.series([1], slope_order)
     wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
     done: list[Any] = []
@@ -638,7 +634,7 @@ def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_or
 
 
 def _several(method: str) -> Callable[..., Any]:
-    """The rule of a function of several arguments, which a method gives with the derivatives by each."""
+    """The rule of a function of several arguments; the method of that name gives value and partial derivatives."""
 
     def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
         result, *rates = getattr(numbers, method)(*(value or ()), *(numbers.cut(a, order) for a, _ in parts))
@@ -679,7 +675,7 @@ _RULES: Mapping[str, Callable[..., Any]] = {
 
 
 def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -> tuple[list[Any], list[Any]]:
-    """Taylor coefficients of the gradient: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
+    """Taylor coefficients of the gradients: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
     by_states = [[0] * (len(rows) * plant.n) for _ in range(order)]
     by_parameters = [[0] * (len(rows) * plant.wide) for _ in range(order)]
     for i, (_, slopes) in enumerate(rows):
@@ -694,7 +690,7 @@ def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -
 
 
 def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
-    """The coefficient k of slopes * phi + forced."""
+    """Coefficient k of the series slopes * phi + forced."""
     total = forced[k]
     for j in range(k + 1):
         total = total + slopes[j] * phi[k - j]
@@ -704,7 +700,7 @@ def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
 def _newton(
     states: list[list[Any]], flow: Sequence[Any], slopes: list[Any], numbers: Arithmetic, known: int
 ) -> list[list[Any]]:
-    """The states to twice the order: x + d, d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
+    """The states to twice the order, x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
     n = len(states)
     full = [numbers.coefficients(value, 2 * known - 1) for value, _ in flow]
     correction: dict[int, Any] = {}

@@ -1,32 +1,29 @@
-"""Singularities of an expression on a box: where it may be undefined, and those that are removable.
+"""Singularities of an expression on a box: where it may be undefined or not smooth, and removable singularities.
 
-Where, on a box, an expression may be undefined or not smooth, and what it reads that an equal one no longer has.
+SymPy simplifies x/x to 1, which has a value where x/x has none: `lost` finds such parts of an expression that a
+simplified one lacks. A Piecewise reads no branch of a false condition, and a Heaviside its value at 0 only there: the
+expressions in them demand no value by themselves, and each of the two is one part.
 
-x/x is 1, which has a value where x/x has none. A Piecewise does not read a branch that is not taken, nor a Heaviside
-its value at 0 elsewhere: what stands in these asks for nothing by itself, and each of them is one part.
-
-Removable singularities, as programs compute them: sin(x)/x is 1 at x = 0, and within some ulp of its limit nearby.
+Programs compute quotients without removable singularities: sin(x)/x is 1 at x = 0, and accurate to some ulp nearby.
 
 A quotient g(x) = N(x)/x^m of a power series N = sum_k a_k x^k with a_0 = .. = a_(m-1) = 0 is
 
     g(x) = x^j (q_0 + q_1 x + .. + q_n x^n) + R    for |x| < r,    q_k = a_(m+j+k),  q_0 != 0,
-    g(x) as it is written, or with sines of a/2, if that has fewer terms, for |x| >= r.
+    g(x) as written, or with sines of a/2, if that has fewer terms, for |x| >= r.
 
-The a_k are exact. N is made of numbers, x and functions by sums, products and powers. With the absolute values of
-numbers, and for each function the one with its absolute coefficients, it is a majorant M: what the terms up to n leave
-of M(r) is a bound of R, and n is the least for which that is at most 2^-57 of q_0 x^j. r is the one of a few numbers at
-which both forms and their derivatives lose the least to cancellation, the forms at most a factor of 4.
+The a_k are exact. N consists of sums, products and powers of numbers, x and functions. A majorant M has the absolute
+values of the numbers, and for each function the one with its absolute coefficients. The terms of M(r) beyond n bound R,
+and n is the least number for which this bound is at most 2^-57 of q_0 x^j. r is the number of a short list at which
+both forms and their derivatives lose the least to cancellation, the forms at most a factor of 4.
 
-max(e, 0)^p with p < 1 is e^p where e > 0, and 0 elsewhere, so that it has the slope 0 where e < 0.
+max(e, 0)^p with p < 1 is computed as e^p where e > 0 and 0 elsewhere, so that its slope is 0 where e < 0.
 
-x^p log(c x), p > 0, at x = 0 is its limit 0, down to the smallest number of a float, below which the logarithm stays
-where it is; so is x^p log(x^2), which is that of 2 log |x|.
+x^p log(c x), p > 0, is computed with its limit 0 at x = 0: below the smallest normal float the logarithm is constant.
+So is x^p log(x^2) = 2 x^p log |x|.
 
-The same function on a box, without the kinks and jumps whose side the box decides: |x| is x where x >= 0.
-
-What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box. What is left out is a
-finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for it has no value there, and |x|/x, which
-would be 1, where x may be 0.
+`one_sided` removes kinks and jumps whose side the box decides: |x| is x where x >= 0. Sides are proved in exact or
+outward-rounded arithmetic, on the closed box, and removed parts are proved to be finite real numbers there: max(sqrt(x
+- 1), 5) remains where x may be below 1, since it has no value there, and |x|/x where x may be 0.
 """
 
 import math
@@ -45,7 +42,7 @@ from hgogen.rigor.bounds import clamped_cells, contains_zero, enclose, nonzero, 
 from hgogen.rigor.box import EVERYTHING, STRANGE, Box, End, exact, sides
 from hgogen.rigor.lookup import Cells, Table, applied, replaced
 from hgogen.rigor.search import is_defined
-from hgogen.rigor.tape import Norm, NoTape, bent, off_zero, rooted, shared, signed
+from hgogen.rigor.tape import Norm, NoTape, off_zero, rooted, shared, signed, with_norms
 from hgogen.sentence import Reason, because
 
 POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
@@ -53,7 +50,7 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """The condition that a part of an expression is smooth: a `relation`, with {of} for the expression."""
+    """The condition under which a part of an expression is smooth: a `relation`, with {of} for the expression `of`."""
 
     relation: str
     of: sp.Expr
@@ -68,13 +65,13 @@ class Condition:
 
     @property
     def failure(self) -> Reason:
-        """The places where the condition fails, in words."""
+        """The points where the condition fails, in words."""
         if self.relation == NONZERO:
             return because("at {of} = 0", of=self.of)
         return because("unless {condition}", condition=self.reason)
 
 
-# index of the argument, between which numbers it keeps clear of singular points, what must hold (tan(m): of cos(m))
+# index of the argument, an interval of it without singular points, the condition (for tan(m) on cos(m))
 _SINGULAR: dict[type, tuple[int, End, End, str]] = {
     sp.log: (0, 0, math.inf, POSITIVE),
     sp.tan: (0, Fraction(-3, 2), Fraction(3, 2), NONZERO),
@@ -82,7 +79,7 @@ _SINGULAR: dict[type, tuple[int, End, End, str]] = {
     sp.acosh: (0, 1, math.inf, "{of} > 1"),
     sp.atan2: (1, 0, math.inf, POSITIVE),
 }
-# Defined everywhere; those that jump are the business of whoever needs continuity.
+# Functions defined everywhere, some of which jump.
 _ENTIRE = (
     *(sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.atan, sp.asinh, sp.exp, sp.Abs),
     *(sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Heaviside, sp.Piecewise),
@@ -90,7 +87,7 @@ _ENTIRE = (
 
 
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
-    """Parts that may be singular somewhere on the box, each with what must hold to exclude it."""
+    """The parts that may be singular somewhere on the box, each with the condition that excludes it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
     conditions = {node: _condition(node, box) for node in sorted(nodes, key=str)}
     return {node: condition for node, condition in conditions.items() if condition}
@@ -102,14 +99,14 @@ def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """The different conditions in the order of their texts, without those that another one implies."""
+    """The distinct conditions in the order of their texts, without those that another one implies."""
     every = sorted(set(conditions), key=str)
     positive = {each.of for each in every if each.relation == POSITIVE}
     return tuple(each for each in every if each.relation != NONZERO or each.of not in positive)
 
 
 def _condition(node: sp.Expr, box: Box) -> Condition | None:
-    """The condition that `node` is smooth; None if outward-rounded intervals show that it is on the whole box."""
+    """The condition under which `node` is smooth; None if outward-rounded intervals prove it on the whole box."""
     if type(node) in _SINGULAR:
         index, low, high, relation = _SINGULAR[type(node)]
         argument = node.args[index]
@@ -126,22 +123,22 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
     return Condition(POSITIVE, node.base)
 
 
-# --- what is lost
+# --- parts lost by simplification
 
 _CHOOSING = (sp.Piecewise, sp.Heaviside)
 
 
 def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
-    """A part of `before` that is not proved to be a finite real number on the box, and that `after` does not have.
+    """A part of `before` that is not proved to be a finite real number on the box, and that `after` lacks; or None.
 
-    A part stays in `after` where it is read there, or something is that has no value in the same places, as 1/x**2 for
-    1/x. What a point of the box takes out, as k = 0 the log(x) of k log(x), does not stay.
+    `after` has a part if it reads it, or reads an expression that is undefined at the same points, as 1/x**2 for 1/x.
+    It lacks a part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0.
     """
     every = tuple(dict.fromkeys(part for row in before for part in parts(row)))
     rows = tuple(sides(exact(row), box)[0] for row in after)
     remaining = {part for row in rows for part in parts(row)}
     needs = singular((*every, *rows), box)
-    # no value where their condition fails; asin(1) and atan2(1, 0) have one
+    # nodes that are undefined where their condition fails; asin(1) and atan2(1, 0) have a value
     endless = {node for node in remaining if isinstance(node, (sp.log, sp.tan, sp.atanh))}
     endless |= {node for node in remaining if node.is_Pow and node.exp.is_Rational and node.exp.is_negative}
     poles = {needs[part] for part in endless if part in needs}
@@ -149,7 +146,7 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
     def shares(part: sp.Expr) -> bool:
         return part in remaining or singular((part,), box).get(part) in poles
 
-    read = (part for part in every if _asks(part, needs))
+    read = (part for part in every if _demands(part, needs))
     return next((part for part in read if not (shares(sides(exact(part), box)[0]) or is_defined(part, box))), None)
 
 
@@ -157,11 +154,11 @@ def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
     """The parts that are not proved to be finite real numbers on the box."""
     every = tuple(dict.fromkeys(part for e in expressions for part in parts(e)))
     needs = singular(every, box)
-    return tuple(part for part in every if _asks(part, needs) and not is_defined(part, box))
+    return tuple(part for part in every if _demands(part, needs) and not is_defined(part, box))
 
 
 def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
-    """The conditions that the doubtful parts have values: of 1/u that u != 0, of one that chooses that it has one."""
+    """The conditions under which the doubtful parts have values, such as u != 0 for 1/u."""
     necessary = set[Condition]()
     for part in doubtful(expressions, box):
         needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
@@ -180,8 +177,8 @@ def parts(e: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
-    """The parts with `put` by themselves, where the whole might lose it: (a - b)/(2 a - 2 b) with a = b + w is 1/2 at
-    once. Of a Piecewise as well what it loses."""
+    """Yield `put` of each part separately, since SymPy may simplify the whole: (a - b)/(2 a - 2 b) with a = b + w is
+    1/2 at once. For a Piecewise also its inner parts that `put` of the Piecewise lacks."""
     for part in dict.fromkeys(part for e in expressions for part in parts(e)):
         whole = put(part)
         yield whole
@@ -190,8 +187,8 @@ def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr])
             yield from (node for node in within if not whole.has(node))
 
 
-def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
-    """Whether the part may ask for something, or choose what has no value, or nothing."""
+def _demands(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
+    """Whether the part has a condition, or is a choice that may have no branch or one with a condition."""
     if not isinstance(part, _CHOOSING):
         return part in needs
     ends = not isinstance(part, sp.Piecewise) or part.args[-1].cond == sp.true
@@ -199,14 +196,14 @@ def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
 
 
 _RADII = tuple(map(sp.Rational, ("1/4", "1/2", "3/4", "1", "3/2", "2", "5/2", "3")))
-_ORDER, _BITS, _DIGITS = 56, 57, 400  # of the series; the accuracy of what is left out, and of its bound, bits
-_LOSS = 4  # by which terms may be larger than their sum
-_SUM_OPERATIONS = 200  # of a sum that is looked at
+_ORDER, _BITS, _DIGITS = 56, 57, 400  # order of the series; bits of accuracy of the remainder; bits of its bound
+_LOSS = 4  # largest ratio of the terms' absolute values to their sum
+_SUM_OPERATIONS = 200  # most operations of a sum that is rewritten
 _X, _Z = sp.Dummy("x", real=True), sp.Dummy("z", real=True)
 _ROOT = sp.Dummy("r", positive=True)
 
 
-# of each function of a series or a ball, and the one with its absolute coefficients, where it converges; log(1 + x)
+# functions of a series or a ball, each with its majorant, the function with absolute coefficients; log is log(1 + x)
 _FUNCTIONS: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     sp.exp: (lambda x: x.exp(), lambda x: x.exp()),
     sp.sin: (lambda x: x.sin(), lambda x: x.sinh()),
@@ -226,16 +223,16 @@ def _tangent(x: Any) -> Any:
 
 
 class _NoSeries(Exception):
-    """An expression that has no power series with rational coefficients at 0 here."""
+    """An expression without a power series with rational coefficients at 0."""
 
 
 class Resolved(sp.Piecewise):  # type: ignore[misc]
-    """A quotient, or a derivative of one: of a polynomial where its base is small, as it is written elsewhere."""
+    """A quotient, or a derivative of one, as a polynomial where its base is small, else as written."""
 
     @property
     def reads(self) -> Iterator[sp.Expr]:
-        """The expressions on whose values its own rests: what the polynomial reads, and the parts of the other form,
-        but for those that divide by its base."""
+        """The expressions that its value needs: the polynomial, and the other form's parts that do not divide by the
+        base."""
         (within, inside), (beyond, _) = self.args
         factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
         base = sp.Mul(*factors)
@@ -249,7 +246,7 @@ class Resolved(sp.Piecewise):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class _Term:
-    """The number times h/x^power."""
+    """A term: the number times h/x^power."""
 
     number: sp.Rational
     power: int
@@ -262,15 +259,14 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient without its singularity: the coefficients of its polynomial, the radius within which that is taken,
-    and what is taken beyond."""
+    """A quotient without its singularity: the coefficients of a polynomial within `radius`, and the form `beyond`."""
 
     coefficients: tuple[sp.Rational, ...]
     radius: sp.Rational
     beyond: sp.Expr
 
     def at(self, base: sp.Expr) -> sp.Expr:
-        """The quotient of `base`; an even polynomial of a root is one of what is under it."""
+        """The quotient at x = `base`; an even polynomial of a root becomes a polynomial of its radicand."""
         even, square = not any(self.coefficients[1::2]), base**2
         if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
             within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
@@ -283,16 +279,16 @@ class _Regular:
 
 
 def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
-    """c_0 + x (c_1 + x (..))."""
+    """The polynomial c_0 + x (c_1 + x (..))."""
     total: sp.Expr = sp.S.Zero
     for c in reversed(coefficients):
         total = c + x * total
     return total
 
 
-@lru_cache(maxsize=1024)  # the same rows are asked for at each stage of a step
+@lru_cache(maxsize=1024)  # each stage of a step needs the same rows
 def resolved(expression: sp.Expr) -> sp.Expr:
-    """The expression without removable singularities of quotients, and with max(e, 0)^p as the module says."""
+    """The expression without removable singularities of quotients, and with max(e, 0)^p by cases."""
     if not any(_is_ramp(node) or _divides(node) for node in expression.atoms(sp.Pow)):
         return expression
     if isinstance(expression, sp.Pow) and _is_ramp(expression):
@@ -321,7 +317,7 @@ def _divides(node: sp.Pow) -> bool:
 
 
 def _bases(expression: sp.Expr) -> list[sp.Expr]:
-    """The divisors of terms: e, or sqrt(e) where the root stands in one of them."""
+    """The divisors e of terms, or sqrt(e) where the expression has that root."""
     roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
     bases = dict[sp.Expr, None]()
     for term in sp.Add.make_args(expression):
@@ -339,9 +335,9 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
         (number, others), f = coefficient.as_coeff_Mul(), exact(f)
         power = -f.as_powers_dict().get(_X, sp.S.Zero)
         if power.is_Integer and power > 0 and exact(number).is_Rational:
-            h, others_of = _parted(f * _X**power)
-            of = others * others_of.xreplace({_X: base})
-            groups.setdefault(of, []).append(_Term(exact(number), int(power), h))
+            h, separate = _parted(f * _X**power)
+            group = others * separate.xreplace({_X: base})
+            groups.setdefault(group, []).append(_Term(exact(number), int(power), h))
         else:
             summands.append(term)
     quotients = {others: _scaled(tuple(terms)) for others, terms in groups.items()}
@@ -357,8 +353,8 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
-    """The terms in c x for x, and c: 1 where they are regular in x. Else c x is what a function reads; where c is no
-    rational, all terms must have one power, and nothing but c x may stand in them."""
+    """The terms written in c x, and c. It is 1 where the sum is regular in x, else c x is the argument of a function.
+    If c is not rational, all terms must have the same power, and may depend on x by c x only."""
     if _regular(terms):
         return terms, sp.S.One
     for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
@@ -377,14 +373,14 @@ def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
 
 
 def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """The factors that read more than `_X`, where there are any, and the others."""
+    """The products of the factors that read other symbols than `_X` and of the others; (h, 1) without such factors."""
     factors = sp.Mul.make_args(h)
     several = [f for f in factors if f.free_symbols - {_X}]
     return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
 
 
 def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
-    """A term with `_X` for the base."""
+    """The term with `_X` for the base."""
     if base.is_Pow and base.exp == sp.S.Half:
         return term.xreplace({base.base: _ROOT**2}).xreplace({_ROOT: _X})
     return term.xreplace({base: _X, -base: -_X})
@@ -392,7 +388,7 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """The sum of the terms without its singularity at 0; None where that is none, or no radius does."""
+    """The sum of the terms without its singularity at 0; None where it is not removable, or no radius is suitable."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -425,7 +421,7 @@ def _halved(whole: sp.Expr) -> sp.Expr:
 
 
 def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
-    """The number of coefficients q_0, q_1, .. that leave at most 2^-57 of the first that is not 0, or 0."""
+    """The number of coefficients q_0, q_1, .. for a remainder of at most 2^-57 of the first nonzero term, or 0."""
     r = arb(_fraction(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
@@ -442,7 +438,7 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
 
 
 def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
-    """The size of the terms over that of their sum, at the worse of both ends."""
+    """The sum of the terms' absolute values over the absolute value of their sum, the larger at +-radius."""
     terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
     sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
     return max(size / total if total else inf for size, total in sizes)
@@ -453,7 +449,7 @@ def _fraction(value: sp.Rational) -> fmpq:
 
 
 def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
-    """The first coefficients of the sum of the terms times x^m, or of its majorant. Raises: `_NoSeries`."""
+    """The first coefficients of x^m times the sum of the terms, or of its majorant. Raises: `_NoSeries`."""
     before, ctx.cap = ctx.cap, _ORDER
     try:
         series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
@@ -463,12 +459,12 @@ def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[f
 
 
 def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
-    """The sum of the terms times x^m, or its majorant, at a series or a ball. Raises: `_NoSeries`."""
+    """The value of x^m times the sum of the terms, or of its majorant, at a series or a ball. Raises: `_NoSeries`."""
     return sum((_at(term.number * term.h, x, majorant) * x ** (m - term.power) for term in terms), 0 * x)
 
 
 def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
-    """An expression of `_X`, or its majorant, at a series or a ball. Raises: `_NoSeries` where it has none."""
+    """The value of an expression of `_X`, or of its majorant, at a series or a ball. Raises: `_NoSeries`."""
     if e.is_Rational:
         return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
     if e == _X:
@@ -484,7 +480,7 @@ def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
     inner = _at(e.args[0] - (1 if isinstance(e, sp.log) else 0), x, majorant)
     try:
         value = _FUNCTIONS[type(e)][majorant](inner)
-    except ValueError:  # a series whose first coefficient is not that of the expansion
+    except ValueError:  # the first coefficient is not the point of expansion
         raise _NoSeries from None
     if isinstance(value, arb) and not value.is_finite():
         raise _NoSeries
@@ -493,22 +489,22 @@ def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
 
 # --- powers times logarithms
 
-LEAST = sp.Rational(1, 2**126)  # the smallest number of a float with all its digits
+LEAST = sp.Rational(1, 2**126)  # the smallest normal float
 
 
 def with_limits(expression: sp.Expr) -> sp.Expr:
-    """The expression with b^p log(c b), p > 0, by its limit at b = 0; it has no value where c b < 0."""
+    """The expression with the limit of b^p log(c b), p > 0, at b = 0; it has no value where c b < 0."""
     return _logs(expression, _limited)
 
 
 def bounded_logs(expression: sp.Expr) -> sp.Expr:
-    """The expression with what has a finite value where the limit has one in place of b^p log(c b), p > 0."""
-    return _logs(expression, lambda product, log, of: product.xreplace({log: of.bounded}))
+    """The expression with b^p log(c b), p > 0, replaced by an expression that is finite wherever the limit is."""
+    return _logs(expression, lambda product, log, argument: product.xreplace({log: argument.bounded}))
 
 
 @dataclass(frozen=True)
-class _LogOf:
-    """A logarithm of c b or c/b, or of a power of b >= 0 that is even, or of |b|: `even`, where c is 1."""
+class _LogArgument:
+    """The argument of a logarithm: c b or c/b with `base` b, or, if `even`, |b| or an even power of b, with c = 1."""
 
     base: sp.Expr
     c: sp.Expr
@@ -516,20 +512,20 @@ class _LogOf:
 
     @property
     def bounded(self) -> sp.Expr:
-        """An expression that is finite for c b >= 0 where c is not 0; for any b where it is even."""
+        """An expression that is finite for c b >= 0 and c != 0, if even for any b."""
         if self.even:
             return sp.sqrt(sp.Abs(self.base))
         return sp.sqrt(self.c * self.base) + (0 if self.c.is_number else sp.log(self.c**2))
 
 
-def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogOf], sp.Expr]) -> sp.Expr:
+def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp.Expr]) -> sp.Expr:
     products = expression.atoms(sp.Mul) if expression.has(sp.log) else ()
     vanishing = {product: log for product in products if (log := _vanishing(product)) is not None}
     return expression.xreplace({product: put(product, *log) for product, log in vanishing.items()})
 
 
-def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogOf] | None:
-    """The logarithm of b, and what it is of, where it stands in a product with b^p, p > 0."""
+def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
+    """The logarithm of b in a product with b^p, p > 0, and the description of its argument; None without one."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
@@ -540,18 +536,18 @@ def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogOf] | None:
         even = e.args[0] if isinstance(e, sp.Abs) or (e.is_Pow and e.exp.is_Integer and e.exp.is_even) else None
         if even is not None and e not in growing:
             if even in growing and (isinstance(e, sp.Abs) or e.exp > 0):
-                return factor, _LogOf(even, sp.S.One, True)
+                return factor, _LogArgument(even, sp.S.One, True)
             continue
         for b in growing:
             c = next((c for c in (e / b, e * b) if not c.has(b) and not (c.free_symbols & b.free_symbols)), None)
             if c is not None:
-                return factor, _LogOf(b, c, False)
+                return factor, _LogArgument(b, c, False)
     return None
 
 
-def _limited(product: sp.Mul, log: sp.Expr, of: _LogOf) -> sp.Expr:
-    b, e = of.base, log.args[0]
-    if of.even:
+def _limited(product: sp.Mul, log: sp.Expr, argument: _LogArgument) -> sp.Expr:
+    b, e = argument.base, log.args[0]
+    if argument.even:
         power = e.exp if e.is_Pow else 1
         lowest, plain = (power * sp.log(x) for x in (LEAST, sp.Abs(b)))
         return sp.Piecewise(
@@ -561,19 +557,19 @@ def _limited(product: sp.Mul, log: sp.Expr, of: _LogOf) -> sp.Expr:
         low = product.xreplace({log: sp.log(LEAST)})
         return sp.Piecewise((product, b > LEAST), (low, b >= 0), evaluate=False)
     low = product.xreplace({log: sp.log(sp.Abs(e.xreplace({b: LEAST})))})
-    return sp.Piecewise((low, sp.And(sp.Abs(b) <= LEAST, of.c * b >= 0)), (product, True), evaluate=False)
+    return sp.Piecewise((low, sp.And(sp.Abs(b) <= LEAST, argument.c * b >= 0)), (product, True), evaluate=False)
 
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
-_OPERATIONS = 200  # of an argument whose side is asked for
+_OPERATIONS = 200  # most operations of an argument whose sign is proved
 _BOXES = 60
-_LEAST = sp.Rational(1, 2**120)  # of a sum of squares whose root is computed: a number in float as well, of root 2^-60
-_SMALL = 2.0**-40  # below it the least is taken of squares in a unit of their own: it would be no small part of them
-_MOST = 60  # halvings of their root, so that a float holds one over the unit
+_LEAST = sp.Rational(1, 2**120)  # least sum of squares whose root is computed, a float with the root 2^-60
+_SMALL = 2.0**-40  # sums of squares below it are scaled by a unit, of which `_LEAST` is a small part
+_MOST = 60  # most halvings of the root of the unit, so that its inverse is a float
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression where its symbols are in the box; equal to it wherever it is defined there."""
+    """The expression simplified for the box: equal to it wherever it is defined there."""
     return _visited(expression, box) if _has_kinks(expression) else expression
 
 
@@ -584,7 +580,7 @@ def _has_kinks(expression: sp.Expr) -> bool:
 def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(node, sp.Piecewise):
         return _chosen(node, box)
-    if isinstance(node, Table):  # without its ends along the axes where its argument keeps within its points
+    if isinstance(node, Table):  # not clamped along the axes where its argument stays between the breakpoints
         arguments = [_visited(argument, box) for argument in node.args]
         return applied(clamped_cells(node, arguments, box), arguments, node.order)
     if not node.args:
@@ -598,13 +594,13 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
-    at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well,
-    kinks at one place with one side, and norms with a slope where they are 0."""
+    """The expression as programs compute it, with arguments clamped to the box: `one_sided`, so that a slope at an end
+    of the box is that inside; with tables that are not clamped where rounding alone leaves them; with joint sides of
+    kinks at one place; and with norms that have a slope at 0."""
     return _computed(expression, tuple(box.items())) if _has_kinks(expression) else expression
 
 
-@lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
+@lru_cache(maxsize=512)  # each stage of a step needs the same rows
 def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> sp.Expr:
     box = dict(sides)
 
@@ -612,7 +608,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
         return clamped_cells(node, [one_sided(part, box) for part in node.args], box, program=True)
 
     def unit(squares: sp.Expr) -> sp.Rational:
-        """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""
+        """The unit of a sum of squares: 1, or, if it is small on the whole box, a power of 4 near its maximum."""
         _, high = rational(squares, box)
         small = 0 < high < _SMALL
         return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST)) if small else sp.S.One
@@ -621,7 +617,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
-    """An expression, whose parts are simplified already, without the kinks at its own node."""
+    """An expression with simplified parts, without the kink of its own node if the box decides its side."""
     if isinstance(e, sp.Mul) and any(isinstance(part, sp.sign) for part in e.args):
         whole = signed(e)
         return e if whole == e else _visited(whole, box)
@@ -633,20 +629,20 @@ def _plain(e: sp.Expr, box: Box) -> sp.Expr:
         way = _constant(e.args[0], box)
         return e if way == 0 else sp.Integer(way > 0)
     if isinstance(e, sp.Pow) and rooted(e):
-        whole = bent(e)
+        whole = with_norms(e)
         return e if whole == e or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
     return e
 
 
 def _size(argument: sp.Expr, box: Box) -> sp.Expr:
-    """|e|, factor by factor."""
+    """The absolute value |e|, factor by factor."""
     ways = {factor: _side(factor, box) for factor in sp.Mul.make_args(argument)}
     undecided = sp.Mul(*(factor for factor, way in ways.items() if not way))
     return sp.Mul(*(way * factor for factor, way in ways.items() if way), sp.Abs(undecided))
 
 
 def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
-    """The Min or Max of the arguments that may attain it on the box."""
+    """The Min or Max of those arguments that may attain it on the box."""
     way = 1 if kind is sp.Max else -1
     remaining: list[sp.Expr] = []
     for a in args:
@@ -658,10 +654,10 @@ def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
 
 
 def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
-    """The Piecewise of the branches that may be taken. Of a continuous one, a condition that holds at the edge of a
-    branch alone does not count."""
+    """The Piecewise of the branches that a point of the box may take, for a continuous one without branches that only
+    the boundary of their condition takes."""
     branches: list[tuple[sp.Expr, sp.Basic]] = []
-    smooth = not bent(node).has(sp.Piecewise)
+    smooth = not with_norms(node).has(sp.Piecewise)
     for value, condition in (tuple(pair.args) for pair in node.args):
         holds = _holds(condition, smooth, box)
         if holds is not False:
@@ -672,7 +668,7 @@ def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
 
 
 def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
-    """Whether a condition holds on the whole box, or nowhere on it."""
+    """Whether a condition holds on the whole box (True) or nowhere on it (False); else None."""
     if condition in (sp.true, sp.false):
         return bool(condition)
     if not isinstance(condition, (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)):
@@ -686,19 +682,19 @@ def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
 
 
 def _constant(e: sp.Expr, box: Box) -> int:
-    """`_strict` of what is proved to be defined on the box, else 0."""
+    """The strict sign of e on the box where e is proved to be defined, else 0."""
     way = _strict(e, box)
     return way if way and is_defined(e, box) else 0
 
 
 def _side(e: sp.Expr, box: Box) -> int:
-    """1 where it is proved that e >= 0 on the box, -1 where e <= 0, else 0; 1 of what is 0."""
+    """The weak sign of e on the box: 1 if e >= 0 is proved, else -1 if e <= 0 is, else 0."""
     low, high = rational(e, box) if e.count_ops() <= _OPERATIONS and not e.has(*STRANGE) else EVERYTHING
     return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
 
 
 def _strict(e: sp.Expr, box: Box) -> int:
-    """1 where it is proved that e > 0 on the box, -1 where e < 0, else 0."""
+    """The strict sign of e on the box: 1 if e > 0 is proved, -1 if e < 0 is, else 0."""
     if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
         return 0
     low, high = rational(e, box)

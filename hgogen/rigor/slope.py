@@ -1,29 +1,24 @@
-"""Bounds of the slope of a vector field on a box, and signs of functions that vanish to second order.
+"""Lipschitz constants of a vector field on a box, and the sign of functions that vanish to second order.
 
-How steep a vector field is on a box: L_b = sup |db/dx| of the spectral norm, or why there is none.
+The Lipschitz constant is L_b = sup |db/dx| in the spectral norm. A box is convex, so a continuous b with a bounded
+Jacobian is Lipschitz (mean value theorem), also with kinks (Abs, Min, Max), but not with jumps in the state. b is
+proved not to be Lipschitz by a point of the box towards which an entry of the Jacobian tends to infinity.
 
-A box is convex, so a continuous b whose Jacobian is bounded is Lipschitz (mean value theorem); kinks (Abs, Min, Max)
-do no harm, jumps in the state do. Not Lipschitz is shown by a point of the box towards which an entry of the Jacobian
-tends to infinity.
+Branch and bound with interval matrices bounds the norm. The slopes of the vector field's tape enclose each entry of the
+matrix, and where the field has no kinks so does the symbolic Jacobian, in natural and mean value form. With M the
+midpoint and D the radii, |J| <= |M| + |D|_F, also |J|^2 <= |J|_1 |J|_inf, and for a power m of two |M|^2 = |M'M| <=
+|(M'M)^m|_F^(1/m), too large by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at points, with any v.
 
-The norm is bounded by branch and bound with interval matrices. A matrix on a box is enclosed entry by entry: by the
-slopes of the vector field's tape, and where the field has no kinks by the Jacobian as expressions, in natural and mean
-value form. With M its midpoint and D its radii, |J| <= |M| + |D|_F, also |J|^2 <= |J|_1 |J|_inf, and for a power m of
-two |M|^2 = |M'M| <= |(M'M)^m|_F^(1/m), too large by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at
-points, with any v.
+The second question is whether a function S(e, x) that vanishes to second order at e = 0 is negative for all other e in
+a box around 0. Bisection does not end near e = 0, where S and its gradient vanish. Let a symmetric matrix N(c, x)
+satisfy S(e, x) <= - e'N e, N the average of N(c, x) over copies c of e in any box around 0 that contains e. If N is
+positive definite for every c in the box, S < 0 for every e of it but 0. So N is tried on the whole box, then on boxes
+half as wide each time; slabs on which S is not 0 (`bounds.nonzero`) cover the remainder. N is positive definite where
+|I - T'N T/s| < 1 (`slope.lipschitz_bound` of the field (I - T'N T/s) t of t), with a constant T that makes T'N T the
+unit matrix in the middle, and s in the middle of its eigenvalues.
 
-Whether a function that vanishes to second order at e = 0 is negative elsewhere on a box around it.
-
-S(e, x) is no difference of positive numbers near e = 0, where it and its slope vanish: no bisection ends there. But
-let N(c, x), a symmetric matrix, be such that S(e, x) <= - e'N e, N the average of N(c, x) over copies c of e in any
-box around 0 that holds e. Positive definite N for every c in the box then gives S < 0 for every e of it but 0. So N is
-tried on the whole box, and where that fails on smaller ones, half as wide each time; what is left of the box is covered
-by slabs on which S keeps off 0 (`bounds.nonzero`). Positive definite by |I - T'N T/s| < 1 (`slope.lipschitz_bound` of
-the field (I - T'N T/s) t of t), with a constant T that makes T'N T the unit matrix in the middle, and s in the middle
-of its eigenvalues.
-
-Refuted by a point, exact and rational, where S >= 0 and e is not 0: from samples, from a direction along which N is not
-positive, or from a slab.
+A counterexample is an exact rational point where S >= 0 and e is not 0: from samples, from a direction in which N is
+not positive, or from a slab.
 """
 
 import math
@@ -59,21 +54,21 @@ from hgogen.rigor.search import (
     search,
 )
 from hgogen.rigor.series import values
-from hgogen.rigor.tape import Norm, Tape, bent, tape
+from hgogen.rigor.tape import Norm, Tape, tape, with_norms
 from hgogen.sentence import NONE, Reason, because, equations
 
 # --- the spectral norm on a box
 
 _BATCH = 128
-_FINE = 2.0**-40  # of the root's width: no box is cut further
+_FINE = 2.0**-40  # least width of a side that is cut, as a share of the root's
 _SQUARINGS = 7
-_SHARP = 8  # rows or columns beyond which the power would cost too much
-_LOST = 1e-290  # far above what underflow can change in a matrix of entries below 1
+_SHARP = 8  # most rows and columns of a matrix of which a power is formed
+_LOST = 1e-290  # far above the effect of underflow on the norm of a matrix with entries below 1
 
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field as a tape, the indices of its states among the tape's symbols, and those entries of its Jacobian
+    """A vector field as a tape, the indices of its states among the tape's symbols, and the entries of its Jacobian
     that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
 
     program: Tape
@@ -83,8 +78,8 @@ class Field:
 
 
 def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Cover:
-    """The cover of a bisection of the box, with bounds of |J| on its leaves, until the upper one is within `relative`
-    of what is attained, or `limit` boxes were tried; what was `begun` with a lower limit goes on."""
+    """The cover of a bisection of the box, with bounds of |J| on its leaves, until the upper bound is within `relative`
+    of an attained value or there are `limit` boxes; `begun`: a cover with a lower limit, from which it continues."""
 
     def look(low: Array, high: Array, node: Indices, inner: Inner, points: Array | None = None) -> tuple[Known, Inner]:
         at = middle(low, high) if points is None else points
@@ -108,17 +103,17 @@ def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover
 
 
 def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
-    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are smooth and can be used, and
-    where the field is continuous."""
+    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, flags where they are valid, and where the
+    field is continuous."""
     rows = enclose(field.program, low, high, slopes=field.states)
-    smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
+    smooth = np.logical_and.reduce([row.defined for row in rows])  # a jump in a state makes the slope infinite
     continuous = np.logical_and.reduce([row.continuous for row in rows])
     return np.stack([row.slope for row in rows], axis=1), smooth, continuous
 
 
 def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
-    """Sharpen the slopes on boxes where the Jacobian is there as expressions, and the field is `sound`. Return how much
-    each variable matters (m x k)."""
+    """Sharpen the slopes by the symbolic Jacobian, if there is one, on boxes where the field is `sound`. Return the
+    weight of each variable (m x k) for the choice of cuts."""
     if not field.places:
         return None
     entries = enclose(field.jacobian, low, high, slopes=True)
@@ -154,8 +149,7 @@ def _norm(matrix: Array) -> Array:
 
 
 def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
-    """Upper bounds of the norms that may lie below those of Frobenius, `plain`; of a single row or column these are the
-    norms themselves."""
+    """Upper bounds of the spectral norms that may be below the Frobenius norms `plain`."""
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
@@ -165,8 +159,8 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
 
 
 def _scaled(matrix: Array) -> tuple[Array, Indices]:
-    """The matrices (.. x k) divided by powers of two that bring their largest entries below 1, and the exponents; what
-    underflows changes a norm by less than `_LOST`."""
+    """The matrices (.. x k) divided by powers of two, so that their largest entries are below 1, and the exponents;
+    underflow changes a norm by less than `_LOST`."""
     largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
@@ -174,7 +168,7 @@ def _scaled(matrix: Array) -> tuple[Array, Indices]:
 
 
 def _largest_sum(size: Array) -> Array:
-    """Upper bounds of the largest sum of a row, of nonnegative matrices (rows x columns x k)."""
+    """Upper bounds of the largest row sums of nonnegative matrices (rows x columns x k)."""
     total = np.zeros((size.shape[0], size.shape[2]))
     for column in np.moveaxis(size, 1, 0):
         total = up(total + column)
@@ -182,7 +176,7 @@ def _largest_sum(size: Array) -> Array:
 
 
 def _frobenius(size: Array) -> Array:
-    """Upper bounds of the root of the sum of squares, of nonnegative matrices (rows x columns x k)."""
+    """Upper bounds of the Frobenius norms of nonnegative matrices (rows x columns x k)."""
     return outward.root_up(reduce(outward.add_up, outward.power_up(size, 2).reshape(-1, *size.shape[2:])))
 
 
@@ -192,7 +186,7 @@ def _point_norm(matrix: Array) -> Array:
     largest = np.abs(matrix).max(axis=(0, 1))
     transposed = np.swapaxes(matrix, 0, 1)
     gram = _product((transposed, transposed), (matrix, matrix))
-    logarithm = np.zeros(largest.shape)  # of what was taken out, base 2, exact
+    logarithm = np.zeros(largest.shape)  # of the extracted factor, base 2, exact
     times = 1
     for _ in range(_SQUARINGS):
         gram, times = _product(gram, gram), 2 * times
@@ -219,7 +213,7 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
 
 
 def _attained(matrix: Array, smooth: Flags) -> float:
-    """The best lower bound of |J| at points."""
+    """The best lower bound of |J| at some points."""
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0
@@ -243,7 +237,7 @@ def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
 
 # --- Lipschitz constants
 
-# What jumps hides from the symbolic derivative, and what bends is better read by slopes.
+# Functions that jump, which SymPy's derivative ignores, and functions with kinks, for which slopes are sharper.
 JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2, Stepped)
 KINKS = (sp.Abs, sp.Min, sp.Max, Norm, Kinked)
 _TURNING = (sp.Heaviside, sp.Abs, sp.Min, sp.Max, Norm)
@@ -251,20 +245,20 @@ _TURNING = (sp.Heaviside, sp.Abs, sp.Min, sp.Max, Norm)
 Ends = tuple[tuple[sp.Symbol, tuple[End, End]], ...]
 
 LIMIT = 4000
-_FIRST = 500  # boxes before a singular point is looked for
-_WORK = 400_000  # boxes times rows times symbols squared, so that large systems take seconds, too
+_FIRST = 500  # boxes before the search for a singular point
+_WORK = 400_000  # most boxes times rows times symbols squared, so that large systems take seconds, too
 _RELATIVE = 0.02
-_OPERATIONS = 150  # of a slope whose limit is asked for
-_DISTANCES = (10, 30, 60)  # binary digits of the distances at which the growth is seen
+_OPERATIONS = 150  # most operations of a slope whose limit is computed
+_DISTANCES = (10, 30, 60)  # binary digits of the distances at which the slope must grow
 
 
 @dataclass(frozen=True)
 class Lipschitz:
-    """Whether b is Lipschitz in some symbols on a box.
+    """The answer whether b is Lipschitz in some symbols on a box.
 
-    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it, at a table's breakpoint as programs take it.
-    REFUTED: `witness` is a point towards which `slope`, an entry of the Jacobian, tends to infinity. UNKNOWN: `reason`
-    says how many boxes were tried. `variables`, `tree`: the bisection, as in `bounds.Range`.
+    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it, at a table's breakpoint as programs compute it.
+    REFUTED: `witness` is a point towards which an entry of the Jacobian tends to infinity. UNKNOWN: `reason` gives the
+    number of boxes. `variables`, `tree`: the bisection, as in `bounds.Range`.
     """
 
     verdict: Verdict
@@ -280,15 +274,15 @@ class Lipschitz:
 def lipschitz_bound(
     b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
 ) -> Lipschitz:
-    """The supremum over the box of the spectral norm of db/dx, rounded outward; it is at most `relative` too large, or
-    `reason` says why not.
+    """The supremum over the box of the spectral norm of db/dx, rounded outward. It is at most `relative` too large, or
+    `reason` gives the cause.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
     return _lipschitz_bound(tuple(map(sp.sympify, b)), tuple(states), tuple(box.items()), boxes, relative)
 
 
-@lru_cache(maxsize=256)  # several forms, and their observers, ask for the slopes of the same rows
+@lru_cache(maxsize=256)  # several forms, and their observers, need the slopes of the same rows
 def _lipschitz_bound(
     b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], box: Ends, boxes: int, relative: float
 ) -> Lipschitz:
@@ -315,8 +309,8 @@ def _lipschitz_bound(
 
 
 def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes: int, relative: float) -> Lipschitz:
-    """The bound of a field that varies with the symbols that it is `read` in."""
-    vector = _field([bent(row) for row in rows], read, around)
+    """The bound of a field that depends on the states `read`."""
+    vector = _field([with_norms(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     first = min(boxes, _FIRST)
     cover = steepest(vector, around.outer, relative, first)
@@ -337,8 +331,7 @@ def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes
 
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
-    """The rows as a field, with the entries of the Jacobian that vary, where the rows are smooth; constant ones the
-    rows' tape gives as well."""
+    """The rows as a field, with the varying entries of the Jacobian, of which the tape gives the others, if smooth."""
     smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
     places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
     slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
@@ -351,7 +344,7 @@ def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field
 
 
 def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
-    """A slope, and a point towards which it tends to infinity along a line in the box."""
+    """An entry of the Jacobian, and a point towards which it tends to infinity along a line in the box; or None."""
     real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
     plain = {dummy: s for s, dummy in real.items()}
     around = Sides(tuple(real.values()), around.ends)
@@ -363,7 +356,7 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
             for x in states:
                 slope = row.diff(x)
                 if slope == 0 or slope.has(sp.re, sp.im) or slope.count_ops() >= _OPERATIONS:
-                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits cost much
+                    continue  # |e| of an e that is not real everywhere: its limit is expensive
                 if _grows(slope, point, around):
                     return slope.xreplace(plain), {plain[s]: value for s, value in point.items()}
     return None
@@ -373,10 +366,10 @@ def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
     """Points where a root, a power, a logarithm or an inverse function of the row is singular."""
     for argument in dict.fromkeys(_singular_arguments(row)):
         symbols = [s for s in around.symbols if s in argument.free_symbols]
-        own = around.only(symbols)
+        part = around.only(symbols)
         if not symbols:
             continue
-        special = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
+        special = special_point(argument, tape([argument], part.symbols), part, ("= 0",))
         if special:
             yield next(around.spread()) | special[1]
 
@@ -396,12 +389,12 @@ def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
-    """Whether |slope| tends to infinity towards the point along a line in the box: by its limit, and as seen."""
+    """Whether |slope| tends to infinity towards the point along a line in the box: by its limit and at samples."""
     t = sp.Dummy("t", positive=True)
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
-    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits costs much
-        moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
-        along = put(slope, {s: sp.Rational(value) + t * sp.Rational(moved[s]) for s, value in point.items()})
+    for target in islice(around.spread(), 6):  # exponents are constant: powers to long fractions are expensive
+        step = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
+        along = put(slope, {s: sp.Rational(value) + t * sp.Rational(step[s]) for s, value in point.items()})
         along = along and along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
         if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
@@ -411,14 +404,14 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
         try:
             limit = sp.limit(along, t, 0, "+")
         except (NotImplementedError, ValueError, TypeError, RecursionError, sp.PoleError):
-            return False  # nor would other lines show it, and each try may cost much
+            return False  # other lines would fail as well, and each limit may be expensive
         if limit in (sp.oo, -sp.oo):
             return True
     return False
 
 
 def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
-    """Heaviside, |..|, Min or Max as what it is for small t > 0, where its arguments at 0 tell."""
+    """The branch of Heaviside, |..|, Min or Max for small t > 0, where its arguments at t = 0 decide it."""
     if isinstance(node, (sp.Min, sp.Max)):
         way = 1 if isinstance(node, sp.Max) else -1
         ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
@@ -435,15 +428,15 @@ def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr |
     return abs(expression.xreplace(dict(at)).evalf(20))
 
 
-_GRID = 1024  # of a side: samples are exact
-_SCALES = 10  # halvings of the box at which samples are taken
+_GRID = 1024  # intervals of a side's grid of exact samples
+_SCALES = 10  # halvings of the box of e for samples
 _SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
-_SMALLEST = 10  # halvings after which N is not tried further
-_RELATIVES = (0.05, 0.002)  # of the norm
+_SMALLEST = 10  # most halvings of the box on which N is tried
+_RELATIVES = (0.05, 0.002)  # tolerances of the norm
 _FEW = 100
 _BITS = 128
-_FAR = Fraction(10)  # for samples of what has no range
-# for SymPy's own, of which version 1.13 makes an array of all arguments, which a number beside arrays does not let it
+_FAR = Fraction(10)  # width of samples for symbols without a range
+# replacements of SymPy's own Min and Max, whose code of version 1.13 fails for arrays together with numbers
 _EXTREMES = {sp.Min: sp.Function("least_of"), sp.Max: sp.Function("most_of")}
 _FUNCTIONS = {
     "least_of": lambda *arguments: reduce(np.minimum, arguments),
@@ -452,8 +445,8 @@ _FUNCTIONS = {
 
 
 def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
-    """The values of rows where the symbols are arrays, in floats, for what is found by samples and proved of none; of a
-    row that reads no symbol a number. A symbol may have the name of a function."""
+    """A function of arrays, one for each symbol, to the values of the rows in floats, which prove nothing; the value of
+    a row without symbols is a number. A symbol may have the name of a function."""
     replaced = [
         sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args)) for row in rows
     ]
@@ -463,9 +456,9 @@ def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable
 
 @dataclass(frozen=True)
 class SecondOrder:
-    """S < 0 is asked for all x of `box` and all e of `around` but 0.
+    """The claim that S = `value` < 0 for all x of `box` and all e of `around` but 0.
 
-    `matrix`: N of the `copies`, one tuple of symbols (n) each in the order of e, and of x.
+    `matrix`: N, which reads x and the `copies`, each a tuple of symbols (n) in the order of e.
     """
 
     value: sp.Expr
@@ -479,10 +472,11 @@ class SecondOrder:
 
 @dataclass(frozen=True)
 class Answer:
-    """PROVED with the proofs, REFUTED with an exact point and the `value` there, or UNKNOWN; `reason` says how.
+    """The answer to a claim, with its `reason`: PROVED with the proofs, REFUTED with an exact point and the `value`
+    there, or UNKNOWN.
 
-    Of what is proved, `share` of the box of errors is that where N is definite, T'N T nearly the unit matrix with T =
-    `basis`; the proofs are the one of that, and one for each slab.
+    `share`: the share of the box of errors on which N is proved definite, with T = `basis`, for which T'N T is nearly
+    the unit matrix. The first proof is that of N, the others those of the slabs.
     """
 
     verdict: Verdict
@@ -495,8 +489,8 @@ class Answer:
 
 
 def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
-    """Whether S < 0, by the method of the module, with `boxes` for each question of a sign. With an `obstacle`, the
-    reason why N says nothing of S, the answer is refuted or unknown."""
+    """The answer whether S < 0, by the method of the module, with at most `boxes` for each sign. With an `obstacle`,
+    the reason why N does not bound S, the answer is refuted or unknown."""
     program = _Program.of(claim)
 
     def refuted(points: Iterator[Point]) -> Answer | None:
@@ -522,7 +516,7 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 def _on_slabs(
     claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
 ) -> Answer:
-    """The answer from the signs on the slabs beyond the share on which the second order is definite."""
+    """The answer from the signs of S on the slabs outside the share on which N is definite."""
     proof, basis = definite
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
         total = sum(sign.range.boxes for sign in signs)
@@ -543,7 +537,7 @@ def _on_slabs(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Points of a box, each a column of whole numbers up to `_GRID`; sides that are not bounded are cut."""
+    """A grid of exact points of a box, each a column of whole numbers up to `_GRID`; unbounded sides are cut."""
 
     symbols: tuple[sp.Symbol, ...]
     sides: tuple[tuple[Fraction, Fraction], ...]
@@ -562,12 +556,12 @@ class _Grid:
 
 
 def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.ndarray:
-    """Random points of a grid around one, the closer the later the step."""
+    """Random points of the grid around a point, closer at later steps."""
     reach = max(1, _GRID >> (step + 2))
     return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
 
 
-Rate = Callable[[np.ndarray], np.ndarray]  # of columns, what is to be large
+Rate = Callable[[np.ndarray], np.ndarray]  # of columns: the values to maximise
 
 
 def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
@@ -579,7 +573,7 @@ def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
 
 @dataclass(frozen=True)
 class _Program:
-    """S as a tape and as a numpy function, of e and what else it reads."""
+    """S as a tape and as a numpy function, of e and the other symbols that it reads."""
 
     claim: SecondOrder
     grid: _Grid
@@ -594,7 +588,7 @@ class _Program:
         return cls(claim, grid, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        """The points where S >= 0 is proved and e is not 0, with the value there."""
+        """Yield the points where S >= 0 is proved and e is not 0, with the value there."""
         symbols, everything = self.grid.symbols, {**self.claim.box, **self.claim.around}
         sides = Sides(symbols, tuple(everything[s] for s in symbols))
         for point in points:
@@ -605,8 +599,8 @@ class _Program:
                 yield point, float(ball.mid())
 
     def ratio(self, columns: np.ndarray) -> np.ndarray:
-        """The ratios S/|e|^2 at points of the grid (number of symbols, k), e scaled by what the last row says, -inf
-        where one is not finite."""
+        """The ratios S/|e|^2 (k) at points of the grid, columns of `columns`, whose last row is a scale of e; -inf
+        where a ratio is not finite."""
         x, n = self.grid.floats(columns[:-1]), len(self.claim.errors)
         x[:n] = x[:n] * columns[-1]
         with np.errstate(all="ignore"):
@@ -616,7 +610,7 @@ class _Program:
 
 
 def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
-    """The best of what random steps from a column reach, each taken where its rate is above the one before."""
+    """The column that random steps from a column reach, where only steps to a larger rate count."""
     for step in range(_ROUNDS):
         tried = step_to(best, step)
         rates = rate(tried)
@@ -627,8 +621,7 @@ def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], 
 
 
 def _samples(program: _Program) -> Iterator[Point]:
-    """The points with the largest ratios of a fixed set of random ones, each moved uphill; e has scales down to a
-    thousandth of its box."""
+    """The points with the largest ratios of a fixed random set, each improved by `_uphill`; e is also scaled down."""
     rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
@@ -646,7 +639,7 @@ def _samples(program: _Program) -> Iterator[Point]:
 
 
 def _along(program: _Program) -> Iterator[Point]:
-    """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
+    """Points with short e along the eigenvector of the smallest eigenvalue of N at e = 0, where that is least in x."""
     claim, n = program.claim, len(program.claim.errors)
     eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
@@ -663,8 +656,8 @@ def _along(program: _Program) -> Iterator[Point]:
 
 
 def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
-    """The largest tried share of the box of e on which N is proved positive definite, halved as often as it takes, and
-    the proof; the proof is None where N is not shown to be definite on any of them, or not even at e = 0."""
+    """The largest share of the box of e, of 1, 1/2, 1/4 .., on which N is proved positive definite, and the proof; None
+    for the proof where there is none, or not even at e = 0."""
     share, definite = Fraction(1), None
     if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
         for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
@@ -675,8 +668,8 @@ def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.
 
 
 def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """N and its box, with every copy in a `share` of the box of e; where N reads x and a copy by their difference
-    alone, the difference is one symbol."""
+    """N and its box, with every copy in a `share` of the box of e; if N reads x and a copy by their difference only, it
+    is one symbol."""
     box, matrix = dict(claim.box), claim.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
@@ -695,7 +688,7 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 
 
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
-    """The proof that N is positive definite on the whole box, with T, or None."""
+    """The proof that N is positive definite on the whole box, and T; or None."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
         return None
@@ -724,8 +717,7 @@ def _four_digits(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Eigenvalues:
-    """The eigenvalues of a symmetric matrix of symbols at sample points of their box (`columns` of its grid), as floats
-    that prove nothing.
+    """The eigenvalues of a symbolic symmetric matrix at sample points, `columns` of a grid, as floats without proof.
 
     `least`, `most`: the extremes; `middle`: the matrix in the middle.
     """
@@ -753,7 +745,7 @@ class _Eigenvalues:
 
     @property
     def least(self) -> float:
-        """The smallest, -inf where the matrix is not finite."""
+        """The smallest eigenvalue, -inf where the matrix is not finite."""
         return float(self.spectra[:, 0].min())
 
     @property
@@ -765,7 +757,7 @@ class _Eigenvalues:
         return np.asarray(self.floats(self.columns[:, :1])[0])
 
     def worst(self) -> Iterator[list[float]]:
-        """The points with the smallest eigenvalues, each moved downhill, where they are finite."""
+        """Yield the points with the smallest finite eigenvalues, each improved by `_uphill`."""
         rng = np.random.default_rng(2)
 
         def rate(columns: np.ndarray) -> np.ndarray:
@@ -779,14 +771,14 @@ class _Eigenvalues:
 
 
 def _spectrum(matrices: np.ndarray) -> np.ndarray:
-    """Eigenvalues (k, n) of matrices (k, n, n), -inf where they are not finite."""
+    """Eigenvalues (k, n) of matrices (k, n, n), -inf for a matrix that is not finite."""
     good = np.isfinite(matrices).all(axis=(1, 2))
     values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
     return np.where(good[:, None], values, -np.inf)
 
 
 def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
-    """Boxes that cover what `share` of the box of e leaves."""
+    """Boxes that cover the box of e outside its `share` around 0."""
     inner: dict[sp.Symbol, tuple[Any, Any]] = dict(claim.around)
     for e in claim.errors:
         low, high = (Fraction(end) for end in claim.around[e])

@@ -1,28 +1,26 @@
-"""Expressions as a tape, one straight-line program for every arithmetic, with kinks as norms.
+"""Expressions as a tape, a straight-line program for every arithmetic of the proofs, and kinks as norms.
 
-Kinks: |e|, max, min and sqrt(e_1^2 + .. + e_k^2) as norms, whose slopes at the kink are sets.
+Kinks are |e|, max, min and sqrt(e_1^2 + .. + e_k^2). Written as norms they have slopes that are sets at the kink:
 
     d|e|/dx = s e' with s = -1 where e < 0, s = 1 where e > 0,   d|(e_1, .., e_k)|/dx = sum_i s_i e_i',  s_i = e_i/|e|
 
-At e = 0 any s in the unit ball stands for the slope: the hull of the limits of the slope there (F. H. Clarke,
-"Optimization and nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one number of them.
+At e = 0 the slope is the set of all s in the unit ball, the hull of its limits there (F. H. Clarke, "Optimization and
+nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one of these numbers.
 
-Kinks that bend at the same place have one side for all of them:
+Kinks at the same place are on the same side together:
 
     2 max(v, 0) - (v where v > 0, else -v) = v
 
-As norms they add up where they are the same: the slope of this row is 1. A program takes the slope of each kink by
-itself, at v = 0 half of 2 and 1, which leave 0, and of max(v + 1000, 0 + 1000) what its own rounding makes of it. So
-where kinks share a norm an expression is computed as the proofs read it (`shared`).
+Equal norms cancel: the slope of this row is 1. A program computes the slope of each kink separately: at v = 0 half of
+2, less 1, which is 0, and for max(v + 1000, 0 + 1000) a result of rounding. So where kinks share a norm the program
+computes the expression in norms, as the proofs do (`shared`).
 
-Expressions as a tape: one straight-line program that every arithmetic of the proofs reads.
+Outward-rounded intervals, balls and power series modulo a prime evaluate the same tape; an expression that occurs twice
+is one instruction. Numbers are exact: a float is the rational of its shortest decimal.
 
-Outward-rounded intervals, power series modulo a prime and balls each walk the same instructions; an expression that
-occurs twice is one instruction. Numbers are exact: a float is the rational of its shortest decimal.
-
-Functions that SymPy brings in unasked are written by those that every reader knows: tan(x + pi/2) becomes -cot(x), and
-a choice between conditions (a piecewise expression compared in another's condition) an ITE, "if c then a else b". The
-derivative of e sign(e), as of a drag v^2 sign(v), has a DiracDelta that |e| has not.
+Functions that SymPy introduces by itself are rewritten by functions that every arithmetic knows: SymPy turns tan(x +
+pi/2) into -cot(x), and a choice between conditions (a piecewise expression compared in another's condition) into an
+ITE, "if c then a else b". The derivative of e sign(e), as of a drag v^2 sign(v), has a DiracDelta, that of |e| not.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -40,11 +38,11 @@ from hgogen.rigor.box import exact, put
 from hgogen.rigor.lookup import Table
 from hgogen.sentence import Reason, because
 
-_LARGE = 400  # operations of a root's argument, of a piecewise expression, that are looked at
+_LARGE = 400  # most operations of a root's argument, or of a piecewise expression, that is rewritten
 
 
 class _Printed(sp.Function):  # type: ignore[misc]
-    """A function that is printed as SymPy has it."""
+    """A function that prints as an expression of SymPy's own functions."""
 
     def _sympystr(self, printer: Any) -> str:
         return str(printer.doprint(self.plain()))
@@ -59,14 +57,14 @@ class _Printed(sp.Function):  # type: ignore[misc]
 
 
 class Norm(_Printed):
-    """sqrt(e_1^2 + .. + e_k^2); of one argument |e|."""
+    """The norm sqrt(e_1^2 + .. + e_k^2), of one argument |e|."""
 
     is_real = True
     is_nonnegative = True
 
     @classmethod
     def eval(cls, *args: sp.Expr) -> sp.Expr | None:
-        """Numbers as their norm, and |-e| as |e|."""
+        """The norm of numbers, and |-e| as |e|."""
         if all(e.is_number for e in args):
             return sp.sqrt(sp.Add(*(e**2 for e in args)))
         if len(args) == 1:
@@ -85,13 +83,13 @@ class Norm(_Printed):
 
 
 class Direction(_Printed):
-    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, and at e = 0 every number of [-1, 1]; of one e it is the sign else."""
+    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, at e = 0 the set [-1, 1]; of one argument the sign."""
 
     is_real = True
 
     @classmethod
     def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
-        """The sign of one argument where it is known; else the direction without numerical factors."""
+        """The sign of one argument, if known, or the direction without numerical factors; None for no change."""
         if len(args) > 1:
             return None
         if args[0].is_positive or args[0].is_negative:
@@ -102,7 +100,7 @@ class Direction(_Printed):
         return None if factor == 1 or not others.free_symbols else sp.sign(factor) * cls(index, others)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        """The derivative; that of one e has no value at 0."""
+        """The derivative, which for one argument has no value at 0."""
         e, *more = self.args[1:]
         if not more:
             return 2 * sp.DiracDelta(e) * e.diff(s)
@@ -110,41 +108,41 @@ class Direction(_Printed):
         return top.diff(s) / size - top * size.diff(s) / size**2
 
     def plain(self) -> sp.Expr:
-        """SymPy's expression, sign(e) or e_i/|e|, without the set at 0: for a reader only."""
+        """The expression sign(e) or e_i/|e| without the set at 0, for printing only."""
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
         size = _size(e, *more)
-        divided = sp.Pow(size, -1, evaluate=size != 0)  # of numbers the size may be 0, which stays to be seen
+        divided = sp.Pow(size, -1, evaluate=size != 0)  # the size of numbers may be 0, which stays visible
         return sp.Mul(self.args[1 + int(self.args[0])], divided, evaluate=False)
 
 
 def _size(*args: sp.Expr) -> sp.Expr:
-    """|e| as SymPy has it."""
+    """The norm |e| in SymPy's functions."""
     return sp.Abs(args[0]) if len(args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in args)))
 
 
 def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """d row/d symbol over the reals, where the row has one; at a kink the set of slopes next to it, in `Direction`."""
+    """The partial derivative of a row over the reals, at a kink the set of slopes next to it, in `Direction`."""
     return over_reals(lambda e, x: _as_norms(e).diff(x), row, symbol)
 
 
-def bent(row: sp.Expr) -> sp.Expr:
-    """The function over the reals with its kinks written as `Norm`: |e|, max, min, roots of sums of squares, e sign(e),
-    and what is continuous of Piecewise."""
+def with_norms(row: sp.Expr) -> sp.Expr:
+    """The function over the reals with its kinks as `Norm`: |e|, max, min, roots of sums of squares, Piecewise,
+    sign."""
     return over_reals(lambda e, _: _as_norms(e), row)
 
 
-def unbent(e: sp.Expr) -> sp.Expr:
-    """The expression with its norms in SymPy's own functions, as programs read them."""
+def without_norms(e: sp.Expr) -> sp.Expr:
+    """The expression with its norms in SymPy's own functions, as programs compute them."""
     return e.replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
 
 
 def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
-    """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number, of squares in their `unit`:
-    its derivative as programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0.
+    """The expression with each sqrt(e_1^2 + .. + e_k^2) bounded below by the root of `least` in its `unit`.
 
-    In conditions it is left as it is, and where something is divided by it as well: sin |e|/|e| where |e| > 0, else 1.
+    The derivative that programs compute, e_i e_i' over the root, is then 0 where all e_i are 0, and not 0/0. Roots in
+    conditions and roots that are also divisors do not change, as in sin |e|/|e| where |e| > 0, else 1.
     """
     divisors = {node.base for node in e.atoms(sp.Pow) if node.exp.is_negative}
 
@@ -164,8 +162,7 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
-    """The expression that SymPy found as the derivative of something continuous, its sign and step at 0 as the sets
-    that they are."""
+    """SymPy's derivative of a continuous expression with its signs and steps as sets at 0, in `Direction`."""
     steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
     return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
 
@@ -173,7 +170,7 @@ def at_kinks(derivative: sp.Expr) -> sp.Expr:
 def over_reals(
     function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
 ) -> sp.Expr:
-    """A function of an expression (and a symbol) with real symbols: SymPy's |x| of a complex x has another slope."""
+    """The value of a function with real symbols, as SymPy's |x| of a complex x has another slope."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
     value = function(row.xreplace(plain), plain.get(symbol, symbol))
     return value.xreplace({dummy: s for s, dummy in plain.items()})
@@ -198,12 +195,12 @@ def _as_norms(e: sp.Expr) -> sp.Expr:
 
 
 def rooted(node: sp.Pow) -> bool:
-    """Return whether a power is a square root of what varies, or a whole power of one."""
+    """Return whether a power is a square root of a variable expression, or a whole power of one."""
     return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """The product with e sign(e) written as |e|, -e sign(e) as -|e|; the product itself where it has none of them."""
+    """The product with |e| for e sign(e), and -|e| for -e sign(e), if it has such factors."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), others = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(others))
@@ -215,8 +212,7 @@ def signed(e: sp.Mul) -> sp.Expr:
 
 
 def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """The e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2, numbers among them not negative; None
-    where e is not such a sum."""
+    """The terms e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
     if e.count_ops() > _LARGE:
         return None
     roots = []
@@ -230,7 +226,7 @@ def _squares(e: sp.Expr) -> list[sp.Expr] | None:
 
 
 def _square(term: sp.Expr) -> sp.Expr | None:
-    """The root of a square, None of anything else."""
+    """The root of a square; None for any other term."""
     number, others = term.as_coeff_Mul(rational=True)
     if number < 0:
         return None
@@ -248,8 +244,8 @@ def _square(term: sp.Expr) -> sp.Expr | None:
 
 
 def _joined(e: sp.Piecewise) -> sp.Expr:
-    """b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b), no two c_i above 0 at once: of
-    polynomials alone, so that all branches have values everywhere; itself where that is not its shape."""
+    """The sum b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b) with no two c_i above 0 at
+    once; the Piecewise itself where it has another shape, or branches that are no polynomials and may lack values."""
     *branches, (default, last) = [tuple(pair.args) for pair in exact(e).args]
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
@@ -274,8 +270,7 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
 
 
 def _polynomial(e: sp.Expr) -> bool:
-    """Return whether an expression is a polynomial in symbols and norms of polynomials, so that it has a value
-    everywhere."""
+    """Return whether an expression is a polynomial in symbols and norms of polynomials, with a value everywhere."""
     if isinstance(e, sp.Pow):
         return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
     if isinstance(e, (sp.Add, sp.Mul, Norm)):
@@ -295,7 +290,7 @@ def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
 
 
 def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
-    """The values on the two sides of the one kink |e| on which a point lies, where they have opposite signs."""
+    """The values on both sides of the only kink |e| at a point, where they have opposite signs; else None."""
     there = put(expression, point)
     kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
     if there is None or len(kinks) != 1 or there.free_symbols:
@@ -306,33 +301,33 @@ def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[s
     return (low, high) if opposite else None
 
 
-# --- kinks that bend at the same place
+# --- kinks at the same place
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 
 
 def shared(expression: sp.Expr) -> sp.Expr:
-    """The expression, with its kinks as the norms that they are where two of them are the same one."""
-    # the parts that may bend by themselves: |e|, max, min and choices, and products with a sign
+    """The expression as programs compute it: with kinks rewritten by norms where two of them share a norm."""
+    # the parts that may have kinks of their own: |e|, max, min and choices, and products with a sign
     signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
     norms = [_introduced(node) for node in {*expression.atoms(*_KINDS), *signs}]
     if all(a.isdisjoint(b) for a, b in combinations(norms, 2)):
         return expression
-    return unbent(bent(expression))
+    return without_norms(with_norms(expression))
 
 
 def _introduced(node: sp.Expr) -> set[sp.Expr]:
-    """The norms that a part brings in, and those of a choice's conditions whatever its branches read."""
+    """The norms that a part introduces, for a choice also those of its conditions even if its branches have them."""
     every = _norms([node])
     if not isinstance(node, sp.Piecewise):
         return every - _norms(node.args)
-    # what changes its sign where a choice takes another branch
+    # expressions whose sign changes where a choice changes its branch
     decides = (Norm(where.gts - where.lts) for _, where in node.args if hasattr(where, "gts"))
     return every - _norms(branch for branch, _ in node.args) | every & _norms(decides)
 
 
 def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
-    return {norm for e in expressions for norm in bent(e).atoms(Norm)}
+    return {norm for e in expressions for norm in with_norms(e).atoms(Norm)}
 
 
 _MEANING: dict[type, Callable[..., sp.Basic]] = {
@@ -351,7 +346,7 @@ _MEANING: dict[type, Callable[..., sp.Basic]] = {
     sp.Equivalent: lambda *args: sp.And(*args) | sp.And(*map(sp.Not, args)),
 }
 _VALUES = "give its values on the declared range as a table"
-NEAREST = {  # what to write in the place of functions that no reader knows, by their names
+NEAREST = {  # replacements for functions that no arithmetic knows, by their names
     "erf": f"{_VALUES}, or take tanh(2*x/sqrt(pi)), which is within 0.04 of it",
     "erfc": f"{_VALUES}, or take 1 - tanh(2*x/sqrt(pi)), which is within 0.04 of it",
     "gamma": _VALUES,
@@ -360,8 +355,8 @@ NEAREST = {  # what to write in the place of functions that no reader knows, by 
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """The function written without cot, sec, csc, coth, sech, csch, sinc, Mod, frac, its conditions with And, Or and
-    Not alone, and with |e| in the place of e sign(e) where e is real."""
+    """The function written without cot, sec, csc, coth, sech, csch, sinc, Mod, frac, with And, Or and Not as the only
+    logical functions, and with |e| for e sign(e) where e is real."""
     if expression.has(*_MEANING):
         expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
     if not expression.has(sp.sign):
@@ -370,12 +365,12 @@ def plain(expression: sp.Expr) -> sp.Expr:
     def is_size(e: sp.Basic) -> bool:  # e sign(e) of log(x) has no value at x < 0, where SymPy's |log(x)| has one
         return e.is_Mul and all(part.args[0].is_real for part in e.args if isinstance(part, sp.sign))
 
-    return expression.replace(is_size, lambda e: unbent(signed(e)))
+    return expression.replace(is_size, lambda e: without_norms(signed(e)))
 
 
 # --- tapes
 
-_FUNCTIONS = {  # of their arguments alone, in order
+_FUNCTIONS = {  # instructions that read the node's arguments in order, and no further value
     getattr(sp, name): name.lower()
     for name in (
         *("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
@@ -396,14 +391,14 @@ _RELATIONS = {
 
 @dataclass(eq=False)
 class NoTape(HgogenError):
-    """A function, or a symbol, that no arithmetic of the proofs knows."""
+    """A function or a symbol that no arithmetic of the proofs knows."""
 
     what: str
     expression: str
 
     @property
     def reason(self) -> Reason:
-        """Why no arithmetic takes it."""
+        """The reason, with functions to write instead."""
         pattern = (
             "no rule for {what} in {expression}; write it with + - * / ** sqrt exp log, trigonometric and hyperbolic "
             "functions, Abs, sign, floor, Heaviside, Min, Max or Piecewise, of declared symbols, or as a table"
@@ -415,7 +410,7 @@ class NoTape(HgogenError):
 
 
 class Instruction(NamedTuple):
-    """A value of a tape.
+    """An instruction of a tape, which computes one value.
 
     `op`: "symbol" (`value`: its index), "number" (a Fraction), "constant" ("pi" or "e"), "add", "mul", "min", "max",
     "and", "or" (two `args`), "power" (`value`: the whole exponent), "root" (`value`: a rational exponent that is not
@@ -432,7 +427,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Tape:
-    """The `instructions` in order, which read `symbols` by index; `outputs` says where each expression stands."""
+    """A straight-line program: `instructions` that read `symbols` by index, and the index of each output."""
 
     symbols: tuple[sp.Symbol, ...]
     instructions: tuple[Instruction, ...]
@@ -440,7 +435,7 @@ class Tape:
 
 
 def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
-    """The tape of some expressions in the given symbols.
+    """The tape of some expressions in given symbols.
 
     Raises: `NoTape` for a function without a rule, an undeclared symbol, an infinite or complex number.
     """
@@ -457,7 +452,7 @@ class _Writer:
         self.known: dict[sp.Basic, int] = {}
 
     def place(self, node: sp.Basic) -> int:
-        """The index of the value of `node`. Its parts come first, and without recursion: expressions may be deep."""
+        """The index of the value of `node`, after those of its parts; without recursion, for deep expressions."""
         stack = [node]
         while stack:
             top = stack[-1]

@@ -1,11 +1,10 @@
-"""The memory of a step that is called, and what runs it: compiled C, Python, and C for many records at once.
+"""Memory and engines of a step that is called from Python: compiled C, Python, and C for many logs at once.
 
-The memory is one record in the layout of the C (`emit.layout`), on which both readers work where it lies. They compute
-the same bits, so they may take turns at any sample.
+The memory is one NumPy record in the layout of the C structs (`emit.layout`), on which both engines work in place. They
+compute the same bits, so the engine may change at any sample.
 
-Many records run in lanes (`targets.lanes`) by threads, or one by one where there are none: the same bits again. What a
-record starts from and its parameters are a scalar record of `emit.layout`, whose numbers in their order are those of
-the memory in lanes.
+Many logs run in SIMD lanes (`targets.lanes`) by threads, or one by one where the step has no lanes, with the same bits.
+The initial state and the parameters of a log are a record of `emit.layout`; the memory in lanes has the same order.
 """
 
 import ctypes
@@ -39,9 +38,9 @@ from hgogen.stepping.guards import UNINITIALISED
 
 
 class StepMemory:
-    """The memory of one step in the precision `real`, `places` of it by name, and what can be called on it.
+    """The memory of a step in the precision `real`, its `places` by name, and the functions that can be called on it.
 
-    `signals`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
+    `signals`: the numbers u, then y, of a sample in that precision; `outputs`: the estimate, then the traces.
     """
 
     def __init__(self, step: Step, real: Real) -> None:
@@ -55,25 +54,24 @@ class StepMemory:
         self._new = bytes(self.state)
 
     def reset(self) -> None:
-        """The state as before the first call."""
+        """Set the state to that before the first call."""
         self.state[:] = self._new
 
     def saved(self, state: Any) -> bytes:
-        """A state that was saved, as its bytes. Raises: `BadShape` for what is no bytes; `NotSaved` for what is
-        damaged, or of another program."""
+        """The bytes of a saved state. Raises: `BadShape`; `NotSaved` for a damaged state or one of another program."""
         if not isinstance(state, bytes | bytearray | memoryview):
             raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
         return opened(self.step, self.real, bytes(state), len(self.state))
 
-    def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
-        """Return the engine of a record, with the memory tuned: the one that is requested, else the step's own,
-        else C where there is a compiler.
+    def ready(self, engine: Engine | None, default: Engine | None) -> Engine:
+        """Return the engine for a log, with the memory tuned: the requested `engine`, else the step's `default`, else C
+        where there is a compiler.
 
         Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
         """
         if not among(engine, (None, "c", "python")):
             raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
-        engine = engine or own
+        engine = engine or default
         if engine is None and not native.compiler():
             warnings.warn(str(native.NoCompilerWarning.__doc__), native.NoCompilerWarning, stacklevel=3)
         engine = engine or native.engine()
@@ -81,7 +79,7 @@ class StepMemory:
         return engine
 
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
-        """The functions of a reader by name, which are made at the first time.
+        """The functions of an engine by name, built at the first call.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """
@@ -93,7 +91,7 @@ class StepMemory:
 
     def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
-        with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+        with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
             u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
         n, traces = len(self.step.states), len(self.step.observer.traces)
         step, status = self.entries(engine)["step"], np.zeros(len(y), self.step.layout.word)
@@ -115,7 +113,7 @@ class StepMemory:
         return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
-        """The C function of each entry, of one address, which a thread finishes before another has its turn."""
+        """The C functions by name, bound to this memory; they hold the GIL, so that no two threads run them at once."""
         step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -130,7 +128,7 @@ class StepMemory:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """A step in a precision; equal are those that are made of the very same parts, as steps that were remembered."""
+    """A step in a precision, as a cache key: two are equal if their parts are identical objects."""
 
     step: Step
     real: Real
@@ -150,7 +148,7 @@ class _Program:
 
 @lru_cache(maxsize=32)
 def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
-    """The C of a program, written once for a compiler; nobody reads it, so it says nothing of what is proved."""
+    """The compiled C of a program, for a compiler; its comments omit the proofs."""
     step, real = program.step, program.real
     unread = {"observer": replace(step.observer, claims=tuple)}
     step = Step(**{each.name: getattr(step, each.name) for each in fields_of(Step)} | unread)
@@ -159,14 +157,14 @@ def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
 
 Array = np.ndarray
 Starts = Mapping[str, Any] | Sequence[bytes]
-Started = Callable[[Mapping[str, float]], bytes]  # of the plant's state by name: the state of a step that starts there
+Started = Callable[[Mapping[str, float]], bytes]  # from the plant's state by name to the step's initial state
 
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """The inputs `u` (B, N, m), or (N, m) for all, and measurements `y` (B, N, p), or (N, p), of `count` records on a
-    step; the `parameters` of each, (B, size) or (size) for all, by their places; the `states` from which they start,
-    one for all or one for each; none where they go on from that of the step."""
+    """The data of `count` logs (B) for a step: inputs `u` (B, N, m), or (N, m) for all; measurements `y` (B, N, p), or
+    (N, p); `parameters` by their places, (B, size) or (size) for all; and initial `states`, one for all or one for
+    each, none to continue from the state of the step."""
 
     u: Array
     y: Array
@@ -176,8 +174,7 @@ class Records:
 
     @classmethod
     def of(cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started) -> "Records":
-        """The records on the step of a memory, as a caller gives them. Raises: `BadShape`, `BadNames`; `NotSaved`;
-        what `started` raises."""
+        """The logs from a caller's arguments. Raises: `BadShape`, `BadNames`; `NotSaved`; errors of `started`."""
         step = memory.step
         y = _signals("y", y, step.samples, None)
         u = _signals("u", u, step.inputs, y.shape[-2])
@@ -202,14 +199,14 @@ class Records:
         states = {row: memory.saved(started(dict(zip(columns, row, strict=True)))) for row in dict.fromkeys(rows)}
         return cls(u, y, number, varied, [states[row] for row in rows])
 
-    def memory(self, k: int, own: "StepMemory", base: bytes, engine: Engine) -> int:
-        """Make `own` the memory from which record k starts, on that of the step, `base`; returns what tuning says."""
-        own.whole[:] = base
+    def prepare(self, k: int, memory: "StepMemory", base: bytes, engine: Engine) -> int:
+        """Set `memory` to the initial one of log k, from the memory `base` of the step; return the status of `tune`."""
+        memory.whole[:] = base
         if self.states:
-            own.state[:] = self.states[k % len(self.states)]
+            memory.state[:] = self.states[k % len(self.states)]
         for place, values in self.parameters.items():
-            own.places[place][:] = values[k] if values.ndim == 2 else values
-        return own.entries(engine)["tune"]() if self.parameters else 0
+            memory.places[place][:] = values[k] if values.ndim == 2 else values
+        return memory.entries(engine)["tune"]() if self.parameters else 0
 
 
 def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
@@ -219,7 +216,7 @@ def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
 
 
 def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
-    """The values (B, size), or (size) for all, of what varies. Raises: `BadShape`."""
+    """The values (B, size), or (size) for all, of the given parameters. Raises: `BadShape`."""
     known = tunable(step)
     if not isinstance(parameters, Mapping):
         wanted = f"is no mapping from some of {', '.join(known)} to numbers"
@@ -231,7 +228,7 @@ def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
 
 
 def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
-    """Signals (B, N, number), or (N, number) for all records, which may be given as for one. Raises: `BadShape`."""
+    """Signals (B, N, number), or (N, number) for all logs, with the forms that one log may have. Raises: `BadShape`."""
     if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) != 3:
         return table(name, value, signals, rows)
     array, width = unmasked(value), len(signals)
@@ -243,7 +240,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
 
 
 def _values(name: str, value: Any, size: int) -> Array:
-    """Numbers (B, size), or (size) for all records. Raises: `BadShape`."""
+    """Numbers (B, size), or (size) for all logs. Raises: `BadShape`."""
     array = reals(name, value)
     array = array[..., None] if size == 1 else array
     if array.ndim not in (1, 2) or array.shape[-1] != size:
@@ -253,18 +250,17 @@ def _values(name: str, value: Any, size: int) -> Array:
 
 
 MOST_THREADS = 1000
-CHUNK = 64  # records whose signals a thread holds at a time
-ALIGNED, LANES = 64, 16  # bytes of the widest register, and how many numbers it holds
-Memories = Callable[[int], memoryview]  # of the number of a record: what it starts from
-Each = Callable[[int, int], object]  # is told how many records are done, and of how many
+CHUNK = 64  # logs that a thread processes at a time
+ALIGNED, LANES = 64, 16  # bytes of the widest register, and its size in numbers
+Memories = Callable[[int], memoryview]  # from the number of a log to its initial memory
+Each = Callable[[int, int], object]  # called with the number of finished logs and of all logs
 
 
 @dataclass(frozen=True)
 class Batch:
-    """The results of many records: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by
-    name where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
-    (B, bytes) of the states at their ends, which `seal` makes what is saved; `tuned` (B): what `tune` says of each
-    one's parameters, 0 for ok."""
+    """The results of many logs: estimates `x` (B, N, n) of the states `names`, `status` (B, N), requested `traces`
+    (B, N) by name; `engine`: "lanes", or the engine that ran them one by one; `memory` (B, bytes): the final states,
+    which `seal` turns into saved states; `tuned` (B): the status of `tune` for each log's parameters, 0 for ok."""
 
     x: Array
     names: tuple[str, ...]
@@ -277,13 +273,13 @@ class Batch:
 
     @property
     def states(self) -> tuple[bytes, ...]:
-        """The state that each record leaves, as `save` gives it: the `starts` of what comes after."""
+        """The final state of each log as a saved state, for `starts` of the next logs."""
         return tuple(map(self.seal, map(bytes, self.memory)))
 
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """The engines of many records, of a step in the precision `real`."""
+    """The engines for many logs, of a step in the precision `real`."""
 
     step: Step
     real: Real
@@ -292,20 +288,20 @@ class Many:
     def run(
         self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """The records from the memory `base` on. Raises: `BadGain` for jobs that are no number, and what is not to be
-        called; `Misfit`."""
+        """The results of logs that start from the memory `base`. Raises: `BadGain` for jobs that are no number, and for
+        `each` that cannot be called; `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
-        number, own, word = records.count, self.spare, self.step.layout.word
+        number, spare, word = records.count, self.spare, self.step.layout.word
         results, tuned = _Results.of(self.step, records.y.shape[-2], number, traces, self.real), np.zeros(number, word)
         lanes = self.lanes if engine == "c" else None
         threads = (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)
 
         def memory(k: int) -> memoryview:
-            tuned[k] = records.memory(k, own, base, engine)
-            return own.whole
+            tuned[k] = records.prepare(k, spare, base, engine)
+            return spare.whole
 
-        own.entries(engine)
+        spare.entries(engine)
         alone = self._alone(records, memory, results, engine)
         for done in lanes.chunks(records.u, records.y, memory, results, threads) if lanes else alone:
             if each:
@@ -324,7 +320,7 @@ class Many:
         )
 
     def _alone(self, records: Records, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
-        """The records one by one; how many are done."""
+        """Run the logs one by one, and yield the number of finished ones."""
         for k in range(results.records):
             memory(k)
             signals = (array[k] if array.ndim == 3 else array for array in (records.u, records.y))
@@ -337,12 +333,12 @@ class Many:
 
     @cached_property
     def spare(self) -> StepMemory:
-        """A memory that is no caller's."""
+        """A memory that no caller can see."""
         return StepMemory(self.step, self.real)
 
     @cached_property
     def lanes(self) -> "_Lanes | None":
-        """The step in lanes; None where it has none, or the compiler does not know them."""
+        """The step in lanes; None where it has none, or the compiler does not support them."""
         try:
             files = targets.lanes(self.step, real=self.real)
             return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.machine_flags())))
@@ -352,8 +348,8 @@ class Many:
 
 @dataclass(frozen=True, eq=False)
 class _Results:
-    """The results with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
-    for lanes without a record; and the states (B, bytes) at their ends."""
+    """The results with the logs along the last axis: x (N, n, B), traces (N, number, B), status (N, B), padded for
+    lanes without a log; and the final states (B, bytes)."""
 
     records: int
     traced: bool
@@ -381,8 +377,7 @@ class _Lanes:
     library: ctypes.CDLL
 
     def chunks(self, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
-        """Run all records by threads, chunk by chunk, and yield how many are done. No more chunks wait than there are
-        threads."""
+        """Run all logs by threads, chunk by chunk, and yield the number of finished ones. Few chunks wait at a time."""
         done, waiting = 0, deque[Future[int]]()
         with ThreadPoolExecutor(jobs) as pool:
             for first in range(0, results.records, CHUNK):
@@ -397,7 +392,7 @@ class _Lanes:
                 yield done
 
     def _run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
-        """The records from number `first` on, as many as there are; returns how many."""
+        """Run the logs from number `first` on, one for each row of `records`, and return their number."""
         u, y = (_side_by_side(array, first, len(records), DTYPE[self.real]) for array in (u, y))
         begun = self._begun(records, len(results.x))
         memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
@@ -419,8 +414,7 @@ class _Lanes:
         return len(records)
 
     def _begun(self, records: Array, samples: int) -> Array:
-        """The numbers of the records (B, bytes) whose first call, where there is a sample, begins anew, for they lack
-        the mark, the first of a state; now they have it."""
+        """Initialise the records (B, bytes) without the mark of a state, if there are samples; return their numbers."""
         fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
         if not (self.step.layout.mark and samples):
             return np.array([], int)
@@ -440,8 +434,7 @@ class _Lanes:
 
     @cached_property
     def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
-        """For each type of numbers their places in the memory and in a record, counted in such numbers, and their types
-        there."""
+        """The positions of the numbers of each type in lanes and in a record, in units of their size, and the types."""
         record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
         assert record.fields
         parts = [record.fields[part] for part in ("state", "params")]
@@ -455,7 +448,7 @@ class _Lanes:
         return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
 
     def _memory(self, records: Array) -> Array:
-        """The memory (blocks, bytes) of records (B, bytes); lanes without a record do what the last does."""
+        """The memory in lanes (blocks, bytes) of records (B, bytes); lanes without a log repeat the last one."""
         blocks, size = -(-len(records) // self.width), self._size("size")
         room = np.zeros(ALIGNED + blocks * size, np.uint8)
         start = -room.ctypes.data % ALIGNED
@@ -486,9 +479,9 @@ def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
 
 
 def _side_by_side(array: Array, first: int, records: int, kind: type) -> Array:
-    """Signals (B, N, m) from record `first` on as (N, m, at least `records`), with room for whole registers; those that
-    all records have as they are."""
-    with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+    """Signals (B, N, m) from log `first` on as (N, m, CHUNK), logs along the last axis; common signals (N, m) as they
+    are."""
+    with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
         if array.ndim == 2:
             return np.ascontiguousarray(array, dtype=kind)
         room = np.zeros((*array.shape[1:], CHUNK), kind)

@@ -1,17 +1,15 @@
-"""A campaign: one step on one trial, many times, each with noise, first states and parameters of its own.
+"""Monte Carlo campaigns: many runs of a step on a trial, with random noise, initial states and parameters.
 
-What varies are first states, parameters and noise of the plant, each within an interval. The draws are a Latin
-hypercube: of each quantity, one draw lies in each of N equal parts of its interval, in an order of its own. The
-observer knows of none of them: it keeps its nominal parameters and the trial's estimate. Run k has the noise of seed k
-and draw k of all: its numbers are the same whoever computes it, and after whatever was computed before. Runs go out in
-batches, to processes of this machine or of a Dask cluster (`Workers`); what comes back are numbers only. Runs that
-share their inputs are taken by the compiled step at once, which gives of each, byte for byte, what `trial.tried` gives.
-Source: McKay, Beckman, Conover, Technometrics 21 (1979).
+Initial states, parameters and noise of the plant vary, each within an interval. The draws are a Latin hypercube: one
+draw of each quantity lies in each of N equal parts of its interval, in a random order. The observer keeps its nominal
+parameters and the trial's estimate. Run k has the noise of seed k and draw k, so its numbers do not depend on the
+process that computes it or on other runs. Runs are distributed in batches to processes of this machine or of a Dask
+cluster (`Workers`), which return numbers only. The compiled step computes runs with the same inputs together, with the
+same bytes as `trial.tried`. Source: McKay, Beckman, Conover, Technometrics 21 (1979).
 
-Its results are in a file: a head that names the campaign, then a line of JSON for each run as it comes. Anything may
-have happened to the file since. A line counts only where it can be one of this campaign: its run has the
-values that were drawn for it, and its metrics are those of this trial and of these states. What the runs say together
-are quantiles of their numbers, of which some bytes a run are remembered.
+A file of results has a head that identifies the campaign, then a line of JSON for each run in the order of completion.
+As the file may have been changed, a line counts only if it can be one of this campaign: the run has its drawn values,
+and metrics of this trial and these states. `Tally` computes quantiles over the runs, from a few stored bytes for each.
 """
 
 import json
@@ -44,20 +42,20 @@ from hgogen.system import System
 from hgogen.trial import BadTrial, Feed, OrnsteinUhlenbeck, Plant, Trajectory, Trial, feeds, first_memory, tried
 
 MOST_JOBS = 1000  # processes
-TIMEOUT = "10s"  # until a scheduler answers
+TIMEOUT = "10s"  # for the answer of a scheduler
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 
 class NoScheduler(BadArgument):
-    """A scheduler that does not answer."""
+    """An error: a scheduler does not answer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Workers(Generic[Shared]):
-    """Who works: `jobs` processes, None for one for each core, 1 for none but this; or a cluster, of which `scheduler`
-    is the address. `shared` is what every piece of work is told.
+    """Processes for parallel work: `jobs` of this machine, None for one on each core, 1 for this process alone; or
+    those of the cluster with the address `scheduler`. `shared`: data that every piece of work reads.
 
     Raises: `BadGain` for jobs that are no number.
     """
@@ -71,8 +69,8 @@ class Workers(Generic[Shared]):
             count("jobs", self.jobs, 1, MOST_JOBS)
 
     def results(self, work: Callable[[Shared, Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
-        """Yield the results of `work(shared, piece)`, as they come, in no order; `work`: a function of a module.
-        Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises."""
+        """Yield the results of `work(shared, piece)` in the order of completion; `work`: a function of a module.
+        Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; errors of `work`."""
         if self.jobs == 1 and self.scheduler is None:
             yield from (work(self.shared, piece) for piece in pieces)
             return
@@ -105,13 +103,11 @@ def _worked(work: Callable[[Any, Any], Any], sent: bytes, piece: Any) -> Any:
 
 
 MOST = 10_000_000  # runs
-MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
-BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
-FEWEST_SAMPLES = (
-    5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
-)
-MOST_NUMBERS = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
-STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
+MANY = 64  # runs from which compiling the plant's integrator saves time
+BATCH, ALONE = 64, 8  # runs of a batch; where each run simulates the plant
+FEWEST_SAMPLES = 5_000_000  # samples from which compiling the step in lanes saves time
+MOST_NUMBERS = 1 << 20  # most measured numbers of runs that are computed together
+STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # names of whole groups of quantities
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
 _SHARE = re.compile(rf"({_NUMBER})%")
@@ -144,7 +140,7 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """`values` (N, k) of `varied` (k)."""
+    """The drawn `values` (N, k) of the quantities `varied` (k)."""
 
     varied: Annotated[tuple[Varied, ...], "what varies from run to run"]
     values: np.ndarray
@@ -154,7 +150,7 @@ class Draws:
 
     @property
     def truth_varies(self) -> bool:
-        """Whether the plant's truth differs from draw to draw."""
+        """Whether the simulated plant differs from draw to draw."""
         return any(each.what != "noise" for each in self.varied)
 
     def named(self, row: int) -> dict[str, float]:
@@ -162,7 +158,7 @@ class Draws:
         return dict(zip((each.name for each in self.varied), map(float, self.values[row]), strict=True))
 
     def trial(self, trial: Trial, row: int) -> Trial:
-        """The trial with the first states and the noise of a draw."""
+        """The trial with the initial states and the noise of a draw."""
         pairs = list(zip(self.varied, map(float, self.values[row]), strict=True))
         start = {each.name: value for each, value in pairs if each.what == "start"}
         factor = math.prod(value for each, value in pairs if each.what == "noise")
@@ -187,7 +183,7 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign: `step` on `trial` so many times, `draws` of what varies, by `engine`."""
+    """A campaign: runs of `step` on `trial`, one for each of the `draws`, by `engine`."""
 
     step: CallableStep
     trial: Trial
@@ -201,8 +197,8 @@ class Campaign:
 
     @property
     def digest(self) -> str:
-        """A digest of what the numbers of a run depend on, the program of the step as its C: a file of results of
-        another campaign has another. Where nothing but the seed varies, a run does not depend on how many there are."""
+        """A digest of everything on which the numbers of a run depend (the program of the step as C), which identifies
+        the campaign of a file of results. Where only the seed varies it does not depend on the number of runs."""
         step, plant = self.step, self.plant
         scenario = {name: value for name, value in vars(self.trial).items() if name != "seeds"}
         scenario |= {"inputs": {name: sp.srepr(sp.sympify(one)) for name, one in self.trial.inputs.items()}}
@@ -213,20 +209,19 @@ class Campaign:
     def run(
         self, numbers: Sequence[int] | None = None, jobs: int | None = None, scheduler: str | None = None
     ) -> Iterator[Outcome]:
-        """The outcomes of runs as they come, in no order; of all runs by default.
+        """The outcomes of runs, by default of all, in the order of completion.
 
-        `jobs`: processes, by default one for each core, 1 for none but this; `scheduler`: the address of a Dask
-        cluster.
+        `jobs`: processes, by default one for each core, 1 for this one; `scheduler`: the address of a Dask cluster.
 
-        Raises: `BadGain` for a number that is none; `BadTrial` of a trial that does not fit its plant; `NoScheduler`
-        where none answers; `NotInstalled` without the package of a cluster.
+        Raises: `BadGain` for a number of no run; `BadTrial` for a trial that does not fit its plant; `NoScheduler` for
+        a scheduler that does not answer; `NotInstalled` without the package of a cluster.
         """
         last = len(self.draws) - 1
         wanted = range(last + 1) if numbers is None else [count("run", number, 0, last) for number in numbers]
         return _outcomes(self, wanted, jobs, scheduler)
 
     def drawn(self, numbers: Sequence[int]) -> Draws:
-        """The draws of runs."""
+        """The draws of some runs."""
         return replace(self.draws, values=self.draws.values[list(numbers)])
 
 
@@ -241,8 +236,8 @@ def campaign(
 ) -> Campaign:
     """A campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000, vary="x0").run())`.
 
-    Args: `runs` how many, from 1 to 10^7; `vary` as in `varied`, None for noise alone; `seed` of the
-    draws; `engine` as in `Step.run`.
+    Args: `runs` their number, 1 to 10^7; `vary` as in `varied`, None for noise alone; `seed` of the draws; `engine` as
+    in `Step.run`.
 
     Raises: `Misfit`; `BadVariation`; `BadCampaign`.
     """
@@ -256,7 +251,7 @@ def campaign(
 
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    # meets what does not fit, and compiles once for all
+    # raises errors of the trial, and compiles once for all processes
     ready = Ready(replace(each, draws=each.drawn(())), len(each.draws))
     size = ALONE if each.draws.truth_varies else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
@@ -266,12 +261,11 @@ def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, schedule
 
 
 class Ready:
-    """A campaign with what its runs share: the plant's equations, the step's first memory, and where nothing moves the
-    plant from run to run, its truth.
+    """A campaign with the data that its runs share: the plant's equations, the step's initial memory, and the simulated
+    truth where it is the same for all runs.
 
-    `runs`: how many there are, few of which are not worth what is compiled for many.
-
-    Raises: `BadTrial` of a trial that does not fit its plant.
+    `runs`: their number, which decides whether compiling saves time. Raises: `BadTrial` for a trial that does not fit
+    its plant.
     """
 
     def __init__(self, campaign: Campaign, runs: int) -> None:
@@ -286,47 +280,45 @@ class Ready:
             with suppress(BadTrial):
                 self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
         compiled, samples = campaign.engine == "c", len(self._plant.times)
-        numbers_held = (
-            (ALONE if truth_varies else BATCH if campaign.draws.varied else 1) * samples * len(campaign.plant.outputs)
-        )
-        self._together = compiled and runs * samples >= FEWEST_SAMPLES and numbers_held <= MOST_NUMBERS
+        at_once = ALONE if truth_varies else BATCH if campaign.draws.varied else 1
+        fits = at_once * samples * len(campaign.plant.outputs) <= MOST_NUMBERS
+        self._together = compiled and runs * samples >= FEWEST_SAMPLES and fits
         if compiled:
             run = step.run_many if self._together else step.run
             run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The campaign, which makes it again: a pickle holds no graphs."""
+        """The arguments to build it again, since a pickle has no graphs."""
         return Ready, (self.campaign, self.runs)
 
     def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
-        """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
-        together."""
+        """The outcomes of the runs with these numbers and draws; with equal draws their noise is drawn together."""
         numbers, draws = piece
-        step, engine, made = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
+        step, engine, outcomes = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
             runs, size = feeds(step, self.campaign.trial, self._truth, numbers), self._truth.at_once
         else:
-            runs, size = self._varied(numbers, draws, made), len(numbers)
+            runs, size = self._varied(numbers, draws, outcomes), len(numbers)
         memory = self._memory
         each = together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
         for one in each:
-            made[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
-        return [made[number] for number in numbers]
+            outcomes[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
+        return [outcomes[number] for number in numbers]
 
-    def _varied(self, numbers: Sequence[int], draws: Draws, made: dict[int, Outcome]) -> Iterator[Feed]:
-        """The runs of draws; of those without a truth the outcome is `made`."""
+    def _varied(self, numbers: Sequence[int], draws: Draws, outcomes: dict[int, Outcome]) -> Iterator[Feed]:
+        """The runs of the draws; a run whose plant cannot be simulated has its failure in `outcomes` instead."""
         for row, number in enumerate(numbers):
             trial = draws.trial(self.campaign.trial, row)
             try:
                 truth = self._truth or self._plant.truth(trial.start, draws.parameters(row))
             except BadTrial as error:
-                made[number] = Outcome(number, draws.named(row), None, error.reason)
+                outcomes[number] = Outcome(number, draws.named(row), None, error.reason)
             else:
                 yield from feeds(self.campaign.step, trial, truth, [number])
 
 
 def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
-    """The compiled step over runs with the same inputs, each from the memory `start`, so many at once."""
+    """The trajectories of the compiled step on runs with the same inputs, from the memory `start`, `size` at once."""
     runs = iter(runs)
     for first in runs:
         some = [first, *islice(runs, size - 1)]
@@ -346,7 +338,7 @@ class BadVariation(BadArgument):
 
 
 def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
-    """So many draws, the same ones for the same seed."""
+    """The `count` draws of a Latin hypercube, reproducible by the seed."""
     rng = np.random.default_rng([seed, count])
     shares = [(rng.permutation(count) + rng.random(count)) / count for _ in varied]
     columns = [each.low + share * (each.high - each.low) for each, share in zip(varied, shares, strict=True)]
@@ -363,7 +355,7 @@ def varied(requested: str | Mapping[str, str | float | None], plant: System, tri
     pairs = _split(requested) if isinstance(requested, str) else requested.items()
     listed: dict[str, Varied] = {}
     for name, width in pairs:
-        for each in _of(name, width, plant, trial):
+        for each in _quantities(name, width, plant, trial):
             if each.name in listed:
                 raise BadVariation(name, f"{each.name} varies already; name it once")
             listed[each.name] = each
@@ -378,7 +370,7 @@ def _split(text: str) -> Iterator[tuple[str, str | None]]:
         yield name, width or None
 
 
-def _of(name: str, width: str | float | None, plant: System, trial: Trial) -> Iterator[Varied]:
+def _quantities(name: str, width: str | float | None, plant: System, trial: Trial) -> Iterator[Varied]:
     states, parameters = ({s.name: s for s in signals} for signals in (plant.states, plant.parameters))
 
     def start(state: Signal) -> Varied:
@@ -448,13 +440,13 @@ def results_head(each: Campaign) -> str:
 
 
 def results_line(one: Outcome) -> str:
-    """The line of an outcome; infinite numbers stand as Python's JSON writes them."""
+    """The line of an outcome, with infinite numbers as Python's JSON writes them."""
     return json.dumps(asdict(one)) + "\n"
 
 
 def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:
-    """The outcome of each line behind the head, None for one that holds no outcome of this campaign. Raises:
-    `BadCampaign` for the file, called `name`, of another campaign."""
+    """The outcome of each line after the head, None for a line without an outcome of this campaign. Raises:
+    `BadCampaign` for a file `name` of another campaign."""
     for number, one in enumerate(lines):
         if number:
             yield outcome(each, one)
@@ -463,7 +455,7 @@ def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome
 
 
 def outcome(each: Campaign, text: str) -> Outcome | None:
-    """The outcome of a campaign that a line holds; None where it holds none."""
+    """The outcome of a campaign in a line; None for a line without one."""
     try:
         row = json.loads(text)
         values = row["metrics"]
@@ -476,26 +468,26 @@ def outcome(each: Campaign, text: str) -> Outcome | None:
     failed = one.metrics is None and isinstance(one.failed, str) and one.failed != "" and one.failed.isprintable()
     if each.draws.varied:
         drawn = _is_count(one.run, len(each.draws) - 1) and one.varied == each.draws.named(one.run)
-    else:  # of noise alone there may be more runs than are asked for now
+    else:  # with noise alone the file may have more runs than requested now
         drawn = _is_count(one.run, MOST - 1) and one.varied == {}
     return one if drawn and (failed or _was_measured(each, one)) else None
 
 
 def _was_measured(each: Campaign, one: Outcome) -> bool:
-    """Whether metrics have the events of the trial, the states of the step, and values that they can have: the error
-    of an estimate that escaped is infinite, or NaN."""
-    trial, made = each.trial, one.metrics
-    if made is None or one.failed != "" or made.seed != one.run or made.engine not in ("c", "python"):
+    """Whether metrics have the events of the trial, the states of the step, and possible values; a diverged estimate
+    has an infinite or NaN error."""
+    trial, values = each.trial, one.metrics
+    if values is None or one.failed != "" or values.seed != one.run or values.engine not in ("c", "python"):
         return False
     samples = round(trial.duration / each.step.dt) + 1
     longest = samples * each.step.dt
     return (
-        [response.time for response in made.responses] == list(trial.events)
-        and all(_is_response(response, longest, samples) for response in made.responses)
-        and isinstance(made.rms, Mapping)
-        and list(made.rms) == [state.name for state in each.step.states]
-        and all(_is_number(value, 0, math.inf, nan=True) for value in made.rms.values())
-        and _is_count(made.clamped, samples)
+        [response.time for response in values.responses] == list(trial.events)
+        and all(_is_response(response, longest, samples) for response in values.responses)
+        and isinstance(values.rms, Mapping)
+        and list(values.rms) == [state.name for state in each.step.states]
+        and all(_is_number(value, 0, math.inf, nan=True) for value in values.rms.values())
+        and _is_count(values.clamped, samples)
     )
 
 
@@ -516,7 +508,7 @@ def _is_number(value: Any, low: float, high: float, nan: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Spread:
-    """A quantity over the runs; None, which counts as the worst, for what never happened."""
+    """Quantiles of a quantity over the runs; None, which counts as the worst, for an event that never happened."""
 
     name: Annotated[str, "the quantity"]
     low: Annotated[float | None, "5 % quantile; null: never"]
@@ -527,30 +519,30 @@ class Spread:
 
 
 class Tally:
-    """The numbers of so many runs, told one after the other, each once: times to settle after each event, steady errors
-    by state, and the largest theta where it moves; `unit`: that of the plant's time.
+    """Statistics of the outcomes of runs, added one by one: times to settle after each event, steady errors by state,
+    and the largest theta where it adapts; `unit`: that of the plant's time.
 
-    `failed`: runs without a truth, of which `failure` is the first; `last`: the outcome that was told last.
+    `failed`: the number of runs whose plant cannot be simulated, `failure` the first; `last`: the last outcome.
     """
 
     def __init__(self, runs: int, unit: str = "s") -> None:
         self.failed = 0
         self.failure: Outcome | None = None
         self.last: Outcome | None = None
-        self._unit, self._seen, self._names = unit, bytearray(runs), list[str]()
+        self._unit, self._added, self._names = unit, bytearray(runs), list[str]()
         self._runs, self._numbers = array("q"), array("d")
 
     def __len__(self) -> int:
         return len(self._runs) + self.failed
 
     def __contains__(self, run: int) -> bool:
-        return bool(self._seen[run])
+        return bool(self._added[run])
 
     def add(self, one: Outcome) -> None:
-        """Tell an outcome."""
+        """Add an outcome, each run once."""
         if one.run in self:
             return
-        self._seen[one.run], self.last = 1, one
+        self._added[one.run], self.last = 1, one
         if one.metrics is None:
             self.failed += 1
             self.failure = one if self.failure is None or one.run < self.failure.run else self.failure
@@ -565,7 +557,7 @@ class Tally:
         self._numbers.extend(np.inf if value is None or np.isnan(value) else value for value in numbers.values())
 
     def spreads(self) -> list[Spread]:
-        """Over the runs that were integrated."""
+        """The quantiles of each quantity over the runs that have metrics."""
         runs = np.frombuffer(self._runs, dtype=np.int64)
         order, table = np.argsort(runs), np.frombuffer(self._numbers).reshape(len(runs), len(self._names))
         columns = zip(self._names, table.T, strict=True)
@@ -573,8 +565,7 @@ class Tally:
 
 
 def _spread_of(name: str, values: np.ndarray, runs: np.ndarray) -> Spread:
-    """The quantiles of what happened in some order of lateness, infinity for never; "inverted_cdf" gives a value that
-    some run had."""
+    """The quantiles of a quantity, infinite where an event never happened; "inverted_cdf" gives a value of some run."""
     quantiles = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf")
     worst = int(np.argmax(values))
     low, middle, high, most = (float(value) if np.isfinite(value) else None for value in (*quantiles, values[worst]))

@@ -5,29 +5,29 @@ Observers have the same truth, noise and sampling period, and the same first est
     convergence    time to settle after the start and after each jump, the median of the seeds (`metrics.criterion`)
     steady error   its root mean square over the trial's steady part, the median of the seeds
     peaking        the largest rise of the error of each state after an event, over its range, of all seeds: max |e(t)|
-                   until the next event less the |e| at the event itself, which is the start's or the jump's doing
+                   until the next event less the |e| at the event itself, which the start or the jump causes
     cost           operations of one call, bytes of the state
-    proved         the bound of each state's error, where a model says how large noise and the like are at most, and the
-                   worst that all seeds show of it from when on it holds (`seen`)
+    proved         the bound of each state's error, where a model declares bounds of noise and the like, and the largest
+                   error over all seeds from the time on at which the bound holds
 
 The range of a state: `metrics.ranges`.
 
-C and Python evaluate the same operations in double precision. Until theta first rises they can differ by rounding
-only; while theta is high the gain multiplies what little differs, so from there on the times to settle are
-compared. Of a run in float, as small firmware makes it, and one in double,
+C and Python evaluate the same operations in double precision. Until theta first rises they can differ by rounding only.
+While theta is high the gain amplifies small differences, so from there on the times to settle are compared. A run in
+float, as on small firmware, is compared with one in double:
 
     difference = max over samples of |x_float - x_double|, over the width of the state's range, else over its peak
 
-where samples at which one of them is no number do not count.
+without samples at which one of them is not a finite number.
 
-Of an observer with a covariance, V falls from call to call, and S keeps bounds:
+For an observer with a covariance, V should decrease from call to call, and S stay within bounds:
 
     V_k = e' S e,   S = P^-1, e = z - z(x) after the sample k;   scaled S = theta^g Delta^-1 S Delta^-1
 
-Theorems on such observers have V' <= -alpha V and alpha_1 <= scaled S <= alpha_2 with constants that are existential
-(Boizot, Busvelle, Gauthier, Automatica 46 (2010)); g is 1 where theta scales Q alone, else 0 (`scaling`). These are
-theirs on one trajectory of a trial, without noise: shown in trials, and proved of no other one. Where V has
-fallen to a millionth since an event, rounding and the step's remainder begin to count, and the rest is left out.
+Theorems on such observers have V' <= -alpha V and alpha_1 <= scaled S <= alpha_2 with unknown constants (Boizot,
+Busvelle, Gauthier, Automatica 46 (2010)); g is 1 where theta scales Q alone, else 0 (`scaling`). `falling` measures
+these constants on one trajectory of a trial without noise, which proves nothing. Once V has fallen to a millionth since
+an event, rounding and the step's truncation error dominate, and the later samples are omitted.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -86,7 +86,7 @@ def measured(
     tick: Callable[[], None],
     known: ErrorBound | None = None,
 ) -> Measured:
-    """The step of tuning `name` over the trial's seeds; `tick` is called after each. `known`: what is proved of it."""
+    """The measures of the step of tuning `name` over the seeds; `tick` is called after each; `known`: the proof."""
     each = []
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
@@ -113,7 +113,7 @@ def measured(
 
 
 def rises(trajectory: Trajectory) -> np.ndarray:
-    """Return how far the |error| of each state (n) rises above what it is at an event, the largest over the events."""
+    """Return the largest rise of each state's |error| (n) above its value at an event, over all events."""
     error, t = np.abs(trajectory.error), trajectory.truth.t
     begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
     largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
@@ -122,7 +122,7 @@ def rises(trajectory: Trajectory) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BoundedError:
-    """The error of a state in a trial beside its bound."""
+    """The largest error of a state in a trial, and its proved bound."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -132,7 +132,7 @@ class BoundedError:
 
 
 def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[BoundedError, ...]:
-    """Return the error and bound of each state that has a bound; none where it is not known from when on they hold."""
+    """Return the error and bound of each state that has a bound; none where the time until they hold is unknown."""
     if known.settles is None:
         return ()
     t, events = trajectory.truth.t, np.asarray(trajectory.trial.events)
@@ -147,13 +147,13 @@ def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: Erro
 
 
 def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
-    """The worst of all trajectories by the name of each state that has a bound; None where none of them tells."""
+    """The largest error over all trajectories of each state with a bound, by name; None where all end before."""
     rows = [one for trajectory in each for one in bounded_errors(states, trajectory, known) if one.worst is not None]
     return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}
 
 
-ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1e-16, forgotten within 1e2 steps
-COARSE = 1e-3  # of a state's range: more than rounding does where nothing amplifies it
+ROUNDING = 1e-11  # of the trajectory's peak: about 1e3 operations a step with errors of 1e-16, damped in 1e2 steps
+COARSE = 1e-3  # of a state's range: more than rounding causes without amplification
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Agreement(Encoded):
 
 
 def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
-    """Two trajectories of one trial and seed, with their metrics."""
+    """The agreement of two trajectories of one trial and seed, with their metrics."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
     difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
@@ -200,7 +200,7 @@ def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics],
 
 @dataclass(eq=False)
 class Disagree(HgogenError):
-    """C and Python do not say the same."""
+    """An error: C and Python differ by more than rounding."""
 
     status: ClassVar[int] = 1
     failed: tuple[Agreement, ...]
@@ -235,15 +235,17 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
         gap, size = np.abs(single[signal.name] - double[signal.name]), np.abs(double[signal.name])
         gap, peak = np.where(np.isfinite(gap), gap, 0.0), float(size[np.isfinite(size)].max(initial=0.0))
         width = signal.interval[1] - signal.interval[0]
-        scale, of = (width, "range") if signal.bounded else (peak, "peak")
+        scale, kind = (width, "range") if signal.bounded else (peak, "peak")
         at = int(np.argmax(gap))
         share = float(gap[at]) / scale if scale else float(gap[at] > 0)
-        each.append(Difference(signal.name, signal.unit, float(gap[at]), float(single.t[at]), share, scale, of, status))
+        each.append(
+            Difference(signal.name, signal.unit, float(gap[at]), float(single.t[at]), share, scale, kind, status)
+        )
     return tuple(each)
 
 
 def coarse(each: Sequence[Difference], unit: str) -> Iterator[str]:
-    """A sentence for each state that float moves by more than rounding does, and one for statuses that differ."""
+    """A sentence for each state that differs in float by more than rounding, and one for statuses that differ."""
     for one in each:
         if one.share > COARSE:
             yield (
@@ -254,7 +256,7 @@ def coarse(each: Sequence[Difference], unit: str) -> Iterator[str]:
         yield f"in float, samples whose status is another than in double: {each[0].status}"
 
 
-SMALL = 1e-6  # share of the largest V since an event, up to which V has fallen
+SMALL = 1e-6  # share of the largest V since an event, below which samples are omitted
 
 
 @dataclass(frozen=True)
@@ -280,7 +282,7 @@ class Falling:
 
 
 def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> Falling | None:
-    """Return the decay of V of a step whose covariance is that of its estimate; None of another. Raises: as
+    """Return the decay of V of a step whose covariance is that of its estimate, None for others. Raises: as
     `hgogen.trial.try_out`."""
     known = uncertainty(step)
     if known is None or known.members is not None:
@@ -306,7 +308,7 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
 
 
 def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """P (N, n, n) and e (N, n) of the form's coordinates, from those of the plant's states as declared."""
+    """P (N, n, n) and e (N, n) in the form's coordinates, from those of the plant's states as declared."""
     x, inputs = ca.SX.sym("x", len(run.names)), ca.SX.sym("u", u.shape[1])
     symbols = dict(zip(form.system.declared.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(form.system.inputs, ca.vertsplit(inputs), strict=True)) if u.shape[1] else {}
@@ -321,7 +323,7 @@ def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np
 
 
 def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:
-    """V_(k+1)/V_k and the time, of the calls between two events, while V is not small."""
+    """Yield V_(k+1)/V_k and the time of the calls between two events, until V is small."""
     for begin, end in pairwise((*trial.events, np.inf)):
         here = (t >= begin - 1e-9) & (t < end - 1e-9)
         level, time = V[here], t[here]

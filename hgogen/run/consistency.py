@@ -1,37 +1,37 @@
-"""Statistics of residuals and of measured noise: are they white, as large as declared, and how many are independent?
+"""Statistics of residuals and of measured noise: whiteness, consistency with a covariance, standard deviations.
 
     N (N + 2) sum_k r_k^2/(N - k)   is chi-square with K degrees of freedom
 
-of the first K autocorrelations r_k of N numbers that are white (Ljung and Box). Those of a model that is too simple
-follow each other: then tau of them tell as much as one, tau = 1 + 2 sum_k r_k up to the first that is not positive.
+for the first K autocorrelations r_k of N white numbers (Ljung and Box). Residuals of a model that is too simple are
+correlated: tau of them have the information of one independent residual, tau = 1 + 2 sum_k r_k over the first r_k > 0.
 
     sigma = 1.4826 median |e|,   c = 1.345 sigma,   rho(e) = c^2 (sqrt(1 + (e/c)^2) - 1),   psi = rho'
 
-The median is not moved by wrong residuals, as long as they are fewer than half. An estimate that minimises the sum of
-rho has the covariance of least squares with the variance E psi^2/(E psi')^2: so a residual tells psi(e)/E psi'.
+Outliers do not change the median as long as they are fewer than half. An estimate that minimises the sum of rho has the
+covariance of least squares with the variance E psi^2/(E psi')^2, so the influence of a residual is psi(e)/E psi'.
 
 Quantiles of chi-square are Wilson and Hilferty's (1931), within 4 % from 5 degrees of freedom on. Sources: G. M. Ljung,
 G. E. P. Box, Biometrika 65 (1978); T. Soederstroem, P. Stoica, System Identification (1989), chapter 11; Huber, Robust
 Statistics (1981), chapters 5 and 7.
 
-An observer is consistent if its errors are as large as it says, and nothing in them could be predicted:
+An observer is consistent if its errors agree with its covariance and its innovations are white:
 
     NIS  = mean of e_k^2/s_k over the N samples of an output:  N NIS is chi-square with N degrees of freedom
     NEES = mean of x~' P^-1 x~ over samples with a truth:      N NEES/tau is so with n N/tau
 
-e the innovation, s the variance that the observer takes it to have; x~ the error of the n states whose truth is known,
-P their covariance, tau how many errors tell as much as one, since errors follow each other also where all is right.
-Whiteness is tested of e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to
-tracking and navigation" (2001), 5.4.
+e is the innovation, s its variance by the observer, x~ the error of the n states whose truth is known, P their
+covariance. tau counts correlated errors as above, since errors are correlated also in a consistent observer. The test
+of whiteness uses e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to tracking
+and navigation" (2001), 5.4.
 
-From a record without excitation follow the noise and the thresholds of an innovation:
+A log without excitation gives the noise and the thresholds of an innovation:
 
     sigma: standard deviation about a straight line;  tau: the lag at which the autocorrelation falls to 1/e
     s^2 = (2/N) (1 + 2 sum_{k=1..N-1} (1 - k/N) rho^k),  rho = exp(-2 dt/tau),  N = d/dt
     gamma_0 = sigma^2 d (1 + k s),  k = 6.5,  gamma_1 = 2 gamma_0
 
-sigma^2 d is the mean of the innovation when nothing but noise is there, s its standard deviation over that mean. The
-mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is exceeded four times in ten; it is the foot.
+sigma^2 d is the mean of the innovation of pure noise, s its standard deviation over that mean. The innovation exceeds
+the mean alone, the threshold of Boizot, Busvelle, Gauthier 2010, four times in ten; gamma_0 is above it by k s.
 """
 
 import math
@@ -48,13 +48,13 @@ from hgogen.run.samples import BadShape, Run
 from hgogen.sentence import Encoded
 
 Array = np.ndarray
-LAGS = 20  # correlations that a test of whiteness asks at most
-LEAST = 3  # samples for each of them
+LAGS = 20  # most autocorrelations in a test of whiteness
+LEAST = 3  # fewest samples for each of these
 NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
 OF_MEDIAN = 1.4826  # sigma over the median of |e|
-CORNER = 1.345  # c over sigma: 5 % less than the best where all residuals are right
+CORNER = 1.345  # c over sigma, with an efficiency of 95 % for normal residuals
 ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding
-WRONG = 5.0  # sigma: what lies beyond is an outlier
+WRONG = 5.0  # in units of sigma: larger residuals are outliers
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Whiteness(Encoded):
 
 
 def whiteness(e: Array) -> Whiteness | None:
-    """Ljung and Box's test of a sequence (N,); None where it is too short, or stands still."""
+    """Ljung and Box's test of a sequence (N,); None where it is too short or constant."""
     N = len(e)
     lags = min(LAGS, N // LEAST)
     r = correlations(e, lags)
@@ -90,40 +90,40 @@ def whiteness(e: Array) -> Whiteness | None:
 
 
 def correlations(e: Array, lags: int) -> Array | None:
-    """The first autocorrelations of a sequence (N,), N - 1 at most; None where it stands still."""
-    e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # exactly so, and without squares that overflow
+    """The first autocorrelations of a sequence (N,), N - 1 at most; None where it is constant."""
+    e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # scaled by a power of two, so that no square overflows
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
     if not power > 0:
         return None
-    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2  # of twice the length, so that its ends do not meet
+    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2  # padded to twice the length, against circular correlation
     return np.asarray(np.fft.irfft(spectrum)[1 : min(lags + 1, len(e))] / power)
 
 
 def quantile(p: float, freedom: float) -> float:
-    """Return the quantile of chi-square with so many degrees of freedom, p one of `NORMAL`."""
+    """Return the p-quantile of chi-square with `freedom` degrees of freedom, p a key of `NORMAL`."""
     spread = 2 / (9 * freedom)
     return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
 
 
 def alike(residuals: Array) -> float:
-    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
+    """The number tau of residuals (N,) that have the information of one independent residual."""
     r = correlations(residuals, len(residuals))
     return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
 
 
 def deviation(residuals: Array) -> float:
-    """sigma of residuals (N) in units of their output's scale."""
+    """The robust standard deviation sigma of residuals (N), in units of their output's scale."""
     return max(OF_MEDIAN * float(np.median(np.abs(residuals))), ROUNDING)
 
 
 def corner(residuals: Array) -> float:
-    """c of residuals (N)."""
+    """The corner c of the loss rho for residuals (N)."""
     return CORNER * deviation(residuals)
 
 
 def influence(residuals: Array, c: float) -> Array:
-    """Return the influence of each residual (N)."""
+    """Return the influence psi(e)/E psi' of each residual (N)."""
     growth = 1 + (residuals / c) ** 2
     share = float(np.mean(growth**-1.5))
     return np.asarray(residuals / np.sqrt(growth) / share)
@@ -168,7 +168,7 @@ class Consistency:
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
 
     def sentences(self) -> tuple[str, ...]:
-        """Return a sentence for each statistic that is not as the observer says."""
+        """Return a sentence for each statistic that contradicts the observer's covariance."""
         sentences = []
         for one in self.outputs:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
@@ -204,7 +204,7 @@ def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consisten
         return Consistency((), None)
     s = [None] * e.shape[1] if variances is None else list(variances.T)
     each = tuple(map(_output_consistency, run.outputs, e.T, s))
-    return Consistency(each, _of_states(run, truth or {}))
+    return Consistency(each, _states_consistency(run, truth or {}))
 
 
 def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
@@ -216,11 +216,11 @@ def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
     normed = e / np.sqrt(s[there])
     band = (quantile(0.025, count) / count, quantile(0.975, count) / count)
     root = rms(normed)
-    nis = root * root  # which is infinite, and not an error, where it is too large
+    nis = root * root  # infinite, and not an error, on overflow
     return OfOutput(name, count, size, nis, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
 
 
-def _of_states(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
+def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
     names, P = tuple(truth), run.covariance
     for name, values in truth.items():
         if np.shape(values) != run[name].shape:
@@ -257,20 +257,20 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
             yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}; {_LATER}"
 
 
-SPREADS = 6.5  # standard deviations of the quiet innovation between its mean and gamma_0
-LEAST_SAMPLES = 100  # samples without which a standard deviation and a correlation say little
+SPREADS = 6.5  # standard deviations of the innovation of noise between its mean and gamma_0
+LEAST_SAMPLES = 100  # fewest samples for a standard deviation and a correlation
 
 
 class TooLittle(BadArgument):
-    """A record too short, or without any noise, to learn from."""
+    """A log that is too short, or has no noise, for an estimate of noise."""
 
 
 class BadInterval(BadArgument):
-    """An interval of time that is not in the record."""
+    """An interval of time that is not in the log."""
 
 
 class BadWindow(BadArgument):
-    """A window shorter than the sampling period or longer than the quiet part."""
+    """A window shorter than the sampling period or longer than the part without excitation."""
 
 
 @dataclass(frozen=True)
@@ -290,8 +290,8 @@ class Suggestion:
 
 
 def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
-    """The mask of the times t (N,), N >= 2, evenly spaced, that lie in begin..end; None: from the first, to the last;
-    times in the unit. Raises: `BadInterval` unless the interval lies within the log, to a sample."""
+    """The mask of the evenly spaced times t (N,), N >= 2, in begin..end (None: the first, the last); `unit` of the
+    times. Raises: `BadInterval` unless the interval lies within the log, up to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
@@ -302,8 +302,8 @@ def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit:
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
-    """sigma, tau and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`, both in the
-    unit. Raises: `TooLittle`, `BadWindow`."""
+    """The noise and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`; `unit`: that of
+    both times. Raises: `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST_SAMPLES:
         least = f"give at least {LEAST_SAMPLES} from a quiet part of the record"
@@ -345,7 +345,7 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
     there = np.isfinite(residual).astype(float)
     value = np.where(there > 0, residual, 0.0)
     variance = float(np.sum(value**2) / np.sum(there))
-    size, half = 2 * len(value), len(value) // 2  # of twice the length, so that the ends do not meet
+    size, half = 2 * len(value), len(value) // 2  # padded to twice the length, against circular correlation
     sums, pairs = np.fft.irfft(np.abs(np.fft.rfft([value, there], size)) ** 2, size)[:, 1:half]
     last = 1.0
     for lag, now in enumerate((sums / np.maximum(np.rint(pairs), 1.0) / variance).tolist(), 1):
@@ -360,7 +360,7 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
 
 
 def spread(window: int, dt: float, tau: float) -> float:
-    """Standard deviation over mean of the innovation of pure noise over `window` samples."""
+    """The standard deviation over the mean of the innovation of pure noise over `window` samples."""
     if tau == 0:
         return math.sqrt(2 / window)
     k = np.arange(1, window)

@@ -1,27 +1,27 @@
-"""An observer in continuous time: its equations integrated, to compare a step with, and its frequency response.
+"""An observer in continuous time: a reference solution for its steps, and its frequency response.
 
-    Ode       field' = rhs as it stands
+    Ode       field' = rhs
     Riccati   z' = f(z, u) + S^-1 C' R_theta^-1 (y - h),  S' = -F'S - S F + C' R_theta^-1 C - S Q_theta S
 
-u is on the line between samples, or held, and y on the line between two valid samples, as in a step. Guards, the
-innovation and an adaptive theta act at the samples, as in a step: theta is held between them, a decaying one decays on.
-The predictors of the innovation go by 16 steps of classical Runge-Kutta a sample.
+Between samples u is interpolated linearly or constant, and y interpolated between two valid samples, as in a step.
+Guards, the innovation and an adaptive theta act at the samples, as in a step: theta is constant between them, but a
+decaying theta decays continuously. The predictors of the innovation use 16 steps of classical Runge-Kutta a sample.
 
-So with a constant theta, Euler, Heun and RK4 converge to it with orders 1, 2 and 4 as dt -> 0; with an adaptive one RK4
-does where the innovation, too, goes by RK4 (its default, Heun, leaves order 2). Continuous-discrete converges with
-order 1, because it applies dt (y - h) at the samples in place of the integral, and so does a decaying theta, which a
-step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
+So with a constant theta, Euler, Heun and RK4 converge to it with orders 1, 2 and 4 as dt -> 0. With an adaptive theta
+RK4 does if the innovation also uses RK4 (its default, Heun, gives order 2). Continuous-discrete converges with order 1,
+because it applies dt (y - h) at the samples in place of the integral. So does a decaying theta, which is constant
+during a step. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
 
-The frequency response of the linear error core says what measurement noise does to an estimate:
+The frequency response of the linear error core describes the effect of measurement noise on an estimate:
 
     continuous   H(j w) = E (j w - M)^-1 B                    x' = M x + B y,  estimate = E x
     a step       H(z) = E (z - Phi)^-1 (Gamma_1 z + Gamma_0)  x+ = Phi x + Gamma_1 y+ + Gamma_0 y,  z = e^(j w dt)
 
-|H| is the amplitude of the steady error over that of a sinusoidal noise, the model's nonlinear terms left out: the
-larger theta, the less they count. Phi and Gamma are those of the method's own update, y on the line between samples. A
-gain that adapts is taken where the core is the fastest, a saturation as not active. Beyond pi/dt a tone aliases: H is
-then what is seen at the samples. Source: Astolfi, Marconi, Praly, Teel, "Sensitivity to high-frequency measurement
-noise of nonlinear high-gain observers", NOLCOS (2016).
+|H| is the amplitude of the steady error over that of a sinusoidal noise, without the model's nonlinear terms, which
+matter less for a larger theta. Phi and Gamma are those of the method's update, with y interpolated between samples. A
+gain that adapts has the value of the fastest core, and saturations are inactive. Beyond pi/dt a tone aliases: H is then
+the response at the samples. Source: Astolfi, Marconi, Praly, Teel, "Sensitivity to high-frequency measurement noise of
+nonlinear high-gain observers", NOLCOS (2016).
 """
 
 from collections.abc import Callable, Mapping
@@ -50,22 +50,22 @@ from hgogen.stepping.machine import Bound, Machine, Reading, casadi_block
 
 FINE = repeated(RK4, 16)
 TIME = Place("work", "time")  # since the last sample
-# CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
+# CVODES bounds a step's local error; it restarts at each sample, where u and y have a kink.
 OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
 
 
 class CannotIntegrate(BadArgument):
-    """The continuous observer cannot be followed over an interval between samples."""
+    """A continuous observer that CVODES cannot integrate between two samples."""
 
     text = "the continuous equations of {what} cannot be integrated over a sample of {reason}"
 
 
 @requires((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
 def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
-    """The continuous observer at the samples of a record, gains and parameters at their nominal values.
+    """The continuous observer at the samples of a log, gains and parameters at their nominal values.
 
-    Args: `source`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
-    NaN for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
+    Args: `source`: an observer, or a step, whose dt and between are used; `u` (N) or (N, m), `y` (N) or (N, p), NaN for
+    a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
 
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """
@@ -92,22 +92,22 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
 
 @dataclass(frozen=True)
 class Continuous:
-    """The method that leaves differential equations as they are."""
+    """The method that keeps differential equations, for CVODES to integrate."""
 
     name: str = "CVODES"
     equations: tuple[str, ...] = ()
     prediction: None = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return the pieces of all fields of a part at once."""
+        """Return the pieces of a part, for all its fields together."""
         return self._flow_pieces(part, clock, lambda graph, time: graph)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """z and S, theta as it is between two samples."""
+        """Return the pieces of z and S, with theta constant or decaying between two samples."""
 
         def now(graph: Graph, time: Graph) -> Graph:
             if not isinstance(part.theta, Decaying):
-                return graph  # theta is held
+                return graph  # theta is constant
             theta = 1 + (part.theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
             return ca.substitute(graph, part.theta.value, theta)
 
@@ -130,13 +130,14 @@ class Continuous:
         block = Block(
             f"{', '.join(start)} by CVODES: their rates",
             {Place("state", name): now(ca.SX(rate), time) for name, rate in rates.items()},
-            {"time": time, **start},  # named so that they count as read, whether or not a rate needs them
+            {"time": time, **start},  # named, so that the block reads them even if no rate does
         )
         return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
 
 
 def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
-    """A block that reads the time gives rates, along which its places move until the next sample."""
+    """The function of a block. For a block that reads the time, CVODES integrates its values, which are the rates of
+    its places, until the next sample."""
     arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
     if arrays.pop(TIME, None) is None:
         return casadi_block(block, arguments)
@@ -170,7 +171,7 @@ class NoResponse(BadArgument):
 
 
 class BadFrequency(BadArgument):
-    """Frequencies that are none."""
+    """An argument that is no frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ class Response:
     to each of the n `states`.
 
     `dt` (s) is that of the step, None in continuous time. `coordinates` is "plant", or "form" where the plant's states
-    are nonlinear in the form's, which `states` then names. `held` has the fields that adapt, at the values taken.
+    are nonlinear in the form's, which `states` then names. `held`: the adapting fields at their constant values.
     """
 
     omega: np.ndarray
@@ -192,20 +193,19 @@ class Response:
 
     @property
     def gain(self) -> np.ndarray:
-        """|H| (K, n, p)."""
+        """The magnitude |H| (K, n, p)."""
         return np.asarray(np.abs(self.H))
 
     @property
     def aliased(self) -> np.ndarray:
-        """The mask of the frequencies (K,) beyond the Nyquist frequency pi/dt of a step: H is then that of the
-        alias."""
+        """The mask of the frequencies (K,) beyond the Nyquist frequency pi/dt, where H is that of the alias."""
         return np.asarray(self.omega > (np.inf if self.dt is None else np.pi / self.dt))
 
 
 def response(source: Observer | Step, omega: Any) -> Response:
-    """The response of an observer in continuous time, or as discretised by a step, at the frequencies `omega` (K,)
-    (rad/s), all gains and parameters as declared. Raises: `NoResponse` for an observer without a linear error core;
-    `BadFrequency`, `BadGain`."""
+    """The response of an observer in continuous time, or of a step, at the frequencies `omega` (K,) (rad/s), with all
+    gains and parameters as declared. Raises: `NoResponse` for an observer without a linear error core; `BadFrequency`,
+    `BadGain`."""
     step = source if isinstance(source, Step) else None
     observer = step.observer if step else source
     if not isinstance(observer, Observer):
@@ -235,7 +235,7 @@ def pace(observer: Observer) -> tuple[float, float]:
 
 
 def _linear_core(observer: Observer) -> tuple[Ode, Core]:
-    """The part that has a linear error core, and that core. Raises: `NoResponse`."""
+    """The part with a linear error core, and the core. Raises: `NoResponse`."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]
     for part in odes:
         line = core(part, len(observer.form.output))
@@ -248,7 +248,7 @@ def _linear_core(observer: Observer) -> tuple[Ode, Core]:
 
 
 def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tuple[np.ndarray, tuple[str, ...], str]:
-    """E (n, N), the names of its rows, and whose coordinates they are."""
+    """The matrix E (n, N), the names of its rows, and their coordinates, "plant" or "form"."""
     form = observer.form
     known = {**values, **{Place("state", field.name): np.array(field.initial) for field in part.fields}}
     strange = {address(symbol)[0] for symbol in ca.symvar(observer.z)} - known.keys()
@@ -263,7 +263,7 @@ def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tupl
 
 
 def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phi (N, N), Gamma_0 and Gamma_1 (N, p): the method's update of the linear part alone, at unit vectors."""
+    """The matrices Phi (N, N), Gamma_0 and Gamma_1 (N, p): the method's update of the linear part, at unit vectors."""
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.dt, step.clock.between, m, p))
@@ -284,7 +284,7 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
 
 
 def _linear(part: Ode) -> Ode:
-    """The part without what is nonlinear, its adapting fields as constants."""
+    """The part without its nonlinear terms, and with its adapting fields as constants."""
     linear, moving = part.linear, tuple(field for field in part.fields if field.name not in part.frozen)
     fixed = {name: ca.SX(ca.DM(values)) for name, values in part.frozen.items()}
     assert linear is not None

@@ -1,10 +1,10 @@
-"""How much of a state-affine plant's state each window of a record shows: persistence as numbers.
+"""Persistence of excitation of a state-affine plant: observability Gramians of windows along a log.
 
     Phi' = A(u, y) Phi,  Phi(s) = I,   W(s, d) = D (integral_s^(s+d) Phi' C' R^-1 C Phi) D
 
-along inputs and measurements, D the half-widths of the states' ranges (1 without one). A smallest eigenvalue e says
-that within d the output tells the direction seen least to a variance 1/e times that of the box. A record may refute
-that its windows show every state; it proves nothing of another. Source: `estimators.persistence`.
+along inputs and measurements, D the half-widths of the states' ranges (1 without one). With a smallest eigenvalue e a
+window d determines the least observable direction with a standard deviation of 1/sqrt(e) half-widths. A log may refute
+that every window makes every state observable; it proves nothing about another log. Source: `estimators.persistence`.
 """
 
 from typing import Any
@@ -22,15 +22,15 @@ from hgogen.reading.given import BadGain, Misfit, by_output, positive, reals
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
 
-HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
+HIDDEN = 1e-12  # of the largest eigenvalue: smaller ones are rounding
 
 
 def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
-    """W over every window of `d` (s) along a record, for a form `forms.state_affine`.
+    """The Gramians W of every window of `d` (s) along a log, for a form `forms.state_affine`.
 
-    Args: `R` (p) as of the observer, by name too, y^2 s; `u` (N, m), `y` (N, p), all numbers, `dt` (s) apart.
+    Args: `R` (p) as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p), all finite, `dt` (s) apart.
 
-    Raises: `BadGain`; `Misfit` for no form.
+    Raises: `BadGain`; `Misfit` for an argument that is no form.
     """
     if not isinstance(form, Form):
         raise Misfit("excitation.along", form, "a form: hg.forms.state_affine(plant)")
@@ -51,8 +51,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved.
-    Raises: `Misfit`."""
+    """The check that every window of a log makes every state observable, refuted or unknown. Raises: `Misfit`."""
     if not isinstance(id, str):
         raise Misfit("excitation.shown, id=", id, "the name of the claim")
     if not isinstance(gramian, Gramian):
@@ -85,7 +84,7 @@ def _record(name: str, values: Any, size: int) -> np.ndarray:
 
 
 def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A (N - 1, n, n) and C (N - 1, p, n) half way between samples, parameters nominal."""
+    """The matrices A (N - 1, n, n) and C (N - 1, p, n) half way between samples, at nominal parameters."""
     m, p = len(dynamics.form.system.inputs), y.shape[1]
     inputs, outputs = ca.SX.sym("u", m), ca.SX.sym("y", p)
     z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
@@ -100,7 +99,7 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _pieces(A: np.ndarray, C: np.ndarray, R: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Phi and W of each step, A and C constant over it: the exponential to order 4, the integral by Simpson's rule."""
+    """The matrices Phi and W of each step, for constant A and C: the exponential to order 4, Simpson's rule."""
     weight = np.swapaxes(C, 1, 2) @ np.diag(1 / R) @ C
     hA, half = dt * A, dt / 2 * A
 

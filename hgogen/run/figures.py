@@ -1,7 +1,7 @@
-"""Figures of a trial or of a measured record, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
+"""Figures of a trial or of a measured log, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
 
-Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with
-its thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
+One panel for each state, with the truth black, the estimate red and measurements light grey; then the innovation with
+its thresholds, and theta. As SVG and PNG; the same numbers give the same bytes.
 """
 
 import io
@@ -44,16 +44,16 @@ GREEK = (
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
-COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
-PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
+COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # most columns of a legend; inches of its rows, lines and letters
+PARTS = 100  # parts of the time axis in which the largest error is drawn, since errors cross 0
 COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
-LINE, EDGE = 80, 0.03  # letters of a line over a panel; inches between a label and the edge of the page
+LINE, EDGE = 80, 0.03  # letters of a panel's title; inches between a label and the edge of the page
 DASHES = ("-", "--", ":", "-.")
 FAR = 1e300
-BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
-MARKED = "#6f6f6f"  # what was measured, as marks
-SLOW = 0.5  # of the samples: a sensor that gives fewer is drawn as marks
-_ROOM = 1.5  # above and below what is drawn, so that there are two ticks at least
+BINS = 700  # parts of the time axis in each of which a line has its smallest and its largest value
+MARKED = "#6f6f6f"  # colour of measurements drawn as marks
+SLOW = 0.5  # share of samples below which a sensor's values are drawn as marks
+_ROOM = 1.5  # factor of the margins above and below the lines, for at least two ticks
 _LOOKS: Any = {
     "continuous": {"color": ESTIMATE, "marker": "."},
     "step": {"color": TRUTH, "linestyle": "--", "marker": "."},
@@ -64,7 +64,7 @@ Points = Sequence[tuple[float, float]]
 
 @rc_context(STYLE)
 def states(step: Step, trajectory: Trajectory) -> Figure:
-    """A panel for each state: truth, estimate, and what was measured of it."""
+    """A panel for each state: truth, estimate, and its measurement."""
     t, true = trajectory.truth.t, trajectory.truth.x
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
@@ -80,7 +80,7 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
 
 @rc_context(STYLE)
 def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
-    """A panel for each output (N, p): what was measured, and what the fitted plant gives."""
+    """A panel for each output (N, p): the measured values and those of the fitted plant."""
     figure, axes = panels(len(plant.outputs), t, plant.time)
     for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
         axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
@@ -92,12 +92,12 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
-    """A panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
+    """A panel for each of the `traces` (N,) by name, with the thresholds of the innovation, and theta from 0 on."""
     first = [name for name in ("innovation", "theta") if name in traces]
-    shown = [*first, *(name for name in traces if name not in first)]
+    names = [*first, *(name for name in traces if name not in first)]
     fields = {field.name: field for field in step.layout.state}
-    figure, axes = panels(len(shown), t, step.time, top=0.24)
-    for axis, name in zip(axes, shown, strict=True):
+    figure, axes = panels(len(names), t, step.time, top=0.24)
+    for axis, name in zip(axes, names, strict=True):
         values = traces[name]
         if name == "innovation":
             _innovation(axis, step, t, values)
@@ -122,9 +122,11 @@ def errors(
     unit: str = "s",
     bounds: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
-    """A panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
-    line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
-    `events`: no line rises before. `bounds`: by the name of a state, what is proved of its error once it has settled.
+    """A panel for each state: the largest |estimate - truth| in each of `PARTS` parts of the time, on a logarithmic
+    axis, with a line for each observer and a legend on the right.
+
+    `of`: errors (N, n) of one seed by observer. A part ends at each of the `events`, so that no line rises before one.
+    `bounds`: the proved bound of the settled error, by state.
     """
     cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
     first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
@@ -136,8 +138,8 @@ def errors(
         axis.set_yscale("log")
         for k, (name, error) in enumerate(of.items()):
             size = np.maximum.reduceat(np.abs(error[:, i]), first)
-            shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
-            axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look(k))
+            positive = np.where(size > 0, size, np.nan)  # 0 has no logarithm
+            axis.plot(t[first], positive, label=name, drawstyle="steps-post", **look(k))
         if signal.name in bounds:
             axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
         caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
@@ -147,8 +149,8 @@ def errors(
 
 @rc_context(STYLE)
 def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
-    """Two panels over theta: the time to settle, and the largest noise of an estimate, over its state's range; a line
-    for each observer, named beside them. `settled`, `noise`: (theta, value) by observer."""
+    """Two panels over theta: the time to settle, and the largest noise of an estimate over its state's range, with a
+    line for each observer and a legend on the right. `settled`, `noise`: pairs (theta, value) by observer."""
     margin = HANDLE + LETTER * max(map(len, noise))
     figure, axes = panels(
         2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), margin=margin
@@ -166,7 +168,7 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
 
 
 def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
-    """The figure with its lines named on the right."""
+    """Add a legend on the right of a figure, and return the figure."""
     at = (figure.axes[0].get_position().x1 + 0.01, 1.0)
     figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
     return figure
@@ -174,7 +176,7 @@ def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[st
 
 @rc_context(STYLE)
 def response(continuous: Response, sampled: Response, unit: str) -> Figure:
-    """A panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
+    """A panel for each state, |H| over omega: of the linear error core and, dashed, of its step."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     figure, axes = panels(len(continuous.states), continuous.omega, unit)
@@ -197,18 +199,18 @@ def look(k: int) -> Any:
 
 
 def measured_as(step: Step, state: Signal) -> int | None:
-    """The output that is this state, if one is."""
+    """The index of the output that is this state; None without one."""
     output = step.observer.form.system.output
     return output.index(state) if state in output else None
 
 
 def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
-    """The innovation on a logarithmic axis: quiet and loud differ by orders of magnitude."""
+    """Draw the innovation on a logarithmic axis, since it varies by orders of magnitude."""
     axis.set_yscale("log")
     at, drawn = thin(t, np.where(values > 0, values, np.nan))
     axis.plot(at, drawn, color=TRUTH)
     if (values > 0).any():
-        axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
+        axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # the innovation may be close to 0
     aligned = {"gamma_0": "top", "gamma_1": "bottom", "centre": "center"}
     for gain in step.layout.gains:
         if gain.name in aligned:
@@ -230,7 +232,7 @@ def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
 
 
 def _symbol(name: str) -> str:
-    """x1 as x with an index, eta as the Greek letter; a longer name as it is."""
+    """The symbol of a name: x1 as x with an index, eta as the Greek letter, longer names unchanged."""
     match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
     if not match or (len(match[1]) > 1 and match[1] not in GREEK):
         return name
@@ -239,12 +241,12 @@ def _symbol(name: str) -> str:
 
 
 def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
-    """Panels below one another; `top`, `beside`: inches above and to the right of them."""
+    """Panels below one another; `top`, `margin`: inches above them and on the right."""
     height, width = PANEL * panels + top + BOTTOM, WIDTH + margin
     figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
-    left, right = 0.105 * WIDTH / width, 0.955 * WIDTH / width
-    figure.subplots_adjust(left=left, right=right, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
+    sides = {"left": 0.105 * WIDTH / width, "right": 0.955 * WIDTH / width}
+    figure.subplots_adjust(**sides, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
     grid[-1].set_xlabel(f"time ({unit})")
     grid[-1].set_xlim(float(t[0]), float(t[-1]))
     figure.align_ylabels(grid)
@@ -252,17 +254,17 @@ def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0
 
 
 def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
-    """Says what a panel shows."""
+    """Set the label and the title of a panel."""
     symbol = "$I_d$" if name == "I_d" else _symbol(name)
     axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
     axis.set_title(shorten(meaning, LINE, placeholder=" .."), loc="left", pad=3)
 
 
 def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
-    """Names the lines above the panels, once each."""
+    """Add a legend above the panels, with each name once."""
     lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections)}
     order = [name for name in names if name in lines]
-    room = int(WIDTH / (HANDLE + LETTER * max(map(len, order))))  # for so many columns
+    room = int(WIDTH / (HANDLE + LETTER * max(map(len, order))))  # columns that fit
     figure.legend(
         [lines[name] for name in order],
         order,
@@ -276,8 +278,7 @@ def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth"
 
 
 def thin(t: Array, values: Array) -> tuple[Array, Array]:
-    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps, and what
-    no axis holds is one."""
+    """The samples with which a line looks the same: the extremes of each bin, and gaps for NaN and beyond `FAR`."""
     values = np.where(np.abs(values) < FAR, values, np.nan)
     if len(t) <= 2 * BINS:
         return t, values
@@ -294,7 +295,7 @@ def thin(t: Array, values: Array) -> tuple[Array, Array]:
 
 @rc_context(STYLE)
 def svg(figure: Figure) -> str:
-    """The figure as SVG text; no date, no version, no random ids."""
+    """The figure as SVG text, without date, version and random ids."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     return stream.getvalue()
@@ -310,7 +311,7 @@ def png(figure: Figure) -> bytes:
 
 @rc_context(STYLE)
 def files(name: str, figure: Figure) -> dict[str, bytes]:
-    """NAME.svg and NAME.png, with room on the left for the labels where numbers are long."""
+    """The files NAME.svg and NAME.png, with room on the left for long labels."""
     beyond = -float(figure.get_tightbbox().x0)
     if beyond > 0:
         figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
@@ -338,7 +339,7 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
 
 @rc_context(STYLE)
 def record_innovations(step: Step, t: Array, run: Run) -> Figure:
-    """A panel for each output: its innovations, and the 2 sigma that the observer takes them to have."""
+    """A panel for each output: its innovations, and their 2 sigma by the observer."""
     assert run.innovations is not None  # of a step
     figure, axes = panels(len(step.outputs), t, step.time)
     for j, (axis, signal) in enumerate(zip(axes, step.outputs, strict=True)):
@@ -353,18 +354,17 @@ def record_innovations(step: Step, t: Array, run: Run) -> Figure:
 
 
 def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, width: float) -> None:
-    """A broad line shows beside an estimate that lies on it, a thin one within it; a slow sensor's values are marks."""
+    """Draw measured values as a line, visible below an estimate if broad and above it if thin, or as marks if few."""
     there = np.isfinite(values)
     if there.mean() < SLOW:
-        dark = MARKED if colour == MEASURED else colour  # and above the lines, since a mark is small
+        dark = MARKED if colour == MEASURED else colour  # marks are above the lines, since they are small
         axis.plot(*thin(t[there], values[there]), ".", markersize=4, color=dark, zorder=3, label=label)
     else:
         axis.plot(*thin(t, values), color=colour, linewidth=width, label=label)
 
 
 def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
-    """The widest 2 sigma in each of so many parts of the time that a line needs, on an axis as far as a quarter beyond
-    what else there is: at first it may be vast."""
+    """Draw the band of 2 sigma, the widest in each of `BINS` parts of the time; the axis grows by a quarter at most."""
     bottom, top = axis.get_ylim()
     low, high = (np.where(abs(ends) < FAR, ends, np.nan) for ends in (middle - 2 * sigma, middle + 2 * sigma))
     if len(t) > 2 * BINS:
@@ -377,8 +377,8 @@ def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
 
 @rc_context(STYLE)
 def curve(points: Sequence["Point"], step: Step) -> Figure:
-    """A panel for each state of the form, the bound of what noise does, of each output, and one for the longest dt. The
-    first point is the tuning, a cross beside the lines of the designed gains."""
+    """A panel for each state of the form, with the bound of the error by noise of each output, and one for the longest
+    dt. The first point is the tuning, a cross next to the lines of the designed gains."""
     form, time = step.observer.form, step.observer.form.system.time
     tuning, gains = points[0], sorted(points[1:], key=lambda one: one.about)
     rates = [one.about for one in points]
@@ -398,7 +398,7 @@ def curve(points: Sequence["Point"], step: Step) -> Figure:
     axes[-1].set(ylabel=f"longest dt ({time})", xlabel=f"rate (1/{time}); noise of 1; the tuning: a cross")
     for axis in axes:
         low, high = axis.get_ylim()
-        if low < high:  # where anything is drawn
+        if low < high:  # the panel is not empty
             axis.set_ylim(low / _ROOM, high * _ROOM)
         _in_full(axis.yaxis)
     _in_full(axes[-1].xaxis)
@@ -407,7 +407,7 @@ def curve(points: Sequence["Point"], step: Step) -> Figure:
 
 
 def _in_full(axis: Axis) -> None:
-    """Ticks at 1, 2, 5, 10 and so on, as numbers and not as powers."""
+    """Set ticks at 1, 2, 5, 10 and so on, as numbers and not as powers."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

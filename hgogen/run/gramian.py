@@ -1,29 +1,29 @@
-"""The observability Gramian of a window along a trajectory: how well the window d shows each direction of the state.
+"""The observability Gramian of a window of length d along a trajectory, and an observability measure.
 
     W(t, d) = integral_t^(t+d) Phi' C' C Phi ds,   Phi' = (df/dx) Phi,  Phi(t) = I,  C = dh/dx
 
-along x(t), u(t). The window's innovation, the integral of |y - yhat|^2, of an initial error e is e' W e + o(|e|^2): to
-first order at least the smallest eigenvalue times |e|^2; the eigenvector is the direction that shows least. It carries
-the units of the states: it compares windows, and directions of states of like size. Source: N. Boizot, E. Busvelle,
-J.-P. Gauthier, Automatica 46 (2010), the innovation and its lemma on observability over a window.
+along x(t), u(t). The window's innovation, the integral of |y - yhat|^2, for an initial error e is e' W e + o(|e|^2): at
+least the smallest eigenvalue times |e|^2, whose eigenvector is the least observable direction. W has the units of the
+states, so it compares windows, and directions among states of similar size. Source: N. Boizot, E. Busvelle, J.-P.
+Gauthier, Automatica 46 (2010), the innovation and its lemma on observability over a window.
 
-The observability measure sigma is for the least observable direction v, in shares of the ranges:
+The observability measure sigma of the least observable direction v is in shares of the ranges:
 
     sigma = min over |v| = 1 of  rms_j | R^-1 C(t_j) Phi(t_j, t) S v |,    t_j from t to t + d,   Phi' = (df/dx) Phi
 
-S: half the declared ranges of the states, R: half those of the outputs (of an output without one: half of what it
-takes on), C = dh/dx. It is the smallest singular value of the linearised map from the state to a window of outputs, in
-units of the ranges: an error of the whole range in the direction v moves the outputs by sigma of theirs, in the root
-mean square over the window. Full rank says only that it is not 0; where it is far below the noise of a sensor, no
-observer with that window tells v. It is measured, not proved.
+S: half the declared ranges of the states, R: half those of the outputs (without one, half the range of its values), C =
+dh/dx. sigma is the smallest singular value of the linearised map from the state to a window of outputs, in units of the
+ranges: an error of the whole range in the direction v changes the outputs by the share sigma of their ranges, in the
+root mean square over the window. Full rank means only that sigma is not 0; where it is far below the noise of a sensor,
+no observer with that window can estimate v. It is measured, not proved.
 
-With a trial, t runs along it and d is a tenth of it. Without one the linearisation is frozen at fixed points of the box
-of states and inputs, and d is the longest time that a state takes to cross its range at its fastest there, cut where
-an error grows e^5 fold. A frozen plant may show nothing of what its motion shows, as an induction motor whose flux
-stands still of its speed under an unknown load: how much, a trial tells. A long chain shows its end when it is frozen
-as well, but less than numbers resolve: which of the two it is, is told by the rank of the frozen plant. Source:
-A. Krener, K. Ide, "Measures of unobservability", 48th IEEE CDC (2009), whose local unobservability index is the
-reciprocal of the smallest singular value.
+With a trial, t runs along it and d is a tenth of it. Without one the linearisation is frozen at fixed points of the
+ranges of states and inputs, and d is the longest time in which a state crosses its range at its highest rate, limited
+to growth of an error by e^5. A plant may be observable along a trajectory although its frozen linearisation is not, as
+the speed of an induction motor under an unknown load with a constant flux; a trial measures this. The end of a long
+chain of integrators is observable in the frozen plant, but with a sigma below rounding: the rank of the frozen plant
+decides between the two cases. Source: A. Krener, K. Ide, "Measures of unobservability", 48th IEEE CDC (2009), whose
+local unobservability index is the reciprocal of the smallest singular value.
 """
 
 import math
@@ -49,7 +49,7 @@ from hgogen.system import System
 from hgogen.trial import Trial, simulate, t
 
 _OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
-_PIECES = 10  # of the shortest window: between two starts of a window
+_PIECES = 10  # starts of windows within the shortest one
 
 
 class BadWindows(BadArgument):
@@ -101,12 +101,12 @@ class Gramian(Encoded):
 
 @requires_plant
 def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
-    """The windows `d` along a trial without noise, one value each, in the order of `d`.
+    """The Gramians of windows of the lengths `d` along a trial without noise, one for each length.
 
-    Windows begin every tenth of the shortest; a length is rounded to a whole number of those. A window that spans a
-    jump of the trial follows the plant through the jump. Parameters are nominal.
+    A window begins at every tenth of the shortest length, and lengths are rounded to multiples of that. A window across
+    a jump of the trial follows the plant through the jump. Parameters are nominal.
 
-    Raises: `Misfit`; `BadGain` for what is no time; `BadWindows`, `BadTrial`.
+    Raises: `Misfit`; `BadGain` for a `d` that is no time; `BadWindows`, `BadTrial`.
     """
     if not isinstance(trial, Trial):
         raise Misfit("gramian, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
@@ -121,7 +121,7 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
 
 
 def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.ndarray, np.ndarray]:
-    """The transition matrix (N, n, n) over each piece of the trajectory, and the Gramian (N, n, n) of the piece."""
+    """The transition matrix (N, n, n) over each piece of the trajectory, and its Gramian (N, n, n)."""
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
@@ -141,8 +141,8 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
 
 
 def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: float, pieces: int) -> Gramian:
-    """W over `pieces` steps of length `grid` (s), of transitions and Gramians W_k (N, n, n): sum of Phi' W_k Phi, Phi
-    the product of the transitions before step k; one value for each step at which a whole window begins."""
+    """The Gramians of all windows of `pieces` steps of length `grid` (s), from the transitions and Gramians W_k
+    (N, n, n) of the steps: the sum of Phi' W_k Phi, Phi the product of the transitions before step k."""
     (transitions, gramians), n = steps, len(states)
     count = len(transitions) - pieces + 1
     sums = np.empty((count, n, n))
@@ -154,11 +154,11 @@ def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: 
     return Gramian(pieces * grid, states, start, values[:, 0], values[:, -1], vectors[:, :, 0])
 
 
-_NOTHING = 1e-12  # of a range: above what rounding leaves of an exact 0
-RESOLVED = 1e-3  # of the range of an output: about what a sensor of 10 bits resolves
-_GRID, _FINEST = 200, 4000  # samples of a trial: at least, at most
-_SHARE = 10  # windows one after the other in a trial, and starts of windows in each
-_TURN = 0.5  # what the fastest mode may grow, decay or turn by from one sample to the next
+_NOTHING = 1e-12  # of a range: above the rounding errors of an exact 0
+RESOLVED = 1e-3  # of the range of an output: about the resolution of a sensor of 10 bits
+_GRID, _FINEST = 200, 4000  # fewest and most samples of a trial
+_SHARE = 10  # consecutive windows in a trial, and starts of windows within each
+_TURN = 0.5  # most change |lambda| h of the fastest mode between samples
 _GROWTH, _SAMPLES = 5.0, (20, 1000)
 
 
@@ -199,12 +199,12 @@ class Sight(Encoded):
 
 
 def as_share(value: float, digits: int = 2) -> str:
-    """A share in words: of one that numbers do not resolve, what it is less than."""
+    """A share in words, for one below rounding its bound."""
     return f"{value:.{digits}g}" if value == 0 or value >= _NOTHING else f"less than {_NOTHING:g}"
 
 
 def sight(plant: System, trial: Trial | None = None) -> Sight:
-    """The least seen direction along a trial without noise, else at fixed points of the declared box; parameters are
+    """The observability measure along a trial without noise, or at fixed points of the declared ranges; parameters are
     nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no range, or the model no
     value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
     ranged((*plant.states, *(() if trial else plant.inputs)))
@@ -221,7 +221,7 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """The Sight along the trial, over windows that begin at every hundredth of it."""
+    """The observability measure along the trial, over windows that begin at every hundredth of it."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
@@ -236,7 +236,7 @@ def _along(plant: System, trial: Trial) -> Sight:
 
 
 def _observable_frozen(plant: System) -> bool:
-    """Whether e' = (df/dx) e, y = (dh/dx) e shows all of e at almost every point (x, u) at which it is frozen."""
+    """Whether the linearisation e' = (df/dx) e, y = (dh/dx) e is observable when frozen at almost any point (x, u)."""
     e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
     sides = {**box(plant.signals, plant.nominal), **dict.fromkeys(e, (-1, 1))}
@@ -256,7 +256,7 @@ def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndar
 
 
 def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
-    """sigma and v of one window: its transitions (m, n, n) and its C (m + 1, p, n)."""
+    """The measure sigma and direction v of one window, from its transitions (m, n, n) and its C (m + 1, p, n)."""
     n = C.shape[2]
     Phi, rows = np.eye(n), [C[0]]
     for move, now in zip(transitions, C[1:], strict=True):
@@ -281,7 +281,7 @@ def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[st
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:
-    """The exponential of each matrix of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
+    """The exponentials of matrices (N, n, n), by the series to order 12 for a norm below 1/2, and squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(0, math.ceil(math.log2(2 * norm))) if 0 < norm < math.inf else 0
     small = matrices / 2.0**halvings

@@ -1,8 +1,8 @@
-"""Metrics of a trial: time to settle after each event, steady errors, how theta behaved, when guards acted.
+"""Metrics of a trial: time to settle after each event, steady errors, adaptation of theta, actions of guards.
 
 The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the next one. A
-trial without a band of its own is settled when every error stays within `SHARE` of its state's range, the declared one,
-else that of the truth along the trial.
+trial without a declared band is settled when every error stays within `SHARE` of its state's declared range, else of
+the range of the truth along the trial.
 """
 
 import math
@@ -23,12 +23,12 @@ from hgogen.system import System
 from hgogen.trial import Settled, Trajectory, Trial, noisy, simulate
 
 SHARE = 0.05  # of a state's range
-TRIGGERED = 1.5  # theta above this: the adaptation has been triggered
-CALM = 1.05  # theta under this: Kalman mode again
+TRIGGERED = 1.5  # theta above which the adaptation counts as triggered
+KALMAN = 1.05  # theta below which the observer counts as an extended Kalman filter again
 LATE = 5  # the last fifth of the time between two events is late
-LATCHED = 0.5  # theta above 1.5 in more than this share of the late time: it does not come back
-WARM_UP = 0.05  # the first part of a trial, in which the estimate may be anywhere
-ALARM_SEEDS = 3  # a mean over many windows varies little from seed to seed
+LATCHED = 0.5  # share of the late time with theta above 1.5, from which theta counts as not recovering
+WARM_UP = 0.05  # first share of a trial, in which the estimate may be outside its ranges
+ALARM_SEEDS = 3  # most seeds of an alarm ratio, a mean over many windows that varies little
 ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 
 
@@ -56,7 +56,7 @@ class Metrics:
 
 
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
-    """The trajectory in numbers; `step` is the one that made it."""
+    """The metrics of a trajectory of `step`."""
     trial, t = trajectory.trial, trajectory.truth.t
     pairs = pairwise((*trial.events, math.inf))
     spans = [(begin, (t >= begin - 1e-9) & (t < end - 1e-9)) for begin, end in pairs]
@@ -65,7 +65,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     if step.clock.guarded:
         bits = sum(1 << k for k, bit in enumerate(step.layout.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
         outside = trajectory.status & trajectory.status.dtype.type(bits) != 0
-    else:  # the status says nothing
+    else:  # the status has no bits of guards
         low, high = np.array([s.interval for s in step.states]).T
         outside = ~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1)
     late = t > WARM_UP * trial.duration
@@ -79,7 +79,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """Return the criterion of settled in words; `unit`: that of the plant's time."""
+    """Return the criterion by which a trial is settled, in words; `unit`: that of the plant's time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
@@ -93,7 +93,7 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    """Return the response to an event, in the span that begins there, a mask (N,)."""
+    """Return the response to an event at the time `begin`, in its `span`, a mask (N,)."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
         settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
@@ -108,21 +108,21 @@ def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray
         time=begin,
         settled=settled,
         peak=float(theta.max()),
-        calm=_past(theta >= CALM, step.dt),
+        calm=_past(theta >= KALMAN, step.dt),
         triggers=len(crossings(theta)),
         loud=float(np.mean(late > TRIGGERED)),
     )
 
 
 def _past(holds: np.ndarray, dt: float) -> float | None:
-    """Time (s) from the first sample until what holds, a mask (k,), does so no more; None where it does at the end."""
+    """The time (s) from the first sample until `holds` (k,) is false for good; None if it is true at the end."""
     samples = np.flatnonzero(holds)
     first = int(samples[-1]) + 1 if len(samples) else 0
     return first * dt if first < len(holds) else None
 
 
 def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
-    """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never does."""
+    """The time (s) from the first sample until |error| (k,) remains in the band for `hold`; None for never."""
     samples = round(settled.hold / dt) + 1
     inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
     begins = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
@@ -130,7 +130,7 @@ def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
 
 
 def crossings(theta: np.ndarray) -> np.ndarray:
-    """The samples at which theta has just risen through 1.5."""
+    """The samples at which theta rises through 1.5."""
     above = theta > TRIGGERED
     return np.flatnonzero(above[1:] & ~above[:-1]) + 1
 
@@ -184,22 +184,22 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """The middle of times, where None counts as infinitely late."""
+    """The median of times, where None counts as infinitely late."""
     middle = float(np.median([math.inf if value is None else value for value in values]))
     return middle if math.isfinite(middle) else None
 
 
 def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]) -> float | None:
-    """Whether the alarm of an adaptive theta can feed itself: the innovation at the largest theta, over the threshold.
+    """The alarm ratio of an adaptive theta, which says whether an alarm can sustain itself:
 
-        ratio = (mean of I_d with theta held at 2 theta_1, nothing wrong) / gamma_0
+        ratio = (mean of I_d with theta fixed at 2 theta_1, without a fault) / gamma_0
 
-    At 2 theta_1 the estimate is noisy, and the prediction that the innovation judges starts from it. Where noise alone
-    then keeps I_d above gamma_0, an alarm never ends. Up to 1 theta comes back; from about 5 on it does not; between,
-    the noise decides. (Of a logistic mu, the centre stands for gamma_0.)
+    At 2 theta_1 the estimate is noisy, and so is the prediction in the innovation. If noise alone keeps I_d above
+    gamma_0, an alarm never ends. Up to a ratio of 1 theta recovers, from about 5 on it does not; between, the noise
+    decides. (For a logistic mu, the centre replaces gamma_0.)
 
-    Median over at most three of the seeds, from the second half of the trial without its jumps; None for a theta
-    without innovation. The step itself is left alone. Raises: `BadTrial`.
+    The result is the median over at most three of the seeds, from the second half of the trial without its jumps; None
+    for a theta without innovation. The state of the step does not change. Raises: `BadTrial`.
     """
     nominal = {gain.name: gain.initial for gain in step.layout.gains}
     threshold = nominal.get("gamma_0", nominal.get("centre"))
@@ -207,7 +207,7 @@ def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequenc
         return None
     plant, nominal_trial = step.observer.form.system, replace(trial, jumps=(), steady=None)
     truth = simulate(plant, nominal_trial, step.dt)
-    pinned = replace(step)  # with a memory of its own
+    pinned = replace(step)  # has another memory
     pinned.tune(rate=0)  # theta never decays
     start = _at_the_peak(pinned, nominal_trial)
     means = []
@@ -220,7 +220,7 @@ def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequenc
 
 
 def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
-    """A sentence for every trial with an innovation in which theta does not come back."""
+    """A sentence for every trial with an innovation in which theta does not recover."""
     for one in each:
         if one.latched and one.alarm_ratio is not None:
             fed = one.alarm_ratio > ITSELF
@@ -232,7 +232,7 @@ def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
 
 
 def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
-    """The state before the first call, but the estimate (that of each predictor too) the truth, theta at its peak."""
+    """The initial state, but with the truth as the estimate (also of each predictor) and theta at its peak."""
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
     values |= {u: resting(u) for u in form.system.inputs}
@@ -244,14 +244,14 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     return sealed(step, step.real, state.tobytes())
 
 
-_LISTED = 3  # times that a sentence names
-_ROUNDING = 1e-9  # of a range, by which a truth that runs along its end may be beyond it
+_LISTED = 3  # most times in a sentence
+_ROUNDING = 1e-9  # of a range, by which a truth at its end may be outside
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Interventions:
-    """When the law of recovery acted."""
+    """The times at which the recovery law acted."""
 
     restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
     projections: Annotated[tuple[float, ...], "times of projections onto the ranges"] = ()
@@ -268,10 +268,10 @@ class Interventions:
         """A clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4 s)"."""
         named = (("restart", "from the sample", self.restarts), ("projection", "onto the ranges", self.projections))
         parts = []
-        for what, where, times in named:
+        for action, where, times in named:
             if times:
                 listed = ", ".join(f"{t:.4g}" for t in sorted(times)[:_LISTED]) + ", .." * (len(times) > _LISTED)
-                parts.append(f"{len(times)} {what}{'s' * (len(times) != 1)} {where} (t = {listed} {unit})")
+                parts.append(f"{len(times)} {action}{'s' * (len(times) != 1)} {where} (t = {listed} {unit})")
         return ", ".join(parts) + f" in {self.runs} runs" * (self.runs > 1)
 
 
@@ -286,7 +286,7 @@ def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Intervention
 
 
 def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool, unit: str) -> Iterator[str]:
-    """A sentence for a trial in which there are some; a warning where nothing disturbs it."""
+    """A sentence for a trial with interventions, as a warning if it has no disturbance."""
     if each and disturbed:
         yield f"trial {trial}, {observer}: {each.sentence(unit)}"
     elif each:
@@ -331,7 +331,7 @@ def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ..
 
 
 def leaving_notes(trial: str, each: Iterable[Leaving], unit: str) -> Iterator[str]:
-    """A sentence for a trial in which something leaves its range."""
+    """A sentence for a trial in which signals leave their ranges."""
     sentences = "; ".join(one.sentence(unit) for one in each)
     if sentences:
         yield (
@@ -341,14 +341,14 @@ def leaving_notes(trial: str, each: Iterable[Leaving], unit: str) -> Iterator[st
 
 
 def before_loss(run: Run) -> int:
-    """Return the number of samples before the first whose estimate is no number."""
+    """Return the number of samples before the first estimate that is not finite."""
     finite = np.isfinite(run.x).all(axis=1)
     return len(finite) if finite.all() else int(np.argmin(finite))
 
 
 def loss(step: Step, run: Run, t: Array, u: Array, y: Array) -> Iterator[str]:
-    """A sentence on the loss of an estimate over inputs u (N, m) and samples y (N, p) at times t (N,), if it is lost:
-    since when, by what, and what to do."""
+    """A sentence on the loss of an estimate, if it is lost, over inputs u (N, m) and samples y (N, p) at times t (N,):
+    the time, the cause and the remedy."""
     first = before_loss(run)
     if first == len(t):
         return

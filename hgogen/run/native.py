@@ -1,9 +1,9 @@
 """Emitted C compiled by this machine's compiler, and the folder of compiled libraries.
 
-Loading a library runs the code in it, so only this user may be able to write it. The folder belongs to this user and
-is closed to others. It is reached through an open descriptor where the system has such paths, so that renaming a folder
-above it does not exchange what was verified. Beside each library stands a digest of its name and its content: one that
-is truncated, or was made for another model, is built anew.
+Loading a library runs the code in it, so only this user may be able to write it. The folder belongs to this user and is
+closed to others. It is reached through an open descriptor where the system has such paths, so that renaming a folder
+above it cannot replace the verified folder. Each library has a file with a digest of its name and content: one that is
+truncated, or was built for another model, is built again.
 """
 
 # Takes apart: $CC, a command with its arguments.
@@ -30,7 +30,7 @@ from typing import ClassVar, Literal
 from hgogen.errors import HgogenError
 from hgogen.target import CannotWrite, Sources, remove, write
 
-SOON = 30.0  # seconds, within which a compiler reads an empty file on the busiest machine
+SOON = 30.0  # seconds for a compiler to read an empty file on a busy machine
 LIMIT = 1800.0  # seconds for any other command
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
@@ -44,7 +44,7 @@ class NoCompilerWarning(UserWarning):
 
 @dataclass(eq=False)
 class NoCompiler(HgogenError):
-    """C was asked for where there is no compiler."""
+    """An error: C was requested and there is no compiler."""
 
     def __str__(self) -> str:
         return (
@@ -55,7 +55,7 @@ class NoCompiler(HgogenError):
 
 @dataclass(eq=False)
 class NoTool(HgogenError):
-    """A program that a self-check needs and that is not there."""
+    """A program that a self-check needs and that is not installed."""
 
     name: str
 
@@ -65,7 +65,7 @@ class NoTool(HgogenError):
 
 @dataclass(eq=False)
 class CompilerFailed(HgogenError):
-    """A compiler refused emitted code; `fix`: what can be done about it."""
+    """An error of a compiler on emitted code; `fix`: the remedy."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -78,7 +78,7 @@ class CompilerFailed(HgogenError):
 
 @dataclass(eq=False)
 class CheckFailed(HgogenError):
-    """A self-check ended with another status than 0."""
+    """A self-check that ended with another status than 0."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -118,10 +118,10 @@ def engine() -> Literal["c", "python"]:
 
 
 def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
-    """The C files compiled into a shared library and loaded; a library made before from the same text is used again.
+    """The C files compiled into a shared library and loaded; a library of the same text is used again.
 
-    `flags`: of the compiler, after those of every library, -O1 among them: a record of some 100,000 samples is done
-    before -O2 has saved what it takes longer to compile.
+    `flags`: further flags of the compiler, after those of every library. The default is -O1: up to some 100,000 samples
+    -O2 takes more time to compile than it saves.
 
     Raises: `NoCompiler`, `CompilerFailed`.
     """
@@ -139,7 +139,7 @@ def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDL
 
 
 def machine_flags() -> tuple[str, ...]:
-    """The flags by which the compiler writes for the processor of this machine; none where it knows no such flag."""
+    """The flags for code of this machine's processor; none where the compiler has no such flag."""
     command = _compiler()
     flags = ("-march=native",)
     return flags if command and _macros(command, flags) else ()
@@ -147,8 +147,8 @@ def machine_flags() -> tuple[str, ...]:
 
 @cache
 def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    """Return the macros of a machine with these flags, which a shared cache of libraries must tell apart; "" where
-    it says nothing within `SOON` seconds."""
+    """Return the predefined macros with these flags, which identify the processor in a shared cache of libraries; ""
+    where the compiler fails within `SOON` seconds."""
     try:
         return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)
     except CompilerFailed:
@@ -187,7 +187,7 @@ def _load(
 
 @contextmanager
 def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable[str], name: str) -> Iterator[Path]:
-    """The file of that name that the C compiler makes of C files, there while the context is open.
+    """The file `name` that the C compiler builds from C files, in a context at whose end it is removed.
 
     Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
     """
@@ -203,10 +203,10 @@ def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable
 
 
 def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
-    """Run a command in a folder and return what it prints.
+    """Run a command in a folder and return its output.
 
-    Raises: what `failed` makes of the command and its output where it cannot be started, does not end with 0, or not
-    within `limit` seconds; the processes that it started are then ended too.
+    Raises: the error `failed(command, output)` where the command cannot be started, does not end with 0, or not within
+    `limit` seconds; the processes that it started are then ended, too.
     """
     group = 0 if os.name == "posix" else -1
     try:
@@ -228,7 +228,7 @@ def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFai
         except subprocess.TimeoutExpired:
             _end(child)
             raise failed(tuple(command), f"it did not end within {limit:g} s") from None
-        except BaseException:  # as of Ctrl-C, which a group of its own does not get
+        except BaseException:  # such as Ctrl-C, which another process group does not receive
             _end(child)
             raise
     if child.returncode:
@@ -243,7 +243,7 @@ def _end(child: "subprocess.Popen[str]") -> None:
 
 
 def run_recipe(files: Sources) -> str:
-    """Compile and run the self-check of another language than C, and return what it prints: its last command.
+    """Compile and run the self-check of another language than C, and return the output of its last command.
 
     Raises: `NoTool`, `CompilerFailed`, `CheckFailed`.
     """
@@ -257,17 +257,17 @@ def run_recipe(files: Sources) -> str:
 
 
 def _program(name: str, folder: str) -> str:
-    """The path of a recipe's program: one that was made in the folder, as ./check, or a tool of this machine."""
+    """The path of a recipe's program: one that was built in the folder, as ./check, or a tool of this machine."""
     return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
 def variable(name: str) -> str:
-    """The environment variable that names another program: RUSTC of rustc, CXX of c++."""
+    """The environment variable that names another program: RUSTC for rustc, CXX for c++."""
     return name.upper().translate({ord("+"): "X"})
 
 
 def tool(name: str) -> str:
-    """The path of a program: what its environment variable names, else what is in the path.
+    """The path of a program: the one in its environment variable, else the one in the search path.
 
     Raises: `NoTool`.
     """
@@ -278,13 +278,12 @@ def tool(name: str) -> str:
 
 
 def with_main(files: Iterable[str]) -> list[str]:
-    """The flags that ask the self-checks among files of C for their main: NAME_check.c has one where NAME_CHECK_MAIN is
-    defined."""
+    """The flags that enable the main of self-checks among files of C: NAME_check.c with NAME_CHECK_MAIN defined."""
     return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
 
 
 def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
-    """Compile C files with every warning an error, run the self-check, and return what it prints.
+    """Compile C files with every warning an error, run the self-check, and return its output.
 
     Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
     """
@@ -298,9 +297,9 @@ _DESCRIPTORS = Path("/proc/self/fd")
 
 @contextmanager
 def cache_folder() -> Iterator[Path]:
-    """The path of the folder of compiled libraries, which holds while the context is open: hgogen in $XDG_CACHE_HOME,
-    if that is absolute, else in ~/.cache. Where that cannot be written, or belongs to another user, it is a folder of
-    this process alone."""
+    """The path of the folder of compiled libraries, valid while the context is open: hgogen in $XDG_CACHE_HOME, if that
+    is absolute, else in ~/.cache. Where that cannot be written, or belongs to another user, it is a folder of this
+    process alone."""
     with ExitStack() as opened:
         try:
             named = os.environ.get("XDG_CACHE_HOME", "")
@@ -312,7 +311,7 @@ def cache_folder() -> Iterator[Path]:
 
 
 def _private_path(folder: Path, opened: ExitStack) -> Path:
-    """The path by which a folder is reached that only this user can change from now on.
+    """A path to a folder that only this user can change, which renaming of folders above it does not redirect.
 
     Raises: `CannotWrite`, `OSError` where it belongs to another user or cannot be written.
     """
@@ -346,7 +345,7 @@ def keep(library: Path, content: bytes) -> None:
 
 
 def is_kept(library: Path) -> bool:
-    """Whether a library stands there as `keep` wrote it: this user's, writable by no other, with its own digest."""
+    """Whether a library is as `keep` wrote it: this user's, writable by no other, and with its digest."""
     try:
         known = _trusted_content(_digest_file(library)).decode(errors="replace")
         return known == _digest(library, _trusted_content(library))
@@ -363,7 +362,7 @@ def _digest(library: Path, content: bytes) -> str:
 
 
 def _trusted_content(path: Path) -> bytes:
-    """The content of a regular file that only this user can write. Raises: `OSError` for any other."""
+    """The content of a regular file that only this user can write. Raises: `OSError` for another file."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
         status = os.fstat(stream.fileno())

@@ -1,28 +1,27 @@
-"""How well an estimate predicts a measured record: the model runs on from the state at sample k, without correction.
+"""Prediction errors of an estimate on a measured log: the model continues from the state at sample k, open loop.
 
     error(h) = RMS over k of y_{k+h} - yhat_{k+h|k},   u known ahead
 
-beside copying the last measured y, and beside the model alone from its first estimate (open loop). The model is the
-form's, its nonlinear part evaluated in the declared box, by one classical Runge-Kutta step a sample; a predicted
-reading is limited to the output's declared range, as the sensor's is. A sample that the step rejected is as good as
-missing: nothing is compared with it, and nothing copied from it. Of a record of more than MOST samples k is one at
-random of each two, three, .., so that at most MOST predictions are made.
+compared with copying the last measured y, and with the model alone from its first estimate (open loop over the log).
+The model is the form's, its nonlinear part evaluated in the declared ranges, by one classical Runge-Kutta step a
+sample. A predicted output is limited to its declared range, as the sensor is. A sample that the step rejected counts as
+missing, for comparison and for copying. In a log of more than MOST samples k is a random one of each two, three, .., so
+that there are at most MOST predictions.
 
-By such errors it is judged whether a column maps otherwise to what the model declares. A column in other units, with an
-offset or another sign is beyond what its output can read, and predicted only. Few maps are tried on it: of those that
-bring nine in ten of its values into the declared range, the one is named with which the model predicts best, beside
-copying; of maps as good one of units, and an offset last.
+Such errors also identify a column with other units, an offset or another sign than the model declares: its values are
+outside the output's range, and the step rejects them. A few maps are tried. Among those that bring nine in ten values
+into the declared range we prefer the smallest ratio of the model's error to that of copying; among maps of nearly the
+same ratio a map of units, and an offset last.
 
-A signal that is read is tried shifted by a few samples, or negated:
+A signal that the step accepts is tried with a shift by a few samples, or negated:
 
     J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
 
-the median of `SEGMENTS` of the record, since what a wrong first estimate makes of the first tells nothing of signals.
-Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
-better where sqrt(J) is less than `CLEAR` times what it is, less in nearly all segments, and less than that of copying,
-since a model that predicts worse tells nothing of signals. The other sign has to be better as well than the signal with
-the mean of its negative, which is all that a signal tells that stands still: a wrong estimate of a hidden state, or an
-offset, may do the same.
+J is the median over `SEGMENTS` segments of the log, since the first depends on a wrong first estimate. A common shift
+of all signals has no effect, so the only output of a plant is shifted by shifting its inputs. A shift or sign is better
+if sqrt(J) is less than `CLEAR` times the present one, less in nearly all segments, and less than that of copying, since
+a worse model says nothing about signals. The other sign must also be better than the signal with only its mean negated:
+an offset, or a wrong estimate of an unobservable state, has the effect of the mean.
 """
 
 import math
@@ -42,7 +41,7 @@ from hgogen.signal import Signal, derived, resting
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
 
-MOST = 100_000  # predictions of each horizon: independent errors have their root mean square to half a percent
+MOST = 100_000  # predictions of each horizon, for an RMS error accurate to half a percent
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Errors (N, p) of predictions `ahead` samples ahead (None: in open loop), at the samples predicted: of the
-    `model`, and of `copying` the last measured value (None in open loop); `compared` (N, p): where there are any."""
+    """Errors (N, p) of predictions `ahead` samples ahead (None: open loop), at the predicted samples: of the `model`,
+    and of `copying` the last measured value (None in open loop); `compared` (N, p): the mask of errors."""
 
     ahead: int | None
     model: np.ndarray
@@ -71,8 +70,8 @@ class Forecast:
 def predictions(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> tuple[Prediction, ...]:
-    """The prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of samples
-    ahead, then in open loop. `tick` is called after each sample ahead of the farthest."""
+    """The RMS prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of
+    samples ahead, then in open loop. `tick` is called after each sample up to the longest horizon."""
     lost = rejected(step, run, y).sum(axis=0).tolist()
     return tuple(
         Prediction(
@@ -95,10 +94,10 @@ def forecasts(
     """Yield the errors of `predictions` sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.fallback)
-    u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
+    u = _as_used(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
-    later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
+    later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated
     starts = _starts(count)
     move, read = model.move.map(len(starts)), model.read.map(len(starts))
     z = evaluated(model.entry.map(len(starts)), run.x[starts], u[starts])
@@ -118,7 +117,7 @@ def forecasts(
 
 
 def _starts(count: int) -> np.ndarray:
-    """The samples from which is predicted: all, or one at random of each few, as sensors may have periods."""
+    """The samples where predictions start: all, or one at random of each few, as sensors may be periodic."""
     few = max(1, -(-count // MOST))
     blocks = np.arange(0, count, few)
     chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
@@ -133,7 +132,7 @@ def _compared(
     copied: np.ndarray | None,
     holding: bool,
 ) -> Forecast:
-    """Predictions and copies of y at places; of a model `held` where it has no value, there is none there."""
+    """The errors of predictions and copies of y at some places; `holding`: without predictions that are NaN."""
 
     def at_its_sample(values: np.ndarray) -> np.ndarray:
         errors = np.full(y.shape, np.nan)
@@ -149,45 +148,45 @@ def _compared(
 
 
 def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
-    """Whether the step did not use a sample that there is (N, p)."""
+    """Whether the step rejected a sample that is not missing (N, p)."""
     return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), step.outputs))
 
 
 def rms(error: np.ndarray) -> float:
-    """The root mean square of an error, computed without squares that overflow."""
+    """The root mean square of an error, without overflow of squares."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
 
-def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """A missing input is the last one there was; each lies in its range."""
+def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
+    """The inputs as the step uses them: a missing one repeats the last, and each is clamped to its range."""
     holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
-    """Predictions in the ranges of the outputs; of a model that is `held` where it has no value, none there."""
+    """Predictions clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
     low, high = np.array([s.interval for s in outputs]).T
     return np.asarray(np.clip(np.where(np.isinf(y) & holding, np.nan, y), low, high))
 
 
 Array = np.ndarray
-MOST_REJECTED = 0.5  # of an output's samples: more of them rejected is a record of something else
-FITS = 0.9  # of the values in the declared range: a map that fits
-AHEAD = 5  # samples ahead, of the predictions by which maps, shifts and signs are compared
-AS_WELL = 1.5  # times the least error
+MOST_REJECTED = 0.5  # share of rejected samples from which the log does not fit the output
+FITS = 0.9  # least share of values that a fitting map brings into the declared range
+AHEAD = 5  # samples ahead of the predictions that compare maps, shifts and signs
+AS_WELL = 1.5  # factor on the least error up to which a map counts as equally good
 ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
-MOST_SHIFT = 3  # samples of the shifts tried
-LONGEST = 20_000  # samples that are looked at
-CLEAR = 0.8  # times the RMS error: clearly less; an observer that lags gains some by an input that comes early
+MOST_SHIFT = 3  # samples of the largest shift
+LONGEST = 20_000  # most samples of a comparison
+CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early input helps an observer that lags
 SEGMENTS = 8
 LEAST = 10  # samples of a segment
 
 
 @dataclass(frozen=True)
 class Map:
-    """y -> scale y + shift, as `text` of a column {}, and what it mends; for outputs of these `units` alone, where
-    there are some."""
+    """The map y -> scale y + shift, as `text` of a column {}, and the cause that it `mends`; for outputs with one of
+    the `units`, if there are any."""
 
     text: str
     scale: float
@@ -196,12 +195,12 @@ class Map:
     units: tuple[str, ...] = ()
 
     def inside(self, values: Array, ends: tuple[float, float]) -> float:
-        """The share of values that it brings into a range."""
+        """The share of values that the map brings into a range."""
         mapped = self.scale * values + self.shift
         return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
 
     def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
-        """Return whether the map is one of this unit and mends the values."""
+        """Return whether the map applies to this unit and brings the values into the range."""
         return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
 
 
@@ -245,7 +244,7 @@ class Rejection:
 
 @dataclass(eq=False)
 class MostlyRejected(HgogenError):
-    """A record whose run is worth nothing, since the step rejected most samples."""
+    """An error: the step rejected most samples of a log."""
 
     status: ClassVar[int] = 1
     rejections: tuple[Rejection, ...]
@@ -257,8 +256,8 @@ class MostlyRejected(HgogenError):
 def rejections(
     step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
 ) -> tuple[Rejection, ...]:
-    """Return the rejection of each output of a run over u (N, m), y (N, p) most of whose samples were rejected;
-    `columns`: what --map reads of the log, by output, such that it can stand in an expression."""
+    """Return the rejection of each output of a run over u (N, m), y (N, p) whose samples were mostly rejected;
+    `columns`: the operand of --map for each output, ready for an expression."""
     lost, there = rejected(step, run, y), np.isfinite(y)
     ranges = readings(step.observer.form)
     each = []
@@ -275,7 +274,7 @@ def rejections(
 
 
 def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input of u (N, m) that is beyond its range, where guards clamp it, in most samples."""
+    """A sentence for each input of u (N, m) that is outside its range, where guards clamp it, in most samples."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values)], signal.interval
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
@@ -298,7 +297,7 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
     maps = [*MAPS]
     middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
     shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
-    if shift:  # an offset brings the middle of the values to that of the range
+    if shift:  # an offset that moves the median of the values to the middle of the range
         text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
         maps.append(Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow"))
     fitting = [one for one in maps if one.fits(step.outputs[j].unit, values, ends)]
@@ -308,12 +307,12 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 
 
 def _known(one: Map) -> tuple[bool, bool, float]:
-    """A rank of how common the cause is: of units first, an offset last; then by how the values fill the range."""
+    """A rank of maps: units first, an offset last; then by the scale."""
     return bool(one.units), not one.shift, abs(one.scale)
 
 
 def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
-    """The RMS error of predictions of output j with the map, over that of copying."""
+    """The RMS error of predictions of output j with the map `one`, over that of copying."""
     y = y.copy()
     y[:, j] = one.scale * y[:, j] + one.shift
     step.reset()
@@ -324,7 +323,7 @@ def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Eng
 
 @dataclass(frozen=True)
 class Better:
-    """A signal taken later, or with another sign; the errors are medians over segments of the record."""
+    """A signal that fits better with a shift or the other sign; the errors are medians over segments of the log."""
 
     signal: Annotated[str, "the signal"]
     shift: Annotated[int, "samples later than it was logged"]
@@ -345,8 +344,8 @@ class Better:
 
 
 def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
-    """The other time or sign of one signal that fits the samples u (N, m), y (N, p) clearly better, from the number
-    `first` on; None where none does."""
+    """The shift or sign of a signal that fits the samples u (N, m), y (N, p) from `first` on clearly better; or
+    None."""
     u, y = u[:LONGEST], y[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
@@ -363,7 +362,7 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
             continue
         gains = _means(present - squares)
         if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
-            continue  # nearly all are above 0 by chance in one of 28 records
+            continue  # by chance nearly all are above 0 in one of 28 logs
         level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
         if level is None or error < CLEAR * _typical(level):
             best = Better(signal, shift, sign, error, now)
@@ -371,20 +370,21 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
 
 
 def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, int, Array, Array]]:
-    """The signals with another shift or sign: name, shift, sign, and the samples."""
+    """Yield the name, shift, sign and samples u, y for each signal with another shift or sign."""
     whole, m = np.hstack([u, y]), u.shape[1]
     names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
     rates = derived(step.inputs)
     alone = [j for j in range(len(names)) if (j < m or y.shape[1] > 1) and names[j] not in rates]
     shifts = [k for size in range(1, MOST_SHIFT + 1) for k in (size, -size)]
     for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
-        other, columns_ = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
-        other[:, columns_] = sign * np.column_stack([shifted(whole[:, i], shift) for i in columns_])
+        derivatives = (names.index(name) for name, (source, _) in rates.items() if source == names[j])
+        other, columns = whole.copy(), [j, *derivatives]
+        other[:, columns] = sign * np.column_stack([shifted(whole[:, i], shift) for i in columns])
         yield names[j], shift, sign, other[:, :m], other[:, m:]
 
 
 def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
-    """The samples with those of one signal about the mean of their negatives."""
+    """The samples with only the mean of one signal negated."""
     whole = np.hstack([u, y])
     j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
     values = whole[np.isfinite(whole[:, j]), j]
@@ -393,13 +393,13 @@ def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Arra
 
 
 def _scale(y: Array) -> Array:
-    """The RMS error of copying (p); 1 of an output that stands still."""
+    """The RMS error of copying each output (p); 1 for a constant output."""
     errors = (last_values(y)[:-AHEAD] - y[AHEAD:]).T
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 
 def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
-    """The sum over outputs of squared errors over `scale` at each sample, NaN where nothing was compared."""
+    """The sum over outputs of squared errors over `scale` (N), NaN for a sample without an error."""
     if len(y) <= first + AHEAD:
         return np.full(len(y), np.nan)
     step.reset()
@@ -415,11 +415,11 @@ def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, e
 
 
 def _typical(squares: Array) -> float:
-    """The root of the median of the means (N,) of segments; infinite where nothing was compared."""
+    """The root of the median over segments of the mean squares; infinite without any error."""
     means = _means(squares)
     return math.sqrt(float(np.median(means))) if means else math.inf
 
 
 def _means(values: Array) -> list[float]:
-    """The mean of each segment in which there are some."""
+    """The mean of each segment that has finite values."""
     return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]

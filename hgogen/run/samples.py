@@ -1,8 +1,8 @@
-"""What goes into a step and what comes out of it: numbers at the door, one sample, a record.
+"""Inputs and results of a step that is called from Python: conversion of arguments, one sample, a log.
 
-Samples may come late. In the order of time a row holds the samples that were taken then, y (N, p). In that of arrival
-it holds what a call is given: the sample of each output that came then, and the ages of those that may be late (N, p +
-ages).
+Samples may arrive late. In the order of measurement a row has the samples measured at its time, y (N, p). In the order
+of arrival a row has the arguments of a call: the sample of each output that arrives, and the ages of outputs that may
+be late (N, p + ages).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,8 +34,7 @@ def _position(name: str, names: tuple[str, ...]) -> int:
 
 
 class Legend(NamedTuple):
-    """The names of the numbers of a sample: the states, the bits of its status, the traces; `kind`: what they are,
-    "d" doubles or "f" floats."""
+    """The names of a sample's states, status bits and traces; `kind` of numbers: "d" for doubles, "f" for floats."""
 
     names: tuple[str, ...]
     bits: tuple[str, ...]
@@ -43,7 +42,7 @@ class Legend(NamedTuple):
     kind: Literal["d", "f"] = "d"
 
     def flags(self, status: int) -> tuple[str, ...]:
-        """The names of the bits that a status holds. Raises: `BadGain` for no status."""
+        """The names of the bits that are set in a status. Raises: `BadGain` for an invalid status."""
         word = count("status", status, 0, 2**64 - 1)
         return tuple(name for k, name in enumerate(self.bits) if word >> k & 1)
 
@@ -51,13 +50,13 @@ class Legend(NamedTuple):
 class Sample:
     """The result of a call: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces.
 
-    It holds the bytes that a call left, and makes arrays and names of them when it is asked.
+    It stores the bytes of a call, and converts them to arrays and names on access.
     """
 
     __slots__ = ("_legend", "_numbers", "_status", "_x")
 
     def __init__(self, legend: Legend, numbers: bytes, status: int) -> None:
-        """`numbers`: those of the estimate, then of the traces."""
+        """Store a result; `numbers`: the estimate, then the traces, as bytes."""
         self._legend = legend
         self._numbers = numbers
         self._status = status
@@ -72,17 +71,17 @@ class Sample:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The states' names."""
+        """The names of the states."""
         return self._legend.names
 
     @property
     def status(self) -> int:
-        """A bit mask, 0 for ok."""
+        """The status, a bit mask, 0 for ok."""
         return self._status
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """The names of the bits that the status holds."""
+        """The names of the bits that are set in the status."""
         return self._legend.flags(self._status)
 
     @property
@@ -119,10 +118,10 @@ class Replayed(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """The results of a record: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
+    """The results of a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
 
-    `innovations`, `variances` and `covariance` are computed when they are asked for, by `replay`, of whose samples this
-    run has those from the number `first` on.
+    `replay` computes `innovations`, `variances` and `covariance` on access; this run has its samples from number
+    `first` on.
     """
 
     t: np.ndarray
@@ -136,28 +135,27 @@ class Run:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The names of the outputs, of which innovations are; none of a run that is no step's."""
+        """The names of the outputs that have innovations; none for a run without a step."""
         return () if self.replay is None else self.replay.outputs
 
     @property
     def innovations(self) -> np.ndarray | None:
-        """y - yhat (N, p) before each output corrects, NaN where its sample was not used; None of a run that is no
-        step's."""
+        """The innovations y - yhat (N, p) before each correction, NaN for an unused sample; None without a step."""
         return None if self.replay is None else self.replay.innovations.e[self.first :]
 
     @property
     def variances(self) -> np.ndarray | None:
-        """The variances (N, p) that the observer takes the innovations to have; None without a covariance."""
-        return self._of_replay("variances")
+        """The variances (N, p) of the innovations by the observer; None without a covariance."""
+        return self._replayed("variances")
 
     @property
     def covariance(self) -> np.ndarray | None:
         """The covariance (N, n, n) of the estimates, in the order of `names`, after each sample; None without one."""
-        return self._of_replay("covariance")
+        return self._replayed("covariance")
 
     def frame(self) -> Any:
-        """A pandas DataFrame, a row a sample, by the time t: estimates, traces and status; the innovations of an output
-        y as e_y, their variances, where there are some, as s_y. Raises: `NotInstalled`."""
+        """A pandas DataFrame by the time t, a row for each sample: estimates, traces and status; the innovations of an
+        output y as e_y, their variances, if any, as s_y. Raises: `NotInstalled`."""
         pandas = library("pandas", "run.frame()")
         columns = {name: self.x[:, i] for i, name in enumerate(self.names)} | dict(self.traces)
         columns |= {"status": self.status}
@@ -167,7 +165,7 @@ class Run:
                     columns[f"{letter}_{output}"] = values[:, j]
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
 
-    def _of_replay(self, name: str) -> np.ndarray | None:
+    def _replayed(self, name: str) -> np.ndarray | None:
         values = None if self.replay is None else getattr(self.replay.innovations, name)
         return None if values is None else values[self.first :]
 
@@ -175,20 +173,22 @@ class Run:
         return np.asarray(self.x[:, _position(name, self.names)])
 
     def since(self, first: int) -> "Run":
-        """Return the run from the sample of that number on."""
+        """Return the run from sample number `first` on."""
         traces = {name: values[first:] for name, values in self.traces.items()}
         t, x, status = self.t[first:], self.x[first:], self.status[first:]
         return replace(self, t=t, x=x, traces=traces, status=status, first=self.first + min(first, len(self.t)))
 
 
-# --- the door -----------------------------------------------------------------------------------------------
+# --- conversion of arguments
 
 
 def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
-    """Takes a sample of signals, called `name` where it is refused, to their place in an array, from `at`
-    on. Floats go there as they are, a mapping by the signals' names, anything else by numpy. What it takes may raise
-    `BadShape` or `BadNames`, and then nothing is written."""
-    size, values = len(signals), cast(Any, array.data)  # an item of which is set in a third of the time
+    """A function that writes a sample of signals into an array, from index `at` on; `name`: the argument in messages.
+
+    It accepts floats, a mapping by the signals' names, and whatever numpy converts. It raises `BadShape` or `BadNames`,
+    and then writes nothing.
+    """
+    size, values = len(signals), cast(Any, array.data)  # setting an item of it takes a third of the time
 
     def convert(value: Any) -> None:
         demand_given(name, value, signals)
@@ -215,16 +215,16 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
 
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
-    """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
-    array = reals(name, value, shown=True).reshape(-1)
+    """The given value as an array (size), NaN where an entry is masked. Raises: `BadShape`."""
+    array = reals(name, value, with_value=True).reshape(-1)
     if array.shape != (size,):
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{order}")
     return array
 
 
 def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
-    """The array (N, number of signals) of a record, which is an array too or has a column (N) for each signal by name;
-    NaN where an entry is masked.
+    """The array (N, number of signals) of a log, given as an array or as columns (N) by the names of signals; NaN where
+    an entry is masked.
 
     Raises: `BadShape`, `BadNames`.
     """
@@ -232,7 +232,7 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     if rows != 0:
         demand_given(name, value, signals)
     if hasattr(value, "columns") and hasattr(value, "to_numpy"):
-        value = _of_frame(name, value, signals)
+        value = _frame_columns(name, value, signals)
     if isinstance(value, Mapping):
         columns = in_order(name, value, names_of(signals))
         lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
@@ -253,9 +253,9 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     return np.ascontiguousarray(array)
 
 
-def reals(name: str, value: Any, *, shown: bool = False) -> np.ndarray:
-    """Return the given values as doubles, NaN where an entry is masked; none are text, dates, and complex numbers,
-    whose imaginary parts would be left out. Raises: `BadShape`, which shows the value where that is wanted."""
+def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
+    """Return the given values as doubles, NaN where an entry is masked. Raises: `BadShape` for text, dates and complex
+    numbers, whose imaginary parts would be lost; `with_value`: the message has the value."""
     try:
         array = np.asarray(unmasked(value))
         objects = array.flat if array.dtype.kind == "O" else ()
@@ -265,11 +265,11 @@ def reals(name: str, value: Any, *, shown: bool = False) -> np.ndarray:
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
-        raise BadShape(f"{name} = {value!r}" if shown else name, "is not an array of numbers") from None
+        raise BadShape(f"{name} = {value!r}" if with_value else name, "is not an array of numbers") from None
 
 
-def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
-    """The columns of the signals in a DataFrame, which may have others. Raises: `BadShape`."""
+def _frame_columns(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
+    """The columns of the signals in a DataFrame, which may have other columns. Raises: `BadShape`."""
     absent = [signal.name for signal in signals if signal.name not in frame.columns]
     if absent:
         there = ", ".join(map(str, frame.columns))
@@ -278,19 +278,19 @@ def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.
 
 
 def last_values(values: np.ndarray) -> np.ndarray:
-    """Return the columns (N, c) with a missing number replaced by the last one; NaN before the first."""
+    """Return the columns (N, c) with each missing number replaced by the last one; NaN before the first."""
     rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
 
 
 def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
-    """Raise `BadShape` for the empty tuple that stands for nothing, where there are signals."""
+    """Raise `BadShape` for an empty tuple, the default of an argument, where there are signals."""
     if isinstance(value, tuple) and not value and signals:
         raise BadShape(name, f"is missing; give {name}=, the values of {', '.join(s.name for s in signals)}")
 
 
 def listed(signals: Sequence[Signal]) -> str:
-    """The order of several signals, which may be more than the plant's: a form can take an input's derivatives too."""
+    """The order of several signals as the end of a message, with the derivatives of inputs that a form may need."""
     return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""
 
 
@@ -298,27 +298,26 @@ Array = np.ndarray
 
 
 def arriving(step: Step, y: Array) -> Array:
-    """Samples y (N, p) in the order of time as they come where each is as late as it may be; of a step without delays
-    as they are."""
+    """Samples y (N, p) in the order of measurement as they arrive with the longest delays, if there are delays."""
     if not step.ages:
         return y
-    came = [y[:, j] for j in range(len(step.outputs))]
+    columns = [y[:, j] for j in range(len(step.outputs))]
     for output, age in zip(step.late, step.ages, strict=True):
         j, most = step.outputs.index(output), int(age.interval[1])
-        came[j] = np.concatenate([np.full(min(most, len(y)), np.nan), y[: max(0, len(y) - most), j]])
-        came.append(np.full(len(y), float(most)))
-    return np.column_stack(came)
+        columns[j] = np.concatenate([np.full(min(most, len(y)), np.nan), y[: max(0, len(y) - most), j]])
+        columns.append(np.full(len(y), float(most)))
+    return np.column_stack(columns)
 
 
 def at_their_times(step: Step, y: Array) -> Array:
-    """y (N, p) with NaN between the samples of a slower sensor."""
+    """The samples y (N, p) with NaN between those of a slower sensor."""
     every = [round(period / step.dt) for period in step.clock.periods]
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 
 def in_time(step: Step, samples: Array) -> Array:
-    """Samples (N, p + ages) in the order of arrival by the rows in which they were taken, (N, p), NaN where none came
-    in time; of one row the first."""
+    """Samples (N, p + ages) in the order of arrival, sorted by the rows of their measurement (N, p), the first of
+    several for one row; NaN where none arrived in time."""
     y = samples[:, : len(step.outputs)].copy()
     for column, (output, age) in enumerate(zip(step.late, step.ages, strict=True), len(step.outputs)):
         j, ages = step.outputs.index(output), samples[:, column]
@@ -333,8 +332,8 @@ def in_time(step: Step, samples: Array) -> Array:
 
 
 def remembered(step: Step, records: Array, j: int) -> Array:
-    """Records (N) with the memory of the period in which the sample of output j was taken that they hold, as its
-    prediction left it; of a step without delays as they are."""
+    """The records (N) of a step with the memory after the prediction of the period in which their sample of output j
+    was measured; unchanged for a step without delays."""
     if not step.ages:
         return records
     state, output, rows = records["state"], step.outputs[j], np.arange(len(records))

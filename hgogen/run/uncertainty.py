@@ -1,13 +1,13 @@
-"""The innovations of a run, their variances and the covariance of its estimates, by its samples taken once more.
+"""The innovations of a run, their variances and the covariance of its estimates, by a replay of its samples.
 
     e_j = y_j - h_j(z),   s_j = c P c' + r        z, P as they are just before y_j corrects them
 
-so that an output counts with those before it in the same sample; of a step for late samples, as the prediction left
-them of the period in which the sample was taken, when it came. An observer that integrates with the measurement has
-no such moment: there z and P are those of the last sample, moved on by the model, z by classical Runge-Kutta and
-P <- Phi P Phi' + h Q_theta, and corrected by the outputs before it.
+after the corrections by earlier outputs of the same sample. For a late sample z and P are those after the prediction of
+the period of its measurement. An observer that integrates with the measurement has no prediction: its z and P of the
+last sample are predicted by the model, z by classical Runge-Kutta and P <- Phi P Phi' + h Q_theta, and corrected by the
+earlier outputs.
 
-The covariance is that of a Riccati observer, as its method holds it, at records (N) of the layout of the C structs:
+The covariance is that of a Riccati observer, as its method stores it, at records (N) in the layout of the C structs:
 
     P = L D L', S S', P itself or the inverse of S
     s = c P c' + r,   c = dh/dz,   r = R_theta/h,   h the output's sampling period
@@ -33,19 +33,19 @@ from hgogen.step import Step
 from hgogen.stepping.parallel import Parallel
 
 Array = np.ndarray
-CHUNK = 4096  # samples whose memory is held at a time
+CHUNK = 4096  # samples whose memory is stored at a time
 PREDICTED = Place("work", "predicted")
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """An SX matrix over places of a step, evaluated at records."""
+    """An SX matrix that reads places of a step, to be evaluated at records."""
 
     step: Step
     matrix: Graph
 
     def __call__(self, records: Array, signals: dict[Place, Array] | None = None) -> Array:
-        """(N, rows, columns) at records (N); `signals` (N, size): places that lie in no record."""
+        """The values (N, rows, columns) at records (N); `signals` (N, size): values of places that no record has."""
         values = [
             signals[place] if signals and place in signals else values_at(self.step, records, place)
             for place, _ in self._reads
@@ -87,15 +87,14 @@ def _columns(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The covariance of a step whose part is a Riccati observer; of a bank that of the selected member: `members` is
-    then their group."""
+    """The covariance of a step with a Riccati observer; with a group of `members`, a bank, that of the selected one."""
 
     step: Step
     part: Riccati
     members: Group | None = None
 
     def covariance(self, records: Array) -> Array:
-        """P (N, n, n) of the form's coordinates."""
+        """The covariance P (N, n, n) in the form's coordinates."""
         if "P" in self._fields:
             return self._triangle("P", records, symmetric=True)
         if "S" in self._fields:
@@ -113,17 +112,17 @@ class Uncertainty:
 
     @cached_property
     def rows(self) -> Evaluated:
-        """dh/dz (N, p, n) at records (N)."""
+        """The output Jacobian dh/dz (N, p, n) at records (N)."""
         return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self.step.clock.u_now))
 
     @cached_property
     def variances(self) -> Evaluated:
-        """r (N, p, 1), a sample's, at records (N)."""
+        """The variances r (N, p, 1) of a sample's noise, at records (N)."""
         filter_step = FilterStep(self.part, self.step.clock)
         return Evaluated(self.step, ca.vertcat(*(filter_step.variance(j) for j in range(len(self.step.outputs)))))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
-        """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
+        """The predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), rho the rate of forgetting."""
         transition, noise, rho = self._motion
         Phi = transition(records, signals)
         growth = np.exp(self.step.dt * rho(records))
@@ -134,7 +133,7 @@ class Uncertainty:
         return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
 
     def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
-        """The matrices (N, n, n) whose entries a field holds."""
+        """The matrices (N, n, n) whose entries a field stores."""
         packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
         whole = np.zeros((len(packed), n, n))
         for k, (i, j) in enumerate(self._fields[name].entries):
@@ -145,7 +144,7 @@ class Uncertainty:
 
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
-        """Phi, Q_theta and rho."""
+        """The graphs of Phi, Q_theta and rho."""
         n, filter_step = self.part.dynamics.n, FilterStep(self.part, self.step.clock)
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
         graphs = (filter_step.transition(filter_step.jacobian(filter_step.stages())), noise, sx(self.part.rho))
@@ -153,8 +152,8 @@ class Uncertainty:
 
 
 def uncertainty(step: Step) -> Uncertainty | None:
-    """The uncertainty of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s
-    is that of the slope of h, which an output linear in the state has as well."""
+    """The uncertainty of a step; None where it has not exactly one covariance. For a sigma-point filter s uses the
+    Jacobian of h, which is exact for an output linear in the state."""
     parts, members = step.observer.parts, None
     if len(parts) == 1 and isinstance(parts[0], Parallel):
         parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
@@ -164,12 +163,12 @@ def uncertainty(step: Step) -> Uncertainty | None:
 
 
 def used(step: Step, status: Array) -> Array:
-    """Whether a step used the sample of each output (N, p), by its status (N)."""
+    """Whether a step used the sample of each output (N, p), by the status (N)."""
     return ~raised(step, status, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED"), step.outputs)
 
 
 def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
-    """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
+    """Whether one of the named bits of each signal is set in the status of each sample (N, k)."""
     names = [bit.place.name for bit in step.layout.bits]
     wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
     masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
@@ -178,8 +177,8 @@ def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Sig
 
 @dataclass(frozen=True)
 class Innovations:
-    """The innovations e (N, p) of a record, NaN where a sample was not used; their `variances` (N, p) and the
-    `covariance` (N, n, n) of the estimates after each sample, in the plant's states; None without a covariance."""
+    """The innovations e (N, p) of a log, NaN where a sample was not used; their `variances` (N, p) and the `covariance`
+    (N, n, n) of the estimates after each sample, in the plant's states, None without a covariance."""
 
     e: Array
     variances: Array | None
@@ -188,8 +187,8 @@ class Innovations:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """The samples u (N, m), y (N, p) of a run that gave `status` (N), and the memory before the first of them; with y
-    go the ages of samples that may be late."""
+    """A replay of the samples u (N, m), y (N, p) of a run with the results `status` (N), from the `memory` before the
+    first; y also has the ages of samples that may be late."""
 
     step: Step
     memory: bytes
@@ -228,7 +227,7 @@ class Replay:
         memory.whole[:] = self.memory
         for first in range(0, len(self.y), CHUNK):
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
-            with np.errstate(all="ignore"):  # what is beyond a float is infinite, and no sample
+            with np.errstate(all="ignore"):  # a number beyond a float becomes infinite, a missing sample
                 rows = np.hstack([u, y]).astype(DTYPE[self.real])
                 if self.step.code.apart:
                     yield self._by_sections(y[:, : len(self.outputs)], *self._sections(memory, rows))
@@ -236,13 +235,13 @@ class Replay:
                     yield self._integrated(y, *self._calls(memory, rows))
 
     def _sections(self, memory: StepMemory, rows: Array) -> tuple[list[Array], Array]:
-        """The memory before each output corrects, and after each sample."""
+        """The memory before the correction by each output, and after each sample."""
         entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
         before = [np.zeros(len(rows), memory.record.dtype) for _ in self.step.outputs]
         after = np.zeros(len(rows), memory.record.dtype)
         number = {signal.name: j for j, signal in enumerate(self.step.outputs)}
         correcting = {section.corrects for section in sections}
-        silent = [j for name, j in number.items() if name not in correcting]  # their innovation is the prediction's
+        silent = [j for name, j in number.items() if name not in correcting]  # with the innovation of the prediction
         for k, row in enumerate(rows):
             memory.signals[:] = row
             entries["predict"]()
@@ -270,7 +269,7 @@ class Replay:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        """The innovations of a step that corrects at samples, `before` each output, and `after` all."""
+        """The innovations of a step that corrects at samples, from the memory `before` each output and `after` all."""
         e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
         if self._uncertainty is None:
             return Innovations(e, None, None)
@@ -278,10 +277,10 @@ class Replay:
         for j, records in enumerate(before):
             c, P = self._uncertainty.rows(records)[:, j, :], self._uncertainty.covariance(records)
             s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self._uncertainty.variances(records)[:, j, 0]
-        return Innovations(e, s, self._of_plant(after))
+        return Innovations(e, s, self._plant_covariance(after))
 
     def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
-        """The innovations of a step that integrates with the measurement: memory `before` and `after` each sample."""
+        """The innovations of a step that integrates the measurement, from the memory `before` and `after` a sample."""
         fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
         signals = {
@@ -306,9 +305,9 @@ class Replay:
             gain = np.where(np.isfinite(e[:, j : j + 1]), np.einsum("kij,kj->ki", P, c) / s[:, j : j + 1], 0.0)
             shift += gain * np.where(np.isfinite(e[:, j : j + 1]), e[:, j : j + 1], 0.0)
             P = P - np.einsum("ki,kj->kij", gain, np.einsum("ki,kij->kj", c, P))
-        return Innovations(e, s, self._of_plant(after))
+        return Innovations(e, s, self._plant_covariance(after))
 
-    def _of_plant(self, after: Array) -> Array:
+    def _plant_covariance(self, after: Array) -> Array:
         assert self._uncertainty is not None
         J = self._slope(after)
         return np.asarray(J @ self._uncertainty.covariance(after) @ J.swapaxes(1, 2))
@@ -320,8 +319,8 @@ class Replay:
 
     @cached_property
     def _model(self) -> tuple[Evaluated, ...]:
-        """z, z a sample on without correction, and h and dh/dz at a z that is predicted. Where the measurement enters
-        the model, z moves on by that of the Riccati part."""
+        """The graphs of z, of the predicted z after a sample, and of h and dh/dz at the predicted z. With a Riccati
+        part the prediction is that of the part."""
         observer, clock = self.step.observer, self.step.clock
         z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
         if self._uncertainty:
@@ -334,7 +333,7 @@ class Replay:
 
     @cached_property
     def _slope(self) -> Evaluated:
-        """The slope dx/dz (n, n) of the plant's states, at the form's coordinates in their ranges."""
+        """The Jacobian dx/dz (n, n) of the plant's states at the form's coordinates clamped to their ranges."""
         observer, z = self.step.observer, ca.SX.sym("z", self.step.observer.z.numel())
         slope = ca.jacobian(observer.dynamics.estimate(z, self.step.clock.u_now), z)
         return Evaluated(self.step, ca.substitute(slope, z, observer.dynamics.saturated(observer.z)))
