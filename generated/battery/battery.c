@@ -198,7 +198,7 @@ static unsigned battery_keep_in_box(battery_state *s, const battery_params *p)
         lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.05f;
         s->z[1] = 0.0f;
         status |= BATTERY_RESTARTED;

@@ -132,7 +132,7 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
         lost = !(t2 && bioreactor_within(s->falls, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->w[0] = 0.0f;
         s->w[1] = 0.0f;
         s->k = 0.1f;

@@ -291,7 +291,7 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
         lost = !(t2 && cascaded_tanks_within(s->theta, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 5.0f;
         s->z[1] = 1.7525125f;
         status |= CASCADED_TANKS_RESTARTED;

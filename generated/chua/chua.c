@@ -126,7 +126,7 @@ static unsigned chua_keep_in_box(chua_state *s, const chua_params *p)
     /* is a value lost? */
     lost = !(chua_within(s->z[0], 1e+30f) && chua_within(s->z[1], 1e+30f) && chua_within(s->z[2], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -144,7 +144,7 @@ static unsigned contois_keep_in_box(contois_state *s, const contois_params *p)
         lost = !(t1 && contois_within(s->D[0], 1e+30f) && contois_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.1f;
         s->z[1] = 0.1f;
         status |= CONTOIS_RESTARTED;

@@ -227,7 +227,7 @@ static unsigned cstr_keep_in_box(cstr_state *s, const cstr_params *p)
         lost = !(t1 && cstr_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 300.0f;
         s->z[1] = 0.05f;
         status |= CSTR_RESTARTED;

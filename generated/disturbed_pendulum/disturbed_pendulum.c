@@ -167,7 +167,7 @@ static unsigned disturbed_pendulum_keep_in_box(disturbed_pendulum_state *s,
         lost = !(t1 && disturbed_pendulum_within(s->gamma, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->w[0] = 1.0f;
         s->w[1] = 1.0f;
         s->w[2] = 1.0f;

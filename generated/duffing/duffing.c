@@ -125,7 +125,7 @@ static unsigned duffing_keep_in_box(duffing_state *s, const duffing_params *p)
     /* is a value lost? */
     lost = !(duffing_within(s->z[0], 1e+30f) && duffing_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= DUFFING_RESTARTED;

@@ -298,7 +298,7 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
         lost = !t4;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

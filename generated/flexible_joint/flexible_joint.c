@@ -162,7 +162,7 @@ static unsigned flexible_joint_keep_in_box(flexible_joint_state *s, const flexib
         lost = !(t1 && flexible_joint_within(s->z[3], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

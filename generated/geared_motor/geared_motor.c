@@ -343,7 +343,7 @@ static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_mot
     bool lost = false;
     lost = geared_motor_value_lost(s);
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -152,7 +152,7 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 40.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -142,7 +142,7 @@ static unsigned haldane_keep_in_box(haldane_state *s, const haldane_params *p)
         lost = !(t1 && haldane_within(s->D[0], 1e+30f) && haldane_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.5f;
         s->z[1] = 0.0f;
         status |= HALDANE_RESTARTED;

@@ -140,7 +140,7 @@ static unsigned hindmarsh_rose_keep_in_box(hindmarsh_rose_state *s, const hindma
         lost = !t1;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

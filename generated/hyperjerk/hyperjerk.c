@@ -158,7 +158,7 @@ static unsigned hyperjerk_keep_in_box(hyperjerk_state *s, const hyperjerk_params
         lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->w[0] = 0.0f;
         s->w[1] = 0.0f;
         s->w[2] = 0.0f;

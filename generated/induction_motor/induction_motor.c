@@ -204,7 +204,7 @@ static uint32_t induction_motor_keep_in_box(induction_motor_state *s, const indu
     bool lost = false;
     lost = induction_motor_value_lost(s);
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -194,7 +194,7 @@ static unsigned lithium_cell_keep_in_box(lithium_cell_state *s, const lithium_ce
         lost = !(t1 && lithium_cell_within(s->D[0], 1e+30f) && lithium_cell_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.03f;
         s->z[1] = 0.0f;
         status |= LITHIUM_CELL_RESTARTED;

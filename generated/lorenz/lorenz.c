@@ -156,7 +156,7 @@ static unsigned lorenz_keep_in_box(lorenz_state *s, const lorenz_params *p)
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -139,7 +139,7 @@ static unsigned lotka_volterra_keep_in_box(lotka_volterra_state *s, const lotka_
         lost = !(t1 && lotka_volterra_within(s->D[0], 1e+30f) && lotka_volterra_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 1.0f;
         s->z[1] = -1.0f;
         status |= LOTKA_VOLTERRA_RESTARTED;

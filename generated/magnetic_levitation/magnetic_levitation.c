@@ -159,7 +159,7 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
         lost = !t4;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.005f;
         s->z[1] = 0.0f;
         s->z[2] = 0.1f;

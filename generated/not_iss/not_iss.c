@@ -239,7 +239,7 @@ static unsigned not_iss_keep_in_box(not_iss_state *s, const not_iss_params *p)
         lost = !(t1 && not_iss_within(s->P[1], 1e+30f) && not_iss_within(s->P[2], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= NOT_ISS_RESTARTED;

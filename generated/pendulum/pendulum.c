@@ -155,7 +155,7 @@ static unsigned pendulum_keep_in_box(pendulum_state *s, const pendulum_params *p
     /* is a value lost? */
     lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= PENDULUM_RESTARTED;

@@ -155,7 +155,7 @@ static uint32_t pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
         lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

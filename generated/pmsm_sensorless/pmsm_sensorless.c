@@ -205,7 +205,7 @@ static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm
     bool lost = false;
     lost = pmsm_sensorless_value_lost(s);
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -240,7 +240,7 @@ static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
     bool lost = false;
     lost = quadruple_tank_value_lost(s);
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 1.0f;
         s->z[1] = 1.0f;
         s->z[2] = 0.5f;

@@ -130,7 +130,7 @@ static unsigned roessler_keep_in_box(roessler_state *s, const roessler_params *p
         lost = !t1;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

@@ -153,7 +153,7 @@ static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const seri
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 1.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;

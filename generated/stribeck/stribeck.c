@@ -148,7 +148,7 @@ static unsigned stribeck_keep_in_box(stribeck_state *s, const stribeck_params *p
     /* is a value lost? */
     lost = !(stribeck_within(s->z[0], 1e+30f) && stribeck_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= STRIBECK_RESTARTED;

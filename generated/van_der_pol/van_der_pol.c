@@ -125,7 +125,7 @@ static unsigned van_der_pol_keep_in_box(van_der_pol_state *s, const van_der_pol_
     /* is a value lost? */
     lost = !(van_der_pol_within(s->z[0], 1e+30f) && van_der_pol_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= VAN_DER_POL_RESTARTED;

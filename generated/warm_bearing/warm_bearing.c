@@ -179,7 +179,7 @@ static unsigned warm_bearing_keep_in_box(warm_bearing_state *s, const warm_beari
     /* is a value lost? */
     lost = !(warm_bearing_within(s->z[0], 1e+30f) && warm_bearing_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: restart all but the signals */
+        /* a value is lost: restart all but the last signals and the calls */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= WARM_BEARING_RESTARTED;

@@ -363,7 +363,10 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
     real = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     by_others = _written(others)
     fresh = {place: value for place, value in real.items() if place not in by_others}
-    restart = Block("a value is lost: restart all but the signals", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
+    restart = Block(
+        "a value is lost: restart all but the last signals and the calls",
+        {**fresh, Place("status", "RESTARTED"): ca.SX(1)},
+    )
     return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(field, each) for field in fields))
 
 
