@@ -31,8 +31,7 @@ class Unsupported(ValueError):
 
 
 def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
-    """Return the columns (N,) by name of a "mat" or "parquet" file: texts, times or numbers. Raises: `Damaged`;
-    `Unsupported`."""
+    """Return the columns (N,) by name of a "mat" or "parquet" file. Raises: `Damaged`; `Unsupported`."""
     command = [sys.executable, "-P", __file__, kind]
     environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
     try:
@@ -77,8 +76,7 @@ def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
 
 
 def _read(kind: str, content: bytes) -> Arrays:
-    """Return the columns of a file; of a MAT file its vectors, vectors in structs as S.x, and the columns of
-    matrices."""
+    """Return the columns of a file; of a MAT file its vectors, those in structs as S.x, and the columns of matrices."""
     if kind == "parquet":
         import pandas
 

@@ -87,8 +87,7 @@ def from_casadi(
 
 
 def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
-    """Return the declared pairs of a kind, each as a symbol and the Signal of each of its entries. Raises:
-    `BadGraph`."""
+    """Return the pairs of a kind, each as a symbol and the Signal of each of its entries. Raises: `BadGraph`."""
     if not isinstance(pairs, Iterable):
         raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
     fix = f"{kind} is a list of pairs (symbol, Signal)"

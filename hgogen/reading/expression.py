@@ -93,8 +93,7 @@ def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """Yield the demand as one of each factor that may violate it, without positive numbers; a divisor makes its own
-    demands."""
+    """Yield the demand as one of each factor that may violate it; a divisor makes its own demands."""
     if not demand.expression.free_symbols:  # the parser has checked the numbers
         return
     yield from (_signs if demand.relation == "<" else _zeros)(demand.expression)
@@ -130,8 +129,7 @@ class Fold:
     lost: tuple[Demand, ...]
 
     def on(self, box: Box) -> Reason:
-        """Return a sentence on the places in the closed box where the reading differs from the text; `NONE` without
-        any."""
+        """Return a sentence on the places in the closed box where reading and text differ; `NONE` without any."""
         places: dict[sp.Expr, str] = {}
         for relation, a in self.lost:
             if not _met(relation, a, box):
@@ -246,8 +244,7 @@ class Token(NamedTuple):
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """Yield the tokens of a text, the last of the kind "end". Raises: `BadExpression` for a character outside the
-    grammar."""
+    """Yield the tokens of a text, the last of the kind "end". Raises: `BadExpression` for an unknown character."""
     for match in _TOKEN.finditer(text):
         kind = str(match.lastgroup)
         token = Token(kind, match[kind], match.start(kind) + 1)

@@ -83,8 +83,7 @@ READERS: dict[str, Callable[[str], Any]] = {
 
 
 def declares(path: Path) -> bool:
-    """Return whether a file declares a plant. A file with a syntax error counts, because its author may have meant
-    to."""
+    """Return whether a file declares a plant; a file with a syntax error may be meant to, and counts."""
     try:
         table = READERS[path.suffix](content_of(path, BYTES).decode("utf-8-sig"))
     except Unread:
@@ -141,6 +140,5 @@ def demand_file_name(name: str) -> str:
 
 
 def name_key(name: str) -> str:
-    """Return a key that is equal for names that some file system identifies: they differ in case, or in how accents are
-    encoded."""
+    """Return a key that is equal for names that differ only in case, or in how accents are encoded."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())

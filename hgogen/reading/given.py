@@ -79,8 +79,7 @@ def positive(name: str, value: Any) -> float:
 
 
 def names(what: str, value: Any) -> tuple[Any, ...]:
-    """Return names or signals as a tuple; one alone may be given without a list. Raises: `BadGain` for anything
-    else."""
+    """Return names or signals as a tuple; one alone may be given without a list. Raises: `BadGain`."""
     if isinstance(value, str | sp.Symbol):
         return (value,)
     if not isinstance(value, Iterable):
@@ -136,8 +135,7 @@ def scalar(value: Any, what: str) -> sp.Expr:
 
 
 def limits(what: str, boxes: int, relative: float = 0.0) -> None:
-    """Raise `Misfit` unless `boxes`, the number of boxes to try, is at least 1, and `relative` is a number from 0
-    on."""
+    """Raise `Misfit` unless the number of boxes is at least 1, and `relative` is a number from 0 on."""
     if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:
         raise Misfit(f"{what}, boxes=", boxes, "a whole number from 1 on")
     if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative <= float_info.max:
@@ -164,8 +162,7 @@ class Misfit(HgogenError):
 
 
 def requires(kind: type | tuple[type, ...], wanted: str) -> Callable[[Decorated], Decorated]:
-    """Return a decorator that raises `Misfit`, with the text `wanted`, unless the function's first argument is of a
-    kind."""
+    """Return a decorator that raises `Misfit` with `wanted` unless the function's first argument is of a kind."""
 
     def guards(function: Decorated) -> Decorated:
         name = next(iter(signature(function).parameters))
@@ -354,8 +351,7 @@ def field_text(field: Field) -> str:
 
 
 def matrix_line(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
-    """Return a line for the banner with the rows, by state, of a matrix (n, n) of the form's coordinates that is not
-    diagonal."""
+    """Return a line for the banner with the rows, by state, of a matrix (n, n) that is not diagonal."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return ()
     rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
@@ -369,8 +365,7 @@ def _braces(values: Mapping[str, str]) -> str:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """Return, for each state of the plant and for each z_i that is no coordinate's name, which names to give
-    instead."""
+    """Return, for each state and z_i that is no coordinate's name, which names to give instead."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
     advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):

@@ -96,8 +96,7 @@ class Table:
         return len(self.columns[0])
 
     def column(self, name: str) -> Column:
-        """Return the column of that name; a missing value is an empty cell. Raises: `BadRecord`, which lists the
-        columns."""
+        """Return the column of that name; a missing value is an empty cell. Raises: `BadRecord`."""
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self.no_column(name))
         array, kind = self._column_and_kind(name)
@@ -181,8 +180,7 @@ def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
 
 
 def _plain_numbers(cells: Sequence[str]) -> list[float] | None:
-    """Return the numbers of cells that are all finite numbers as Python writes them; None if any may be something
-    else."""
+    """Return the numbers of cells if all are finite numbers as Python writes them, else None."""
     try:
         numbers = list(map(float, cells))
     except ValueError:
@@ -248,8 +246,7 @@ _Columns = tuple[Sequence[Sequence[str]], int, int]  # columns of cells, numbers
 
 
 def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
-    """Return the columns of lines without quotes that all have `width` cells, ten times as fast; None for other
-    lines."""
+    """Return the columns of lines without quotes that all have `width` cells, ten times as fast; else None."""
     if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
         return None
     cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
@@ -340,8 +337,7 @@ _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
 def column_of(log: Table, text: str) -> Column:
-    """Return a column, or an expression of columns, as numbers, NaN where a column in it has none. Raises:
-    `BadRecord`."""
+    """Return a column, or an expression of columns, as numbers, NaN where one is missing. Raises: `BadRecord`."""
     if text in log.header or not _SIGNS.search(text):
         return log.column(text)
     bracketed = _BRACKETS.findall(text)
@@ -492,8 +488,7 @@ def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) 
 
 
 def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
-    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, separated by
-    commas. Raises: `BadRecord`."""
+    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", or several with commas. Raises: `BadRecord`."""
     shifts: dict[str, int] = {}
     for text in (part for each in texts for part in each.split(",")):
         key, _, number = (part.strip() for part in text.partition("="))

@@ -156,9 +156,8 @@ class Record:
         )
 
     def shifted(self, shifts: Mapping[str, int]) -> "Record":
-        """Return the record with signals delayed by a number of samples, or advanced if it is negative, and their
-        differences likewise; the samples at the end are missing. Raises: `BadRecord` if no sample of a signal
-        remains."""
+        """Return the record with signals and their differences delayed by numbers of samples, or advanced if negative;
+        the samples at the end are missing. Raises: `BadRecord` if no sample of a signal remains."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
@@ -402,8 +401,7 @@ def _gridded(
 
 
 def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
-    """Raise `BadRecord` if the grid of the times (rows,), of which `rows` are distinct, is too long or has one sample
-    only."""
+    """Raise `BadRecord` if the grid of the times (rows,), `rows` of them distinct, is too long or has one sample."""
     span = float(times[-1] - times[0])
     if span / dt > (LONGEST if span / dt < _SPARSE * rows else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {rows} rows"
@@ -425,8 +423,7 @@ def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: i
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
-    """Return whether inputs are averaged, from the times between rows (N,), their typical `period` and the step
-    `dt`."""
+    """Return whether inputs are averaged, from the times between rows (N,), their typical `period` and `dt`."""
     uneven = np.abs(steps / period - 1) > UNEVEN if period else np.zeros(0, bool)
     return bool(period < FASTER * dt or (len(uneven) and uneven.mean() > SHARE))
 

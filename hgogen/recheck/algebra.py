@@ -171,16 +171,15 @@ class Algebra:
         self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
 
     def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
-        """Return the value of an expression for these values of its names, by default their letters. Raises:
-        `Undefined`, `TooLarge`."""
+        """Return the value of an expression at these values, by default the letters. Raises: `Undefined`,
+        `TooLarge`."""
         value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
         return value
 
     def speed(
         self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
     ) -> Quotient:
-        """Return the derivative of an expression along these derivatives of its names. Raises: `Undefined`,
-        `TooLarge`."""
+        """Return the derivative of an expression along derivatives of its names. Raises: `Undefined`, `TooLarge`."""
         speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
         return speed
 

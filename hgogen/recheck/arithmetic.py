@@ -42,8 +42,7 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """Return the value of an expression for these values of its names. Raises: `Undefined`, and the arithmetic's
-    errors."""
+    """Return the value of an expression at values of its names. Raises: `Undefined`, and the arithmetic's errors."""
     computed: list[Any] = []
     for op, places, value in expression.instructions:
         args = [computed[place] for place in places]
@@ -147,7 +146,7 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
-        """Return the hull of both values; where the selector passes 0 the value jumps, with any slope in the selector's
+        """Return the hull of both values; at a zero of the selector it jumps, with any slope in the selector's
         names."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))

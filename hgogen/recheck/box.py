@@ -215,8 +215,7 @@ def unbounded(box: Box) -> bool:
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Return whether value >= limit on the face of the minimum (sign 1), or value <= limit on that of the maximum
-    (-1)."""
+    """Return whether value >= limit on the face of the minimum (sign 1), or value <= limit on that of the maximum."""
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
@@ -366,8 +365,7 @@ def by_mean_value(
     varying: Callable[[Box], list[list[Dual]]],
     holds: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Attempt]:
-    """Return the statement that a matrix has a property, by its entries, or by the mean value form of each from its
-    slopes."""
+    """Return the statement that a matrix has a property, by its entries or by their mean value forms."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -390,8 +388,7 @@ def by_mean_value(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """Demand that the slopes of the rows, in the names whose size is not 0, are at most `most`; return the number of
-    boxes. Raises: `Unproved`."""
+    """Demand slopes of at most `most` in the names of nonzero size; return the number of boxes. Raises: `Unproved`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
@@ -505,8 +502,7 @@ def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
 
 
 def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
-    """Return whether |J| <= bound by the Frobenius norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in
-    intervals."""
+    """Return whether |J| <= bound, by the Frobenius norm or by the pivots of bound^2 I - J'J in intervals."""
     columns = list(zip(*J, strict=True))
     squares = [_squared(column) for column in columns]
     if _sum(squares).at_most(bound**2):

@@ -213,8 +213,7 @@ class Context:
         return ""
 
     def demand_observed(self, output: int) -> None:
-        """Demand that an output measures the first state of a chain, so that the effect of its error is known. Raises:
-        `Unproved`."""
+        """Demand that an output measures the first state of a chain. Raises: `Unproved`."""
         if not self.observed[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
@@ -268,8 +267,7 @@ def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quo
 
 
 def inside(low: Any, high: Any, share: Fraction) -> Fraction:
-    """Return the point at a share of a range; in an unbounded range, at the distance `share` from its finite end or
-    from 0."""
+    """Return the point at a share of a range; in an unbounded range, at that distance from its finite end or 0."""
     if low > -math.inf:
         return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
     return (Fraction(0) if high == math.inf else Fraction(high)) - share
@@ -497,8 +495,7 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """Return the only chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
-    `Unproved`."""
+    """Return the only chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i. Raises: `Unproved`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.one
     if len(context.form.blocks) != 1:
@@ -561,15 +558,13 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
 def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
-    """Return the claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and the number of boxes. Raises:
-    `Unproved`."""
+    """Return a bound of |S db/dz S^-1| on the box, S = diag(`scale`), and the number of boxes. Raises: `Unproved`."""
     bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
     return bound, boxes
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
-    """Demand that |d rows/dz| is at most the claim's bound in the spectral norm, on the form's box. Raises:
-    `Unproved`."""
+    """Demand that |d rows/dz| is at most the claim's bound in the spectral norm. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)

@@ -141,8 +141,7 @@ def words(text: str) -> str:
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the content without its digest. It detects accidental changes; a forger can recompute
-    it."""
+    """Return the SHA-256 of the content without its digest. It detects accidents; a forger can recompute it."""
     return _hashed({key: value for key, value in content.items() if key != "digest"})
 
 

@@ -123,8 +123,7 @@ def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): the passed share of the error of y, q_1, ..,
-    q_m."""
+    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -139,8 +138,7 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """Return the core with the whole error injected, for an observer that injects a part of it or has a time-varying
-    gain."""
+    """Return the core with the whole error injected, for an observer that injects a part of it, or varies its gain."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -213,8 +211,7 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """Return, by field (N), its error for an error 1 of its state of the form. Raises: `Unproved` if a scale
-        contains parameters."""
+        """Return, by field (N), its error for an error 1 of its state. Raises: `Unproved` if a scale has parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
@@ -244,8 +241,7 @@ class ErrorInclusion:
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of the file's observer, from its numbers and the plant, with bounded slopes. Raises:
-    `Unproved`."""
+    """Return the inclusion of the file's observer, with bounded slopes. Raises: `Unproved`."""
     error = one_sided_inclusion(context, observer, evidence)
     if any(slope.one_sided for slope in error.slopes):
         raise Unproved("a slope has no bound, for which this claim is not")
@@ -332,8 +328,7 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """Return S K, its columns distributed over the outputs that measure the same state; empty if its entries are not
-    numbers."""
+    """Return S K, its columns distributed over the outputs that measure one state; empty if it is not numeric."""
     blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))

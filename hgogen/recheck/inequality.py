@@ -234,8 +234,7 @@ class Input:
 
 
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
-    """Return the inputs of an output's sample error at the beginning and at the end of a step, interpolated linearly
-    between."""
+    """Return the inputs of an output's sample error at both ends of a step, interpolated linearly between."""
     row, still = unit_row(output, parts.B.width), [Fraction(0)] * len(parts.M)
     return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
@@ -303,8 +302,7 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """Demand that |e|_P^2 decreases by at least its share alpha h, up to the sum of lambda_k u_k^2 of inputs u. Raises:
-    `Unproved`."""
+    """Demand that |e|_P^2 decreases by its share alpha h, up to the sum of lambda_k u_k^2. Raises: `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for base, row in zip(form, matrix(evidence, "P", n, n), strict=False):
         base[:n] = (x + alpha * y for x, y in zip(base, row, strict=False))
@@ -327,8 +325,7 @@ def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fr
 
 
 def demand_negative(what: str, form: Matrix) -> None:
-    """Demand that a symmetric form is negative definite, by elimination in intervals, or in fractions if these are too
-    wide. Raises: `Unproved`."""
+    """Demand that a symmetric form is negative definite, by intervals, else by fractions. Raises: `Unproved`."""
     negated = -1 * form
     known = definite(negated.mapped(point).rows) if negated == negated.T else 0
     if known < 0:
@@ -338,8 +335,7 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """Demand that the error of a field's state is at most `bound` if |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
-    `Unproved`."""
+    """Demand an error of a field's state of at most `bound` if |e|_P^2 <= V: bound^2 P >= V c'c. Raises: `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     rows = zip(c, V * matrix(one, "P", len(c), len(c)), strict=True)
     demand_nonnegative({"bound": Matrix([[bound**2, *(V * x for x in c)], *([V * x, *row] for x, row in rows)])})
@@ -403,7 +399,7 @@ class Decay:
         return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding that the observer's gain is above that bound, with the decay rate of V if the claim states
+        """Return the finding that the observer's gain is above that bound, with the decay rate if the claim states
         one."""
         (name, chosen), bound = self.gain(observer_of(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
@@ -417,8 +413,7 @@ class Decay:
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
-    """Return the rules for the decay of observers on a form in chains, with the evidence keys of their `slopes`, and of
-    V, `norm`."""
+    """Return the rules for the decay of observers on chains, with the keys of their `slopes`, and of V, `norm`."""
     return (
         chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),

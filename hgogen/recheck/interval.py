@@ -204,8 +204,7 @@ def _sign(x: Interval) -> Interval:
 
 
 def _side(x: Interval) -> Interval:
-    """Return the derivative of |x|: at an edge of the box the one-sided derivative from within; if 0 is inside x, or x
-    is 0, [-1, 1]."""
+    """Return the derivative of |x|: one-sided at an edge of the box; [-1, 1] if 0 is inside x, or x is 0."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
 
@@ -417,8 +416,7 @@ def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
-    """Return T + d (T' + d/2 (T'' + ..)) for d = x - x_0 from argument k on; the derivatives T are series in the later
-    arguments."""
+    """Return T + d (T' + d/2 (T'' + ..)) for d = x - x_0 from argument k on, with T as series in later arguments."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
         return begin((value,), len(args[0].coefficients))

@@ -178,8 +178,7 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return the motion of the plant from which the sizes of the share follow, and the number of boxes. Raises:
-    `Unproved`."""
+    """Return the plant's motion that implies the share's sizes, and the number of boxes. Raises: `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -326,8 +325,7 @@ _REALISATIONS: Mapping[str, Realisation] = {
 def demand_core_error(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return the motion of the plant from which the sizes of the share follow, and the number of boxes. Raises:
-    `Unproved`."""
+    """Return the plant's motion that implies the share's sizes, and the number of boxes. Raises: `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
     realisation, parts, h = _REALISATIONS[name], error.at(theta), scalar(evidence, "dt")

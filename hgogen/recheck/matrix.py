@@ -254,9 +254,8 @@ _SLOW = Fraction(1, 2)  # largest norm of w L in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Return the integral for a core L (N, N) and its input V (N, k). L is balanced first: a diagonal of powers of 2
-    makes the row and column sums of d L d^-1 similar, which reduces the norm. Raises: `Unproved` for a core that is too
-    fast."""
+    """Return the integral for a core L (N, N) and its input V (N, k). L is balanced first by powers of 2, which makes
+    row and column sums similar and reduces the norm. Raises: `Unproved` for a core that is too fast."""
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
         row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)

@@ -49,8 +49,8 @@ class PlantMotion:
     speeds: list[Fraction]
 
     def demand(self) -> int:
-        """Demand that the bounds hold for the plant, and that no measured output reads an input; return the number of
-        boxes. Raises: `Unproved`."""
+        """Demand the bounds, and that no measured output reads an input; return the number of boxes. Raises:
+        `Unproved`."""
         context = self.context
         for j in self.observed:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
@@ -66,8 +66,8 @@ class PlantMotion:
 
     @cached_property
     def observed(self) -> dict[int, tuple[int, Fraction]]:
-        """The index of the state that each output measures, and dy/dz; without outputs that measure none, which are not
-        injected. Raises: `Unproved`."""
+        """The index of the state that each output measures, and dy/dz, without the other outputs. Raises:
+        `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.observed) if z):
             observed[j] = self.context.z.index(z), self.context.output_slope(j)
@@ -88,8 +88,7 @@ class PlantMotion:
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
-    """Demand that no row of the plant exceeds its speed on its ranges; return the number of boxes. Raises:
-    `Unproved`."""
+    """Demand that no row of the plant exceeds its speed; return the number of boxes. Raises: `Unproved`."""
     rows = zip(context.rates, speeds, strict=True)
     return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
@@ -203,8 +202,7 @@ class Derivative:
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
-    """Demand that time derivatives of rows of the plant are within their bounds; return the number of boxes. Raises:
-    `Unproved`."""
+    """Demand that time derivatives of rows are within their bounds; return the number of boxes. Raises: `Unproved`."""
     context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # the name of its rate, which no expression reads
@@ -229,8 +227,7 @@ def _derivatives(
     orders_of: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
-    """Return the derivatives of rows, each of an order, as intervals on a box, with their slopes. Raises:
-    `Undefined`."""
+    """Return the derivatives of rows as intervals on a box, with their slopes. Raises: `Undefined`."""
     orders = dict(sorted(orders_of, key=lambda one: one[1]))
     every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
     rate = dict(steered)
@@ -261,8 +258,7 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """Demand that the sizes of shares, by name, are at least the sizes that they follow from; return the number of
-    boxes. Raises: `Unproved`."""
+    """Demand that sizes are at least those that they follow from; return the number of boxes. Raises: `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():

@@ -364,8 +364,7 @@ class Equation:
         return [units[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
 
     def rates(self, algebra: Algebra, x: Row, y: Row, u: Row) -> list[Quotient]:
-        """Return x' (N) for fields x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`,
-        `TooLarge`."""
+        """Return x' (N) for fields x (N), samples y (p), inputs u (m). Raises: `Unproved`, `Undefined`, `TooLarge`."""
         context, error, number = self.context, self.error, algebra.number
         names = {name: number(value) for name, value in self.parameters.items()}
         names |= zip(context.file.inputs, u, strict=True)
@@ -499,8 +498,7 @@ class Deviations:
     deviations: dict[str, Quotient] = field(default_factory=dict)
 
     def match(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """Return the values of operands that represent the `wanted` values. Raises: `Unproved`, and the arithmetic's
-        errors."""
+        """Return the values of operands that represent `wanted`. Raises: `Unproved`, and the arithmetic's errors."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = operand in self.walk.computed and operand not in self.deviations  # its value before the renaming
@@ -514,8 +512,7 @@ class Deviations:
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
-        """The functions that widen the value of each deviating statement by its deviation, in the arithmetic of a
-        precision."""
+        """The functions that widen the value of each deviating statement by its deviation."""
         return {operand: partial(self._stepped, off) for operand, off in self.deviations.items()}
 
     def _stepped(self, off: Quotient, walk: Walk, value: Computed) -> Computed:
@@ -554,8 +551,8 @@ class Rounded:
     drifts: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """Demand that a call rounds the error of each field by at most h times its size (N); return the number of
-        pieces. Raises: `Unproved`."""
+        """Demand that a call rounds each field by at most h times its size (N); return the piece count. Raises:
+        `Unproved`."""
         pieces, deviations = self._pieces, self.step.deviations().statements
         for ranges in pieces:
             try:
@@ -651,8 +648,7 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the program's interpolation of inputs between two samples; "hold" requires constant inputs. Raises:
-    `Unproved`."""
+    """Return the interpolation of inputs between samples; "hold" requires constant inputs. Raises: `Unproved`."""
     between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
     rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
     if between == "hold" and any(rates):

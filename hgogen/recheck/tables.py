@@ -51,8 +51,7 @@ class Grid:
 
     @cached_property
     def jumps(self) -> tuple[Order, ...]:
-        """The lowest order that jumps, for each axis and each of its breakpoints: 1 if the slopes on both sides differ
-        somewhere along it."""
+        """The lowest order that jumps at each breakpoint of each axis: 1 if the slopes on both sides differ."""
         turned = (self.values, tuple(zip(*self.values, strict=True)) if len(self.axes) > 1 else ())
         return tuple(
             tuple(
@@ -122,8 +121,7 @@ def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Curve:
-    """A table of monotone cubics: the points, and the pieces of each derivative, one more than points: before the
-    first, between, beyond."""
+    """A table of monotone cubics: the points, and the pieces of each derivative, also before and beyond the points."""
 
     points: tuple[tuple[Fraction, Fraction], ...]
     degree = 3
@@ -251,8 +249,7 @@ KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = 
 
 
 def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
-    """Return the function name of a table's derivative in a program, composed of its orders and numbers.
-    Raises: `ValueError` with the fault."""
+    """Return the name of a table's derivative, composed of its orders and numbers. Raises: `ValueError`."""
     count, table = KINDS[kind]
     if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
         raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")

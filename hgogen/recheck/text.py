@@ -123,8 +123,7 @@ def _quoted(value: object) -> str:
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
-    """Return the program of a text in declared names; `pi` is the constant unless it is declared. Raises:
-    `Unreadable`."""
+    """Return the program of a text in declared names; `pi` is the constant unless declared. Raises: `Unreadable`."""
     if not isinstance(text, str):
         raise Unreadable(_quoted(text), "an expression is a text")
     if len(text) > LONGEST:
@@ -263,8 +262,7 @@ class _Reader:
         raise self.fault(f"there is no rule for {name} of {len(args)}")
 
     def table(self, kind: str, args: list[int]) -> int:
-        """Parse kind(sum, .., order, .., x, y, x, y, ...): as many arguments and orders as the kind has, then
-        numbers."""
+        """Parse kind(sum, .., order, .., x, y, x, y, ...): the kind's arguments and orders, then numbers."""
         count, _ = KINDS[kind]
         numbers = [self.numbers.get(arg) for arg in args[count:]]
         known = [number for number in numbers if number is not None]

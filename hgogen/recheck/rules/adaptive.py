@@ -192,8 +192,7 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """Return the matrix P, which must be equal in all claims on the paper's inequalities, as they have one Lyapunov
-    function."""
+    """Return the matrix P, which must be equal in all claims on the paper's inequalities."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
         if other.maker == claim.maker and other.fact not in _CONVERGENCE and other.evidence.get("P", P) != P:

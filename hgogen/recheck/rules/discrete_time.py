@@ -200,8 +200,7 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
 
 
 def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """Return the largest |e(0)|_P^2, for fields that begin with the error of the state that they estimate, or with
-    0."""
+    """Return the largest |e(0)|_P^2, for fields that begin with the error of their state, or with 0."""
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):

@@ -71,8 +71,7 @@ class ErrorSystem:
 
 
 def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return the error system of the file's plant, by a claim's gain (n, p), G1 (n, k) and G2 (p, k). Raises:
-    `Unproved`."""
+    """Return the error system of the plant, by a claim's gain (n, p), G1 (n, k) and G2 (p, k). Raises: `Unproved`."""
     plant = context.plant
     around, n, p = around_of(context, description), len(plant.states), len(plant.output)
     texts = entries(description, "G1", n)
@@ -212,8 +211,7 @@ def _demand_same(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that the set is invariant for the plant, that the claimed system is that of plant and observer, and F(0) =
-    0."""
+    """Demand that the set is invariant, that the claimed system is that of plant and observer, and F(0) = 0."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
@@ -245,8 +243,7 @@ def _demand_values(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that plant, observer and claimed system have a value at an interior point with e = 0, so that the
-    identities are not void."""
+    """Demand that all parts have a value at an interior point with e = 0, so that the identities are not void."""
     zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
     at |= {name: evaluate(value, at, intervals) for name, value in along.items()}

@@ -327,8 +327,7 @@ def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
 
 
 def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
-    """Demand that a row has finite derivatives, and is a polynomial if a side is unbounded; return the number of
-    boxes."""
+    """Demand finite derivatives of a row, and a polynomial if a side is unbounded; return the number of boxes."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     for op, _, value in row.instructions:

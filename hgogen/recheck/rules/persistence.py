@@ -240,8 +240,7 @@ def _value(text: Expression) -> Any:
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
-    """Demand that the time occurs in sin and cos only, with arguments c t + d and c times the period a multiple of 2
-    pi."""
+    """Demand that the time occurs only in sin and cos of c t + d with c times the period a multiple of 2 pi."""
     algebra = algebra_of(TIME)
     for text in texts:
         raw: list[bool] = []  # whether an instruction reads the time outside sin and cos
