@@ -32,8 +32,7 @@ from hgogen.reading.given import BadGain
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """The core x' = M x + B y with M (N, N) and B (N, p) in SX; `x`: the symbols of the fields that are not frozen, in
-    their order."""
+    """The core x' = M x + B y with M (N, N) and B (N, p) in SX; `x`: the symbols of the fields that are not frozen."""
 
     x: Graph
     M: Graph
@@ -42,9 +41,7 @@ class Core:
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
     """The core as graphs of parameters and gains, with frozen fields at their values; None for a part without a core.
-
-    `valid` (p): 1 for an output whose sample is used, else 0; by default every sample is used.
-    """
+    `valid` (p): 1 for an output whose sample is used, else 0; by default every sample is used."""
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
@@ -134,10 +131,8 @@ def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> S
 
 
 def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Iterator[np.ndarray]:
-    """Yield the linear error cores (N, N) at theta = 1 with each saturation passing all or nothing of its error.
-
-    For a state inside its range, the core with saturated estimates is a convex combination of them.
-    """
+    """Yield the linear error cores (N, N) at theta = 1 with each saturation passing all or nothing of its error. For a
+    state inside its range, the core with saturated estimates is a convex combination of them."""
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
         def linear(

@@ -105,11 +105,8 @@ class FilterStep:
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
     def common(self) -> dict[str, Any]:
-        """The status bit of every factored covariance; with forgetting also exp(rho h) and the roots of (1 - exp(-rho
-        h)) S_0.
-
-        Both are computed from the same rounded exp, so that S tends to S_0 for any small rho h.
-        """
+        """The status bit of a factored covariance; with forgetting, exp(rho h) and the roots of (1 - exp(-rho h)) S_0.
+        Both use the same rounded exp, so that S tends to S_0 for any small rho h."""
         part = self.part
         always = {"bits": (part.limited,), "uses_output": part.known is not None}
         if part.forgetting is None:
@@ -373,8 +370,7 @@ class Looped(FilterStep):
         )
 
     def bounded(self) -> Program:
-        """The statements that limit a variance beyond its cap, or one that is not a number, and restart lost entries of
-        L at 0."""
+        """The statements that limit variances beyond their caps or not finite, and reset lost entries of L to 0."""
         n, limited = self.part.dynamics.n, Place("work", "limited")
         v = sym("column", "v", n)
         restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
@@ -413,8 +409,6 @@ def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A candidate for the chosen program."""
-
     name: str
     pieces: Pieces
 
@@ -430,11 +424,8 @@ class _Candidate:
 
 
 def chosen(part: Riccati, clock: Clock) -> Pieces:
-    """Return the pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the
-    choice.
-
-    Where straight-line code is short, the loops are not generated for comparison.
-    """
+    """Return the pieces of the shorter program, or of the faster one if it is not too long, and why. Where
+    straight-line code is short, the loops are not generated for comparison."""
     n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
     if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")

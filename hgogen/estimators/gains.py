@@ -96,10 +96,8 @@ def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
 
 
 def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
-    """Return p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs.
-
-    Raises: `BadPoles`.
-    """
+    """Return p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs. Raises:
+    `BadPoles`."""
     values = numbers(poles)
     if len(values) != n:
         raise BadPoles(values, f"there are {len(values)}, the form has {n} states; give one for each")
@@ -117,16 +115,13 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """Return the exact (Im mu)^2/(-Re mu) of a mu in the open left half plane: mu is in S where alpha^2/beta is above
-    it."""
+    """Return the exact (Im mu)^2/(-Re mu), Re mu < 0: mu is in S where alpha^2/beta is above it."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 
 def demand_parabola(poles: Iterable[complex], alpha: float, beta: float) -> None:
-    """Demand that poles in the open left half plane lie in S, in exact arithmetic; alpha, beta > 0.
-
-    Raises: `OutsideParabola`.
-    """
+    """Demand that poles in the open left half plane lie in S, in exact arithmetic; alpha, beta > 0. Raises:
+    `OutsideParabola`."""
     ratio = Fraction(alpha) ** 2 / Fraction(beta)
     outside = {complex(pole): least_ratio(complex(pole)) for pole in poles}
     outside = {pole: least for pole, least in outside.items() if least >= ratio}
@@ -167,9 +162,7 @@ _REAL = 1e-20  # the imaginary part of a real root at most, as a share of the la
 
 def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
     """Return k (n - 1, 2) from `gains` or from `poles` (2n - 2); by default (2, (n - i)/i) with all poles at -1.
-
-    Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`.
-    """
+    Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`."""
     if gains is not None and poles is not None:
         raise BadGain(observer, "takes gains or poles, not both; leave one out")
     if poles is not None:
@@ -187,10 +180,8 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """Return the gains k (n - 1, 2) of 2n - 2 poles; if there are several, those with the slowest last pair.
-
-    Raises: `BadPoles`, also where the search finds no positive gains for the poles.
-    """
+    """Return the gains k (n - 1, 2) of 2n - 2 poles; if there are several, those with the slowest last pair. Raises:
+    `BadPoles`, also where the search finds no positive gains for the poles."""
     listed = numbers(poles if isinstance(poles, Sequence | np.ndarray) else (poles,))
     if len(listed) != 2 * n - 2:
         raise BadPoles(listed, f"there are {len(listed)}, {n} states have {2 * n - 2} in low power")
@@ -243,8 +234,8 @@ class Column:
 
 
 def columns(form: Form, count: int) -> tuple[Column, ...]:
-    """Return the places of `count` entries, row by row: n entries act each on the output of its own chain, n q entries
-    on every output."""
+    """Return the places of `count` entries, row by row: n act each on the output of their own chain, n q on every
+    output."""
     powers, heads = exponents(form), [form.heads[k] for k in form.leads]
     rows = [(i, j) for i, size in enumerate(form.blocks[k] for k in form.leads) for j in range(size)]
     chainwise, several = count == form.n, len(heads) > 1

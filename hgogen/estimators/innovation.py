@@ -131,9 +131,7 @@ class Predictors(Part):
 
 def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
     """Return the elements clamped to the field's box, and the initial value where one is not a number or absurd.
-
-    Elements that are `still`, constant in the model, are inside and not clamped.
-    """
+    Elements that are `still`, constant in the model, are inside and not clamped."""
     elements = []
     for i, end in enumerate(field.box_within(HUGE)):
         inside = clamp(value[i], *end)
@@ -150,10 +148,7 @@ def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """Return the number of samples d/dt, which must be a whole multiple of `shares`.
-
-    Raises: `BadWindow`.
-    """
+    """Return the number of samples d/dt, which must be a whole multiple of `shares`. Raises: `BadWindow`."""
     count = round(d / dt)
     if count < 1 or count % shares or abs(count * dt - d) > 1e-9 * d:
         raise BadWindow(d, dt, shares)
@@ -161,10 +156,8 @@ def samples(d: float, dt: float, shares: int = 1) -> int:
 
 
 def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]:
-    """Return the weights in the order of the outputs.
-
-    Raises: `BadNames`; `BadWindowSize` for another number of them.
-    """
+    """Return the weights in the order of the outputs. Raises: `BadNames`; `BadWindowSize` for another number of
+    them."""
     ordered = tuple(by_output("weights", weights, dynamics.form)) if weights else ()
     if ordered and len(ordered) != dynamics.outputs:
         reason = f"must have one number for each of {dynamics.outputs} outputs"
@@ -187,8 +180,7 @@ _RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
 
 @dataclass(frozen=True)
 class Window:
-    """The innovation of the paper: `d` (s), the `tableau` that integrates the model, `weights` of the outputs'
-    squares."""
+    """The innovation of the paper: `d` (s), the `tableau` that integrates the model, `weights` of the squares."""
 
     d: float
     tableau: Tableau
@@ -207,8 +199,6 @@ class Window:
 
 @dataclass(frozen=True)
 class _Ring:
-    """The last samples at a clock; `steps`: the N of the window."""
-
     predictor: Predictor
     clock: Clock
     steps: int
@@ -264,7 +254,6 @@ class _Ring:
         return Group("past", self.size, tuple(fields), "the samples of the window")
 
     def _remember(self, output: int) -> Program:
-        """The block that stores the sample of an output in this call."""
         p = self.clock.outputs
         y, valid = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
         y[output], valid[output] = sym("work", "reading"), 1
@@ -279,8 +268,7 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """The stored input, which the replay of the next sample uses as the previous one; empty for a plant without
-        inputs."""
+        """The stored input, which the replay of the next sample uses as the previous one; empty without inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
@@ -409,8 +397,7 @@ class _Copies:
         return (Loop("predictor", self.members, (add, tally)),)
 
     def _adapt(self) -> Program:
-        """The statements that read the innovation from the oldest predictor and restart this predictor when it is
-        due."""
+        """The statements that read the innovation from the oldest predictor, and restart it when it is due."""
         numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
         wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # samples of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
@@ -431,13 +418,12 @@ class _Copies:
 
 
 def _with(values: Graph, index: int, value: Graph) -> Graph:
-    """Return the SX column with one element replaced."""
     return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))
 
 
 def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
-    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s), integrated by `method`
-    (Heun).
+    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s), by default with Heun's
+    method.
 
     `weights`: of each output's square, by name or in their order, 1 by default.
 

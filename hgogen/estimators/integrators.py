@@ -82,8 +82,7 @@ class Integrators:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """The least and largest products (2, n) over the parameters' ranges; nominal ones where no finite range is
-        known."""
+        """The least and largest products (2, n) over the parameters' ranges; nominal ones without a finite range."""
         ends = []
         for product, nominal in zip(self.products, self.nominal, strict=True):
             exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
@@ -113,10 +112,7 @@ class Integrators:
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
         """The field `w` (n), with the outer box of `state_field` and `peak`. The box contains the plant's w for all
-        parameters in their ranges.
-
-        Raises: `BadGain` for a bad initial state.
-        """
+        parameters in their ranges. Raises: `BadGain` for a bad initial state."""
         z, scale = state_field(self.form, initial, peak), self.nominal
         ends = np.array([product * side for product in self.reach for side in (z.low, z.high)])
         names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
@@ -152,8 +148,7 @@ def observer_on(
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """Return the observer whose estimate is `w` (n), an SX of places of its state; `claims` are additional to those of
-    the form."""
+    """Return the observer whose estimate is `w` (n), SX of its state; `claims` are additional to those of the form."""
     form = chain.form
     return Observer(
         form=form,
@@ -193,9 +188,7 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
 
 def integrators(observer: str, form: Form) -> Integrators:
     """Return the form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
-
-    Raises: `BadGain` for another form, or several outputs.
-    """
+    Raises: `BadGain` for another form, or several outputs."""
     if len(form.output) > 1:
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     demand_linear_rows(observer, form)
@@ -248,10 +241,8 @@ GAIN_LIMITED = Bit(
 
 
 def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray:
-    """Return K (n) from the `poles` of A - K C, or from `gains`; A - K C is tested exactly to be Hurwitz.
-
-    Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or neither, or gains of another length.
-    """
+    """Return K (n) from the `poles` of A - K C, or from `gains`; A - K C is tested exactly to be Hurwitz. Raises:
+    `BadPoles`; `NotHurwitz`; `BadGain` for both or neither, or gains of another length."""
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     K = coefficients(poles, n) if gains is None else reals("gains", gains)
@@ -306,8 +297,8 @@ def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
 
 
 def unmodelled(form: Form) -> Jump:
-    """Return the status bits of missing samples for an observer without a model of the last row, which cannot
-    predict."""
+    """Return the status bits of missing samples for an observer that cannot predict: it has no model of the last
+    row."""
     bits = tuple(
         Bit(
             f"MISSING_{y}",
@@ -320,8 +311,7 @@ def unmodelled(form: Form) -> Jump:
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
-    """Return the error y - o(u) - w_1 at the last valid sample, after the estimate has been predicted to its time; SX
-    scalar."""
+    """Return y - o(u) - w_1 at the last valid sample, with the estimate predicted to its time; SX scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]
 
 
@@ -329,11 +319,8 @@ Remainder = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Gr
 
 
 def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], remainder: Remainder) -> Ode:
-    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; the observer supplies the
-    fields and the values of K.
-
-    The errors of outputs that measure the same state enter as their mean by `weights` (p).
-    """
+    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; fields and K come from the
+    observer. The errors of outputs that measure the same state enter as their mean by `weights` (p)."""
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 

@@ -121,7 +121,6 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
 
 
 def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp.Expr] | None, period: Any) -> Check:
-    """Return the check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
     read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in along_time(form, {})))
     A, C = along_time(form, waveforms or {})
     broken = _broken(form, waveforms) if waveforms else None
@@ -173,16 +172,13 @@ def _periodic(
 
 
 def seconds(period: Any) -> float | None:
-    """Return a declared period in the model's time unit; None where none is declared, or it is not positive.
-
-    Raises: `BadGain` for an expression of anything but the time.
-    """
+    """Return a declared period in the model's time unit; None where none is declared, or it is not positive. Raises:
+    `BadGain` for an expression of anything but the time."""
     length = None if period is None else _expression("period", period)
     return float(length) if length is not None and length.is_positive and length.is_finite else None
 
 
 def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
-    """Return each input by name as an expression of the time. Raises: `BadGain`."""
     names = [u.name for u in form.system.inputs]
     if not isinstance(inputs, Mapping):
         raise BadGain(f"inputs = {inputs!r}", "must be a mapping from inputs to expressions of the time")
@@ -217,12 +213,8 @@ def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix,
 
 
 def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
-    """Return a part of the plant that is not proved to be finite for these inputs at all times and the states in their
-    ranges.
-
-    None if there is none. A and C may no longer contain the part: a/b is 1 for a = b = sin t, but the plant is
-    undefined at t = 0.
-    """
+    """Return a part of the plant that may be infinite for these inputs and states in their ranges at some time; None
+    without one. A and C may not contain it: a/b is 1 for a = b = sin t, but the plant is undefined at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -231,7 +223,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
 
 
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
-    """Return why an input, or an entry of A and C for inputs in their ranges, may not be finite over a period, else
+    """Return why an input, or an entry of A and C for inputs in their ranges, may be infinite in a period, else
     `NONE`."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
     rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
@@ -245,8 +237,7 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
 
 
 def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """Return why a constant input is no real number, is clamped by the observer, or makes A, C infinite; `NONE`
-    otherwise."""
+    """Return why a constant input is no real number, is clamped, or makes A, C infinite; `NONE` otherwise."""
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
@@ -296,8 +287,7 @@ def _size(rows: sp.Matrix) -> sp.Expr:
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
-    """Return whether the rows of matrices of `rate` times the time (s) are proved to have rank n, for all parameter
-    values."""
+    """Return whether the rows of matrices of `rate` times the time (s) are proved to have rank n for all parameters."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
         return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
@@ -338,10 +328,8 @@ class WindowGramian:
 
 
 class Course:
-    """The course of A (n, n) and C (p, n), expressions of the time and of parameters between their `ends`.
-
-    Raises: `NoTape` for an expression without a series.
-    """
+    """The course of A (n, n) and C (p, n), expressions of the time and of parameters between their `ends`. Raises:
+    `NoTape` for an expression without a series."""
 
     def __init__(self, A: sp.Matrix, C: sp.Matrix, time: sp.Symbol, ends: Sequence[tuple[sp.Symbol, Any, Any]]) -> None:
         self.n, self.p = A.rows, C.rows
@@ -349,8 +337,7 @@ class Course:
         self._constants = [between(Fraction(low), Fraction(high)) for _, low, high in ends]
 
     def piece(self, begin: Fraction, length: Fraction) -> WindowGramian:
-        """Return the values on the piece of that length (s) that begins there. Raises: `Undecided`,
-        `ZeroDivisionError`."""
+        """Return the values on that piece of that length (s). Raises: `Undecided`, `ZeroDivisionError`."""
         h, order = flint.arb(number(length)), ORDER + 1
         A, C = self._series(flint.arb(number(begin)), order)
         Phi = [flint.arb_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])]
@@ -535,7 +522,7 @@ def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterat
 
 
 def _smallest(window: WindowGramian) -> Fraction:
-    """Return a lower bound of the smallest eigenvalue of W: that of the balls' centres, minus the largest sum of
+    """Return a lower bound of the smallest eigenvalue of W: that of the balls' centres, less the largest sum of
     radii."""
     n = range(window.W.nrows())
     balls = [[(window.W[i, j] + window.W[j, i]) / 2 for j in n] for i in n]

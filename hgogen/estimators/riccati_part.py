@@ -71,11 +71,8 @@ def cap(
 
 
 def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
-    """Return a diagonal (n) or a matrix (n, n) as a symmetric positive definite matrix, without rounding errors
-    (`symmetric`).
-
-    A diagonal may have zeros where its noise `reaches` every state. Raises: `BadGain`.
-    """
+    """Return a diagonal (n) or a matrix (n, n) as a symmetric positive definite matrix, without rounding errors. A
+    diagonal may have zeros where its noise `reaches` every state. Raises: `BadGain`."""
     matrix = reals(name, value)
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
@@ -113,18 +110,15 @@ def is_diagonal(matrix: np.ndarray) -> bool:
 
 
 def is_definite(matrix: np.ndarray) -> bool:
-    """Return whether a matrix is positive definite, in exact arithmetic: a float eigenvalue near 0 may have the wrong
-    sign."""
+    """Return whether a matrix is exactly positive definite: a float eigenvalue near 0 may have the wrong sign."""
     if is_diagonal(matrix):
         return bool((np.diag(matrix) > 0).all())
     return definite.positive(definite.exact(definite.rationals(matrix)))
 
 
 def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
-    """Return positive numbers, one for each output, from one number for all outputs or a number for each.
-
-    Raises: `BadGain`.
-    """
+    """Return positive numbers, one for each output, from one number for all outputs or a number for each. Raises:
+    `BadGain`."""
     array = reals(name, value)
     if array.shape not in ((), (outputs,)):
         raise BadGain(f"{name} of shape {array.shape}", f"must have one number for each of {outputs} outputs")
@@ -193,7 +187,7 @@ class Riccati(Part):
         return jacobians_on_box(self.dynamics, samples, affine=self.known is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: for P, forgetting is a growth of the
+        """Return F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: forgetting makes P grow like the
         model."""
         F, C = self.slopes(samples)
         return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
@@ -270,10 +264,7 @@ def packed_triangle(
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (L, d) of a symmetric positive definite matrix L diag(d) L'. For a diagonal matrix d is exactly its
-    diagonal, which may have zeros.
-
-    Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
-    """
+    diagonal, which may have zeros. Raises: `numpy.linalg.LinAlgError` where it is not positive definite."""
     entries = np.diag(matrix).astype(float)
     if not np.count_nonzero(matrix - np.diag(entries)) and (entries >= 0).all():
         return np.eye(len(entries)), entries
@@ -316,8 +307,7 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
 
 
 def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
-    """Return the unit lower triangular L, and the diagonal of D, of a symmetric matrix (n, n) = L D L', SX or
-    numbers."""
+    """Return L, unit lower triangular, and the diagonal of D, of a symmetric matrix (n, n) = L D L', SX or numbers."""
     n = S.shape[0]
     L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
     for j in range(n):
@@ -426,7 +416,7 @@ LIMITED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner, for a Q that is not
+    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner about a Q that is not
     diagonal."""
 
     part: Riccati

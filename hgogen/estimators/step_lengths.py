@@ -198,8 +198,7 @@ HALVINGS = 12  # of the interval in which `refused` lies
 
 
 class Way(Protocol):
-    """A method as the map of frozen errors for the linear core (N, N) and M (k, N, N), which may have a common
-    scaling."""
+    """A method as the map of frozen errors for the linear core (N, N) and M (k, N, N), with a common scaling."""
 
     @property
     def exact(self) -> bool:
@@ -211,8 +210,7 @@ class Way(Protocol):
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
-        """The smallest h for each stable M (k) from which on T(h) has an eigenvalue beyond 1; inf where there is
-        none."""
+        """The smallest h for each stable M (k) from which on T(h) has an eigenvalue beyond 1, else inf."""
         ...
 
     def __hash__(self) -> int:
@@ -222,10 +220,7 @@ class Way(Protocol):
 
 def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
     """Return the step lengths of a part of the observer; `core`: the limit of its linear core alone, `rule` as in
-    `Lengths`.
-
-    The costly `take` is computed only for a step `dt` that may exceed it.
-    """
+    `Lengths`. The costly `take` is computed only for a step `dt` that may exceed it."""
     errors, limits = _judged(part, observer), _limits(part, observer, way)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
@@ -267,8 +262,8 @@ def stable(M: Array) -> Array:
 
 
 def first_unstable(core: Array, M: Array, way: Way) -> Array:
-    """Return `Way.refused` by trying increasing step lengths, for the M that is the first to become unstable; inf for
-    the others."""
+    """Return `Way.refused`, by increasing step lengths, for the M that is the first to become unstable; inf for
+    others."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
     if not fastest:
         return limits
@@ -289,8 +284,8 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
 
 
 def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
-    """Return the length `take` for stable, balanced M (k, N, N), at least SHARE times DEEPEST of `refused`; inf without
-    a limit."""
+    """Return `take` for stable, balanced M (k, N, N), at least SHARE times DEEPEST of `refused`; inf without a
+    limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
@@ -347,8 +342,7 @@ class Loops:
         return self._transition(h, P)
 
     def way(self, h: float) -> Array:
-        """Return the largest P_ii/cap_i (k) from every start until P is steady, after 1, 2, 3, 4, 6, 8, 12, ..
-        steps."""
+        """Return the largest P_ii/cap_i (k) from every start until P is steady, after 1, 2, 3, 4, 6, 8, .. steps."""
         return self._way(list(_doubled(*self._step(h))))
 
     def _way(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
@@ -374,16 +368,13 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Return whether no error grows without bound at a point (k), with the steady P and with P limited to its
-        cap."""
+        """Return whether no error grows without bound at a point (k), both with the steady P and with the capped P."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
         """Return the largest h up to which no error grows much, and P reaches its cap only where it does for h -> 0.
-
-        The value does not depend on `end`; it is inf where it lies beyond `end`.
-        """
+        The value does not depend on `end`; it is inf where it lies beyond `end`."""
         model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
         fastest = max(model, loop)
         if not fastest or FINE / fastest > end:
@@ -403,8 +394,8 @@ class Loops:
         return longest(grows, start, end, coarse_end)
 
     def refused(self, start: float) -> float:
-        """Return the largest h above `start` up to which errors decay at one of the F at least; inf if this holds for
-        all h or none."""
+        """Return the largest h above `start` with decaying errors at one F at least; inf if all h have them, or
+        none."""
         fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
 
         def lost(h: float) -> bool:
@@ -467,10 +458,8 @@ def together(every: Sequence[Loops]) -> Loops:
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loops:
-    """Return the closed loops at F (k, n, n), C (k, p, n) with a steady covariance at a theta.
-
-    P starts at P(0), and at its steady value at the theta `start`.
-    """
+    """Return the closed loops at F (k, n, n), C (k, p, n) with a steady covariance at a theta. P starts at P(0), and at
+    its steady value at the theta `start`."""
     Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
@@ -521,7 +510,7 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the maps of 1, 2, 4, .. steps (k, n, n), until H is the steady P; where there is none, H becomes large or
+    """Yield the maps of 1, 2, 4, .. steps (k, n, n), until H is the steady P; without one, H becomes large or
     infinite."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):

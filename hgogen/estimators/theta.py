@@ -495,10 +495,7 @@ class Adaptive(Theta):
 
 def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
     """Return the exact theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2
-    theta_1 - theta)^2.
-
-    `room` is the time to theta_1, 0 above it.
-    """
+    theta_1 - theta)^2. `room` is the time to theta_1, 0 above it."""
     room = ca.fmax(1 / theta - 1 / theta_1, 0)
     below = 1 / ca.fmax(1 / theta - s, 1 / theta_1)
     gap = 2 * theta_1 - ca.fmax(theta, theta_1)
@@ -508,7 +505,6 @@ def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
 
 @cache
 def _risen() -> Any:
-    """Return `rise` as a function of numbers."""
     arguments = [ca.SX.sym(name) for name in ("theta", "s", "theta_1")]
     return ca.Function("rise", arguments, [rise(*arguments)])
 
@@ -567,10 +563,8 @@ def adaptive(
 
 
 def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> float:
-    """Return log Lambda(theta_0, t, rate) for n states; `rate` is lambda (1/s), `t` (s), `a` (1/s).
-
-    Raises: `BadGain` for theta_0 < 1, t < 0, a number of states below 1, or a rate or an a that is not positive.
-    """
+    """Return log Lambda(theta_0, t, rate) for n states; `rate` is lambda (1/s), `t` (s), `a` (1/s). Raises: `BadGain`
+    for theta_0 < 1, t < 0, a number of states below 1, or a rate or an a that is not positive."""
     theta_0, t, rate, a = real("theta_0", theta_0), real("t", t), positive("rate", rate), positive("a", a)
     if not 1 <= theta_0 < math.inf:
         raise BadGain(f"theta_0 = {theta_0!r}", "must be a finite number, at least 1")
@@ -584,10 +578,7 @@ def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> fl
 
 def error_bound(theta_0: float, t: float, rate: float, *, n: int, a: float, R: float, initial: float = 1.0) -> float:
     """Return the bound on |e(t)| for |e(0)| = `initial`, with the constants `a` (1/s) and `R` of the theorem; infinite
-    beyond the range of floats.
-
-    Raises: `BadGain`, also for an R or an initial error that is not positive.
-    """
+    beyond the range of floats. Raises: `BadGain`, also for an R or an initial error that is not positive."""
     grown = log_growth(theta_0, t, rate, n=n, a=a) - a * t + math.log(positive("R", R))
     exponent = grown / 2 + math.log(positive("initial", initial))
     return math.exp(exponent) if exponent < math.log(1.7e308) else math.inf

@@ -200,7 +200,6 @@ def _driven(
 
 
 def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
-    """Return the differential equation of w and gamma."""
     ((low, high),) = moving.box
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:

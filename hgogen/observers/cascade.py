@@ -69,8 +69,7 @@ def cascade(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The cascade observer on a form of one output with constant a_i and at least two states, all but the first with
-    ranges.
+    """The cascade observer on a form of one output with constant a_i, n >= 2 states, all but the first with ranges.
 
     Args: `theta` = 1/mu >= 1; `gains` alpha (n), positive, or the n `poles` of the linear error core at theta = 1, at
     most one pair of them complex, by default all at -1; `initial` the plant's state; `accept` ids of refuted checks to
@@ -140,8 +139,7 @@ def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] | Sequence[float] | None) -> Field:
-    """Return the field v (n), in equilibrium with xhat = w(0); the box of v_i is the outer box of w_(i-1), that of v_2
-    of w_1'."""
+    """Return the field v (n), in equilibrium with xhat = w(0); v_i has the outer box of w_(i-1), v_2 that of w_1'."""
     w, n = chain.field(initial, float(slopes[0])), chain.n
     u = column(map(resting, chain.form.system.inputs))
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), of_form(chain.form)).reshape(-1)

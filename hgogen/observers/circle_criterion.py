@@ -109,7 +109,6 @@ def circle_criterion(
 
 
 def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
-    """Return the exact entries of N. Raises: `BadGain`."""
     if argument is None:
         return sample_in_place(form)
     if isinstance(argument, Sequence | np.ndarray) and len(argument) == 0:

@@ -128,7 +128,6 @@ def filtered(
 
 
 def _gains(poles: Any, gains: Any, n: int, alpha: float, beta: float) -> np.ndarray:
-    """Return L (n) with a Hurwitz M."""
     if (poles is None) == (gains is None):
         raise BadGain("filtered", "takes either the poles of A - L C or the gains L; give one of the two")
     if gains is None:

@@ -143,7 +143,6 @@ def _matrix(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _printed(matrix: np.ndarray) -> str:
-    """Return the text of a matrix for a banner, row by row."""
     return f"({', '.join(map(listed, matrix))})"
 
 

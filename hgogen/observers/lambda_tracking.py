@@ -126,8 +126,7 @@ GROWN = replace(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return k from half of theta to ten times theta; an error as large as the range of y raises it by theta^2 per
-    second."""
+    """Return k from theta/2 to 10 theta; an error as large as the range of y raises it by theta^2 per second."""
     y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
     moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
@@ -220,7 +219,6 @@ def lambda_tracking(
 
 
 def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) -> Pieces:
-    """Return the statements that halve the gain."""
     ((least, most),) = k.box
     slowest = float(-np.linalg.eigvals(companion(p)).real.max())
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
@@ -291,10 +289,8 @@ def _started(w: Field, chain: Integrators, start: Any) -> Field:
 
 
 def _unmodelled(form: Form) -> Form:
-    """Return the form with b = 0, and without the inputs that only b reads.
-
-    Raises: `BadGain` where a row of b other than the last is not 0.
-    """
+    """Return the form with b = 0, and without the inputs that only b reads. Raises: `BadGain` where a row of b other
+    than the last is not 0."""
     if any(row != 0 for row in form.b[:-1]):
         reason = "takes a form with b in its last row only where it has no model: take the form phase, or model=True"
         raise BadGain("lambda_tracking", reason)

@@ -85,8 +85,7 @@ def peaking_free(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The peaking-free low-power observer on a form of one output with constant a_i and at least two states, with
-    ranges.
+    """The peaking-free low-power observer on a form of one output with constant a_i, n >= 2 states with ranges.
 
     Checks: `peaking_free.convergence` (a bound on theta is proved, including the saturations), `peaking_free.theta`
     (theta is above it).

@@ -103,11 +103,8 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
 
 
 def arranged(step: Step) -> Step:
-    """Return the step that accepts late samples of the outputs in its observer's `delays`; without delays, `step`
-    itself.
-
-    Raises: `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a status has.
-    """
+    """Return the step that accepts late samples of the outputs in its observer's `delays`, else `step`. Raises:
+    `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a status has."""
     return _Delayed(step).step if step.observer.delays else step
 
 
@@ -155,7 +152,6 @@ class _Delayed:
 
     @cached_property
     def _signals(self) -> tuple[Field, ...]:
-        """The fields of the input and the samples of a period."""
         named = (("u_given", self.plain.inputs, "input"), ("y_given", self.plain.outputs, "samples"))
         return tuple(_signals(name, signals, what) for name, signals, what in named if signals)
 
@@ -170,10 +166,8 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """The sections of the plain step, which read the input and the samples of a period from the state.
-
-        The status bits for missing samples are raised by the caller's updates, those for a wrong order cannot occur.
-        """
+        """The sections of the plain step, which read the input and the samples of a period from the state. The status
+        bits for missing samples are raised by the caller's updates, those for a wrong order cannot occur."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]
@@ -194,11 +188,8 @@ class _Delayed:
 
     @cached_property
     def _go_back(self) -> Section:
-        """The section that restores the memory of a period.
-
-        No stored period precedes the first call, which advances no time; this holds for corrupted memory as well, and
-        the next prediction then detects the loss.
-        """
+        """The section that restores the memory of a period. No stored period precedes the first call, which advances no
+        time, even if memory was corrupted; the next prediction then detects the loss."""
         calls = sym("state", "calls")
         begun = Block("it was predicted", {Place("state", "calls"): ca.if_else(calls >= 1, calls, 1)})
         return Section("go_back", "take the memory of a period up again", (*self._copied(MEMORY, "state"), begun))
@@ -316,7 +307,6 @@ class _Delayed:
 
     @property
     def _bits(self) -> tuple[Bit, ...]:
-        """The status bits for late and for dropped samples."""
         oldest = self._count - 1
         dropped = f"a sample waited for adapt until it was more than {oldest} periods old: dropped, not used"
         bits = [Bit("DROPPED", dropped, "call adapt before predict makes a sample that waits older than that")]

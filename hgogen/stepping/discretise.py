@@ -60,10 +60,8 @@ from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
-    """Return a part as memory and statements.
-
-    Raises: the errors of the method for a part that it refuses; `CorrectsAtSamples`.
-    """
+    """Return a part as memory and statements. Raises: the errors of the method for a part that it refuses;
+    `CorrectsAtSamples`."""
     match part:
         case Ode():
             return method.ode(part, clock)
@@ -108,10 +106,7 @@ class NoEquation(HgogenError):
 
 def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:
     """Return the differential equation of a part, with the covariance in this view; None for a part that changes only
-    at samples.
-
-    Raises: `NoEquation`.
-    """
+    at samples. Raises: `NoEquation`."""
     match part:
         case Ode():
             return part
@@ -161,11 +156,8 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
 
 
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
-    """Return the step length up to which the model is resolved while samples are missing, if `dt` is longer.
-
-    It is computed from the model's Jacobian, or from that of a `part` without samples; none for a method without a
-    tableau.
-    """
+    """Return the step length up to which the model, or a `part` without samples, is resolved while samples are missing,
+    if `dt` is longer; none for a method without a tableau."""
     known = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
     return known if dt > known.take else Lengths()
 
@@ -192,7 +184,7 @@ RESTARTED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Curved(Around):
-    """A Riccati observer at theta = 1 with the second derivatives of the outputs; `rate` (1/s): SX scalar, at most
+    """A Riccati observer at theta = 1 with second derivatives of the outputs; `rate` (1/s): SX scalar, at most
     `fastest`."""
 
     rate: Graph
@@ -231,8 +223,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Return the step lengths of the observer without the second derivatives, and those of their term, which limits
-    every method."""
+    """Return the step lengths without the second derivatives, and those of their term, which limits every method."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
@@ -243,8 +234,7 @@ def _explicit(method: Any) -> Explicit:
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:
-    """Return the statements that reset the packed symmetric matrix (n, n) to its initial value where a pivot of L D L'
-    is not positive."""
+    """Return the statements that reset a packed symmetric matrix (n, n) for which a pivot of L D L' is not positive."""
     place = Place("state", covariance.name)
     definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
@@ -297,8 +287,7 @@ def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
 
 @lru_cache(maxsize=16)  # called for the counts, and for the precision
 def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
-    """Return the name, the range and a bound of |z'| on the ranges, for each state with a range and a finite nonzero
-    bound."""
+    """Return name, range and a bound of |z'| on the ranges, for each state with a range and a finite nonzero bound."""
     known = form.box
     bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
     rows = zip(form.names, form.states, bounds, strict=True)

@@ -53,7 +53,7 @@ from hgogen.stepping.members import read_fields
 
 @dataclass(frozen=True)
 class Entry:
-    """An element of a vector; `array`: the name of its array, equal to its own for a scalar, and `label` its name
+    """An element of a vector; `array`: the name of its array, equal to its own for a scalar, `label`: its name
     there."""
 
     name: str
@@ -140,8 +140,7 @@ def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
 
 
 def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
-    """Yield the elements of a group's field in the order of memory: member by member from the outermost group
-    inwards."""
+    """Yield the elements of a group's field in the order of memory: member by member, the outermost group first."""
     for members in product(*(range(group.count) for group in line)):
         path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
         yield from of_field(field, unit, f"{path}.{field.name}")
@@ -160,8 +159,7 @@ Shape = tuple[int, int]
 
 
 def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
-    """Return the shapes of a state in memory; for a group in a group a column holds all inner members, one after the
-    other."""
+    """Return the shapes of a state in memory; for a group in a group, a column holds all inner members in sequence."""
     shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
     for line in lines_of(groups):
         inner = prod(group.count for group in line[1:])
@@ -412,15 +410,13 @@ class Graphs:
 
     @cached_property
     def _symbols(self) -> list[Graph]:
-        """The symbols of u, y, p."""
         return [ca.MX.sym(name, len(vector)) for name, vector in zip("uyp", self.inputs, strict=True)]
 
     def _of(self, field: Field) -> Iterable[Entry]:
         return of_field(field, self.source.unit(field))
 
     def _tuned(self, tuning: Program) -> Memory:
-        """Return the parameters limited to their ranges, the derived ones, and the status bits that the limits
-        raise."""
+        """Return the parameters limited to their ranges, the derived ones, and the status bits of these limits."""
         step = self.source
         lies = {
             Place(kind, f.name): (f.size, 1)

@@ -124,8 +124,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
 
 
 def or_lower(observer: Observer) -> str:
-    """Return the advice to lower the high gain against peaking; "" where there is no high gain, or a proof would be
-    lost."""
+    """Return the advice to lower the high gain against peaking; "" without a high gain, or if a proof would be lost."""
     if any(check.id.fact == "theta" and check.verdict is Verdict.PROVED for check in observer.checks):
         return ""
     high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
@@ -148,8 +147,7 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Return the status block for a plant's state that cannot be computed from the form's; empty for a form where it
-    always can."""
+    """Return the status block for a plant's state that cannot be computed from the form's; empty if it always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -169,7 +167,6 @@ def any_of(tests: Iterable[Graph]) -> Graph:
 
 
 def _within(value: Graph, limit: float) -> Graph:
-    """Return |value| <= limit; 0 for a value that is not a number."""
     return ca.fabs(value) <= limit
 
 
@@ -231,11 +228,8 @@ def readings(form: Form) -> list[tuple[float, float]]:
 
 
 def hold(observer: Observer, clock: Clock) -> Program:
-    """Return the block that stores the last finite values of rows with a fallback at the begin of a call.
-
-    It also sets the bits of rates that are replaced by their fallback at the begin, middle or end of the input's
-    change.
-    """
+    """Return the block that stores the last finite values of rows with a fallback at the begin of a call. It raises the
+    bits of rates whose fallback is used at the begin, middle or end of the input's change."""
     dynamics, z = observer.dynamics, observer.z
     named = dynamics.fallback
     writes, bits = {}, {}
@@ -272,8 +266,8 @@ def hold_fields(observer: Observer) -> tuple[Field, ...]:
 
 
 def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Graph]]:
-    """Return the sample of output j, not a number where the output is undefined at the estimate, and its status bits if
-    it may be undefined."""
+    """Return the sample of output j, and for an output that may be undefined at the estimate, nan there, and its
+    bits."""
     name = observer.form.system.outputs[j].name
     raw, readable = sym("output", name), observer.dynamics.output_slopes_valid(observer.z, u)
     if j not in readable:
@@ -297,8 +291,8 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the guard of all samples at once for a part that integrates with the measurement: y now, y at the last
-    call, valid."""
+    """Return the guard of all samples for a part that integrates with the measurement: y now, y at the last call,
+    valid."""
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
     last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
@@ -352,11 +346,8 @@ def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
 
 
 def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """Return the program that clamps these fields of the state to their boxes, or resets all of it where a value is
-    lost.
-
-    `each`: each value is tested again for being a number, which a static analyser cannot infer from a loop over many.
-    """
+    """Return the program that clamps these fields of the state to their boxes, or resets it all where a value is lost.
+    `each`: each value is tested again for being a number, which an analyser cannot infer from a loop over many."""
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
@@ -417,7 +408,6 @@ def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived
 
 
 def _block(title: str, limits: Iterable[Limit], rows: bool = False) -> Block:
-    """Return the block that limits the parameters and reports it in the status."""
     values = dict[Place, list[Graph]]()
     changed = []
     limits = tuple(limits)

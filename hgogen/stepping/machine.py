@@ -48,11 +48,8 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
 
 
 class Reading(Reader[Action]):
-    """Programs as closures over one memory.
-
-    `memory` maps each place to an array, initially 0: (size), (count, size) for a field of a group, (count, count,
-    size) for a field of a group in a group. `status`: the raised bits.
-    """
+    """Programs as closures over one memory. `memory` maps each place to an array, initially 0: (size), (count, size)
+    for a field of a group, (count, count, size) for a field of a group in a group. `status`: the raised bits."""
 
     def __init__(
         self,
@@ -235,8 +232,7 @@ class Machine(Reading):
         self._run(self._estimate)
 
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the estimates (N, n), the traces (N, number of traces) and the statuses (N) for samples u (N, m), y
-        (N, p)."""
+        """Return the estimates (N, n), the traces (N, traces) and the statuses (N) for samples u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
         kinds = (("input", step.inputs), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]

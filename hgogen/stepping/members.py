@@ -33,8 +33,8 @@ from hgogen.program import (
 
 @dataclass(frozen=True)
 class Substitution:
-    """A map of places: `places` maps a place to another one, or a place that is only read to an SX column; `groups`
-    maps the names of groups."""
+    """A map of places: `places` maps a place to another, or a place that is only read to an SX column; `groups` maps
+    names."""
 
     places: Mapping[Place, Graph]
     groups: Mapping[str, str]
@@ -99,8 +99,7 @@ _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
-    """Return the pieces with other names for their fields and groups; `places`: substitutions for other places, as in
-    `Substitution`."""
+    """Return the pieces with other names for fields and groups; `places`: substitutions as in `Substitution`."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     substituted = Substitution({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
     programs: dict[str, Any] = {name: substituted.program(getattr(pieces, name)) for name in _PROGRAMS}
@@ -130,8 +129,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
 
 
 def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
-    """Return the program that resets a member's fields; counters have a separate block; `part`: the prefix of the
-    blocks' part."""
+    """Return the program that resets a member's fields, counters in a separate block; `part`: prefix of the blocks'
+    part."""
     programs = list[Block]()
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
         writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
@@ -140,11 +139,8 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
 
 
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that resets the groups in `above`, a member or the state of these fields, except their lasting
-    fields.
-
-    Their estimates become those of `above`; `z` is the observer's estimate, an SX of places of the state.
-    """
+    """Return the program that resets the groups in `above`, a member or the state of these fields, except lasting
+    fields. Their estimates become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
     loops = []
     for group in groups:
         copied, start = _copied(above, fields, group, z)
@@ -155,8 +151,8 @@ def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z
 
 
 def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that sets the estimates of the groups in `above` to that of `above`, as in `fresh_groups`, and
-    changes nothing else."""
+    """Return the program that only sets the estimates of the groups in `above` to that of `above`, as in
+    `fresh_groups`."""
     loops = []
     for group in groups:
         _, start = _copied(above, fields, group, z)

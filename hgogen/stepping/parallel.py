@@ -48,8 +48,8 @@ class BadPeriod(HgogenError):
 
 
 def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
-    """Raise `BadGain` for anything but a single observer without delays; `bank` is the message for a bank, `late` for
-    an observer for late samples."""
+    """Raise `BadGain` unless it is a single observer without delays; messages: `bank` for a bank, `late` with
+    delays."""
     if not isinstance(observer, Observer):
         kind = type(observer).__name__
         raise BadGain(name, f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
@@ -61,11 +61,8 @@ def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Parallel(Part):
-    """`count` copies of `member`, the oldest restarted every `period` (s).
-
-    The members are compared by the output error of the newest sample, or by `innovation`, by default over a share of
-    the period.
-    """
+    """`count` copies of `member`, the oldest restarted every `period` (s). The members are compared by the output error
+    of the newest sample, or by `innovation`, by default over a share of the period."""
 
     member: Observer
     count: int
@@ -197,8 +194,7 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Return the selection of the member with the smallest score among those that do not restart, if it is better by
-    the hysteresis."""
+    """Return the selection of the smallest score among members that do not restart, if better by the hysteresis."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -235,8 +231,8 @@ def _choose(part: Parallel, period: int) -> Program:
 
 
 def _restart(part: Parallel, alone: Pieces) -> Program:
-    """Return the restart of the oldest member when it is due: with the estimate and score of the selected one, and its
-    other memory reset."""
+    """Return the restart of the oldest member when it is due: estimate and score of the selected one, the others
+    reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
     begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))

@@ -126,8 +126,7 @@ def _start_point(
     V: Graph,
     limits: list[tuple[float, float]],
 ) -> np.ndarray:
-    """Return x_0: the initial values, or the point of the ranges at which samples of the most outputs have
-    information."""
+    """Return x_0: the initial values, or the point of the ranges at which most outputs have information."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [Place("state", field.name) for field in fields]
     sizes = np.cumsum([field.size for field in fields])[:-1]
@@ -157,8 +156,7 @@ def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Fiel
 
 
 def projection(observer: Observer, pieces: Pieces) -> Program:
-    """Return the program that projects the estimate of an observer with these pieces onto its ranges; see the
-    module."""
+    """Return the program that projects the estimate of an observer with these pieces onto its ranges."""
     if pieces.project:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
@@ -171,7 +169,6 @@ def projection(observer: Observer, pieces: Pieces) -> Program:
 
 
 def _clamped(observer: Observer, x: Graph) -> Graph | None:
-    """Return the fields x clamped to their ranges; None where a range is not that of a single field."""
     value = ca.SX(x)
     for g, _, end in _ranges(observer, x):
         same = [i for i in range(x.numel()) if ca.is_equal(ca.SX(g), x[i])]
@@ -182,7 +179,6 @@ def _clamped(observer: Observer, x: Graph) -> Graph | None:
 
 
 def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x: Graph) -> Graph:
-    """Return the fields x projected onto the ranges in turn."""
     known = pieces.covariance is not None and pieces.covariance.shape[0] == x.numel()
     P: Graph = pieces.covariance if known else ca.diag(ca.SX(weights(fields)))
     projected = x
@@ -194,8 +190,7 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
-    """Return the last point on the way from x to `projected` that is in the outer box; a clamp removes rounding
-    errors."""
+    """Return the last point from x to `projected` that is in the outer box; a clamp removes rounding errors."""
     way, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)

@@ -99,8 +99,7 @@ SAMPLES = 10  # the inverse of a rate, where none is known
 
 
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
-    """Return T of the module, in the model's time unit; r is the width of the outer box over that of the declared
-    one."""
+    """Return T of the module, in the model's time unit; r is the width of the outer box over the declared one."""
     plant = plant_rate(observer)
     return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
@@ -304,17 +303,14 @@ class Recovery:
 
     @cached_property
     def _outside(self) -> Graph:
-        """Whether the estimate is outside a declared range; SX."""
         return outside(self.observer)
 
     @cached_property
     def _readings(self) -> list[tuple[float, float]]:
-        """The interval of readings of each output."""
         return readings(self.observer.form)
 
     @cached_property
     def _spans(self) -> list[float]:
-        """The width of the interval of readings of each output."""
         return [high - low for low, high in self._readings]
 
     @property
@@ -352,8 +348,7 @@ class Recovery:
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """Return the program that resets corrupted fault counters and limits, and changes the counter of range by a
-        weight."""
+        """Return the program that resets corrupted fault counters and limits, and changes that of range by a weight."""
         same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
@@ -378,10 +373,8 @@ class Recovery:
         return projection(self.observer, self.pieces) if ranges else ()
 
     def watch(self, samples: Samples, says: bool) -> Program:
-        """Return the law at the end of a section that has corrected the estimate.
-
-        `says`: whether this section also raises OUTSIDE_BOX.
-        """
+        """Return the law at the end of a section that has corrected the estimate. `says`: whether this section also
+        raises OUTSIDE_BOX."""
         bit = {Place("status", "OUTSIDE_BOX"): self._outside} if says else {}
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
@@ -425,16 +418,14 @@ class Recovery:
 
     @cached_property
     def other_memory(self) -> Program:
-        """The program that resets all memory except the estimate and the lasting fields; members start from the
-        estimate."""
+        """The program that resets all memory except estimate and lasting fields; members start from the estimate."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the change of a count's size at these samples, one of which judges the estimate, and a value with the
-        sign of the new count."""
+        """Return the change of a count's size at these samples, and a value with the sign of the new count."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
@@ -503,7 +494,6 @@ class Recovery:
         )
 
     def _estimate_fields(self) -> tuple[Field, ...]:
-        """Return the fields on which the estimate depends."""
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:

@@ -74,9 +74,7 @@ class BadRate(BadArgument):
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
     """Return the number of dt between two samples of each output; 1 for an output that is not in `periods` (by name).
-
-    Raises: `BadRate`.
-    """
+    Raises: `BadRate`."""
     names = [signal.name for signal in plant.outputs]
     if not isinstance(periods, Mapping):
         fix = f"must name outputs with their sampling periods in {plural(plant.time)}"
@@ -122,8 +120,8 @@ def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
 
 
 def once(output: Signal, correct: Program) -> Program:
-    """Return an update by one output, at most once per period and not before the first; `correct` ends with the effects
-    of a valid sample."""
+    """Return an update by one output, at most once per period, none before the first; `correct`: the valid sample's
+    effects."""
     used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
     test = {
         Place("work", "fresh"): ca.logic_and(used < 1, begun),
@@ -134,8 +132,7 @@ def once(output: Signal, correct: Program) -> Program:
 
 
 def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
-    """Return the fields of a step whose sections may be called one by one: whether a sample of an output was used since
-    predict."""
+    """Return the fields of a step with sections in free order: whether a sample of an output was used since predict."""
     meaning = "0: an update with {} may come, 1: none before the next predict"
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
@@ -147,8 +144,7 @@ def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
 
 
 def in_order(output: Signal, correct: Program) -> Program:
-    """Return an update by one output, at most once after a predict; `correct` ends with the effects of a valid
-    sample."""
+    """Return an update by one output, at most once after a predict; `correct`: the valid sample's effects."""
     fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
     raised = Block("there was no predict since the last", {Place("status", "OUT_OF_ORDER"): ca.SX(1)})
     return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
@@ -291,8 +287,7 @@ class Assembly:
         return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
-        """Return a program, and the guard that clamps the state after it to its box or resets it; `before`: an earlier
-        guarded program."""
+        """Return a program with the guard of the state after it; `before`: an earlier guarded program."""
         if not self.clock.guarded:
             return program
         keep = tuple(map(Call, self._keep))
@@ -316,7 +311,6 @@ class Assembly:
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
-        """Return the program of the parts at a valid sample of output j."""
         return flat(piece.update[j] for piece in self.pieces if piece.update)
 
     @property
@@ -400,8 +394,8 @@ def plain_inputs(observer: Observer) -> Block:
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the block that reads all samples at once for a part that integrates with the measurement: y now, y at the
-    last call."""
+    """Return the block that reads all samples for a part that integrates with the measurement: y now, y at the last
+    call."""
     now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
 
