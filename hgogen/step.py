@@ -367,7 +367,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
         gains=observer.gains,
         derived=flat(piece.derived for piece in pieces),
         state=assembly.state,
-        groups=assembly.whole.groups,
+        groups=assembly.combined.groups,
         bits=(),
         mark=MARK if clock.guarded else None,
     )

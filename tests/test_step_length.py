@@ -341,7 +341,7 @@ def test_no_step_is_advised_at_which_the_covariance_meets_its_cap() -> None:
     assert followed(observer, A, 0.97 * refused, start) < 1e-6
     (part, *_) = observer.parts
     loop = loops(part, *part.slopes(1), 1.0, 1.0)
-    assert loop.way(0.98 * take).max() <= 1 < loop.way(1.03 * take).max()
+    assert loop.largest_shares(0.98 * take).max() <= 1 < loop.largest_shares(1.03 * take).max()
     assert loop.settles(0.97 * refused).all()
     assert not loop.settles(1.05 * refused).any()
 
@@ -357,7 +357,7 @@ def test_the_way_of_the_covariance_is_that_of_the_recursion() -> None:
     for _ in range(512):
         P = Phi @ (P - np.outer(P @ C[0][0], C[0][0] @ P) / (R[0] / h + P[0, 0])) @ Phi.T + h * Q
         largest = max(largest, float((np.diag(P) / part.cap).max()))
-    assert loop.way(h)[0] == pytest.approx(largest, rel=0.02)
+    assert loop.largest_shares(h)[0] == pytest.approx(largest, rel=0.02)
 
 
 @pytest.mark.slow

@@ -158,5 +158,5 @@ def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
     """Raise `BadGain` for one of the states `wanted` without a range at which to saturate its estimate."""
     for i in wanted:
         if not form.states[i].bounded:
-            what = form.to_form[i]
-            raise BadGain(f"{observer} saturates the estimate of {what}", "which has no range; declare low and high")
+            state = form.to_form[i]
+            raise BadGain(f"{observer} saturates the estimate of {state}", "which has no range; declare low and high")

@@ -108,7 +108,7 @@ class FilterStep:
         """The status bit of a factored covariance; with forgetting, exp(rho h) and the roots of (1 - exp(-rho h)) S_0.
         Both use the same rounded exp, so that S tends to S_0 for any small rho h."""
         part = self.part
-        always = {"bits": (part.limited,), "uses_output": part.known is not None}
+        always = {"bits": (part.limited,), "uses_output": part.measured_state is not None}
         if part.forgetting is None:
             return always
         growth = ca.exp(part.rho * self.clock.dt)

@@ -270,11 +270,11 @@ class ScaledGain:
     def __str__(self) -> str:
         numbers = {x: sp.Symbol(same(float(x))) for k in self.values for x in k.atoms(sp.Float)}
         texts = dict(zip(self.places, (str(k.xreplace(numbers)) for k in self.values), strict=True))
-        groups = groupby(texts, lambda place: place.row if self.whole else place.chain)
+        groups = groupby(texts, lambda place: place.row if self.coupled else place.chain)
         return ", ".join(f"({', '.join(texts[place] for place in group)})" for _, group in groups)
 
     @property
-    def whole(self) -> bool:
+    def coupled(self) -> bool:
         """Whether rows act on outputs of other chains as well."""
         return any(len(place.index) > _CHAIN_INDEX for place in self.places)
 

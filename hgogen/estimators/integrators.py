@@ -87,8 +87,8 @@ class Integrators:
         for product, nominal in zip(self.products, self.nominal, strict=True):
             exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
             extent = None if exactly.is_number else span(exactly, self.form)
-            known = extent if extent and extent.defined and extent.finite else None
-            ends.append((known.low, known.high) if known else (nominal, nominal))
+            finite = extent if extent and extent.defined and extent.finite else None
+            ends.append((finite.low, finite.high) if finite else (nominal, nominal))
         return np.array(ends).T
 
     def z(self, w: Graph) -> Graph:
@@ -204,8 +204,8 @@ def integrators(observer: str, form: Form) -> Integrators:
             if a == 0:
                 raise BadGain(observer, f"takes a triangular form, here {name} = 0", fix=_INSTEAD)
             if a.free_symbols - {*form.system.parameters}:
-                what = "input" if a.free_symbols & {*form.system.inputs} else "state"
-                raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
+                signal = "input" if a.free_symbols & {*form.system.inputs} else "state"
+                raise BadGain(f"{name} = {a}", f"depends on the {signal}, {observer} wants it constant; use riccati")
             demand_divisor(name, a, form)
     return Integrators(form, gains)
 

@@ -443,31 +443,31 @@ def gramian_bound(
     constant.
     """
     claim: Sentence | str = "every window of the input's course shows every state by a known share of its range"
-    known = next((one for one in persistence.proofs if isinstance(one, Persistent)), None)
-    if persistence.verdict is not Verdict.PROVED or known is None:
+    inputs = next((one for one in persistence.proofs if isinstance(one, Persistent)), None)
+    if persistence.verdict is not Verdict.PROVED or inputs is None:
         reason = because("it is asked of a course that is declared in closed form, and shown to be persistent")
         fix = "Give inputs= and period= where they are known, or judge a record by hgogen.excitation.along."
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     first, *_ = noise = tuple(map(Fraction, R))
-    fact = _bounded_windows(form, known, tuple(each / first for each in noise), length or _period(known) or memory)
-    if isinstance(fact, Reason):
-        return Check(id, claim, Verdict.UNKNOWN, fact, fix="Take another window=, or narrower ranges of parameters.")
+    proof = _bounded_windows(form, inputs, tuple(each / first for each in noise), length or _period(inputs) or memory)
+    if isinstance(proof, Reason):
+        return Check(id, claim, Verdict.UNKNOWN, proof, fix="Take another window=, or narrower ranges of parameters.")
     s = 1 / root(first, _BITS)  # a common factor of R scales the Gramian, which is computed once
-    weights = tuple(s * each for each in fact.weights)
-    fact = replace(fact, R=noise, weights=weights, bound=s * s * fact.bound)
-    claim = Sentence.of("every window of {d} {unit} shows every state", d=Up(fact.window, 3), unit=form.system.time)
+    weights = tuple(s * each for each in proof.weights)
+    proof = replace(proof, R=noise, weights=weights, bound=s * s * proof.bound)
+    claim = Sentence.of("every window of {d} {unit} shows every state", d=Up(proof.window, 3), unit=form.system.time)
     pattern = "the smallest eigenvalue of its Gramian, by ranges and R, is at least {bound}; in outward-rounded balls"
-    return Check(id, claim, Verdict.PROVED, because(pattern, bound=Down(fact.bound, 3)), proofs=(fact,))
+    return Check(id, claim, Verdict.PROVED, because(pattern, bound=Down(proof.bound, 3)), proofs=(proof,))
 
 
 @lru_cache(maxsize=64)
-def _bounded_windows(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float) -> GramianBound | Reason:
+def _bounded_windows(form: Form, inputs: Persistent, R: tuple[Fraction, ...], length: float) -> GramianBound | Reason:
     width = [Fraction(s.interval[1]) - Fraction(s.interval[0]) if s.bounded else Fraction(2) for s in form.states]
     weights = tuple(1 / root(value, _BITS) for value in R)
-    A, C = along_time(form, known.inputs)
+    A, C = along_time(form, inputs.inputs)
     D, s = (sp.diag(*map(sp.Rational, diagonal)) for diagonal in ([each / 2 for each in width], weights))
     ends = [(p, *box((p,), form.system.nominal)[p]) for p in form.system.tunable]
-    period = _period(known)
+    period = _period(inputs)
     try:
         course, reason = Course(D.inv() * A * D, s * C * D, t, ends), NONE
         for level in _LEVELS:
@@ -476,12 +476,12 @@ def _bounded_windows(form: Form, known: Persistent, R: tuple[Fraction, ...], len
             starts = 0 if period is None else math.ceil(period / float(piece)) + 1
             if starts + pieces > _MOST:
                 return reason or because("the window is too short beside the period")
-            if outside := _outside(form, known, piece * (starts + pieces)):
+            if outside := _outside(form, inputs, piece * (starts + pieces)):
                 return outside
             least = min(_windows(course, piece, level, starts))
             if least > 0:
                 claimed = Fraction(f"{float(least * _SHARE):.{_DIGITS}g}")
-                return GramianBound(known.inputs, known.period, piece, level, starts, R, weights, claimed)
+                return GramianBound(inputs.inputs, inputs.period, piece, level, starts, R, weights, claimed)
             pattern = "no bound above 0 is shown by {pieces} pieces of a window of {length:.3g}"
             reason = because(pattern, pieces=pieces, length=float(piece * pieces))
     except (NoTape, Undecided, ZeroDivisionError, OverflowError):
@@ -489,15 +489,15 @@ def _bounded_windows(form: Form, known: Persistent, R: tuple[Fraction, ...], len
     return reason
 
 
-def _period(known: Persistent) -> float | None:
-    return None if known.period is None else float(known.period)
+def _period(inputs: Persistent) -> float | None:
+    return None if inputs.period is None else float(inputs.period)
 
 
-def _outside(form: Form, known: Persistent, end: Fraction) -> Reason:
+def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
     """Return why an observer, which clamps inputs to their ranges, may change the inputs; `NONE` if it does not."""
     for u in form.system.inputs:
-        if u.bounded and u.name in known.inputs:
-            extent = bound(known.inputs[u.name], {t: (Fraction(0), end)})
+        if u.bounded and u.name in inputs.inputs:
+            extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})
             low, high = box((u,))[u]
             if not (extent.defined and low <= extent.low and extent.high <= high):
                 return because("{u} is not shown to keep to its range, to which an observer clamps it", u=u)

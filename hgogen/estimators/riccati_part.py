@@ -146,8 +146,9 @@ class Riccati(Part):
     `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise. `z`: the
     field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, with forgetting the
     diagonal of S_0^-1; `limited`: the status bit of this limit; `nominal`: (Q, R) as numbers. `forgetting`: the gain
-    rho. `known`: a function of (z, u, y, valid) that returns z with measurements instead of estimates, at which A(u, z)
-    and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of the inputs.
+    rho. `measured_state`: the function of (z, u, y, valid) that returns z with measurements instead of estimates, at
+    which A(u, z) and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of
+    the inputs.
     """
 
     dynamics: Dynamics
@@ -161,7 +162,7 @@ class Riccati(Part):
     limited: Bit
     nominal: tuple[np.ndarray, np.ndarray]
     forgetting: Field | None = None
-    known: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
+    measured_state: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
     period: float | None = None
 
     @cached_property
@@ -171,20 +172,20 @@ class Riccati(Part):
 
     def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         """The prediction's rate f (n)."""
-        if self.known is None:
+        if self.measured_state is None:
             return self.dynamics.flow(z, u)
-        A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
+        A, b = self.dynamics.affine(self.measured_state(z, u, y, valid), u)
         return A @ z + b
 
     def jacobian(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         """The matrix F (n, n) of the Riccati equation, SX."""
-        if self.known is None:
+        if self.measured_state is None:
             return self.dynamics.jacobian(z, u)
-        return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
+        return self.dynamics.affine(self.measured_state(z, u, y, valid), u)[0]
 
     def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
-        return jacobians_on_box(self.dynamics, samples, affine=self.known is not None, edge=edge)
+        return jacobians_on_box(self.dynamics, samples, affine=self.measured_state is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Return F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: forgetting makes P grow like the

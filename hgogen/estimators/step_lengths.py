@@ -176,9 +176,9 @@ def box_points(form: Form) -> Array:
 
 def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
     """Return the graphs with parameters, gains and the values derived from them replaced by numbers."""
-    known = nominal(observer)
-    symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
-    numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
+    values = nominal(observer)
+    symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in values]
+    numbers = [ca.SX(float(values[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
     substituted: list[Graph] = (
         ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
     )
@@ -197,7 +197,7 @@ SEARCH_END = 1e4  # over the fastest eigenvalue
 HALVINGS = 12  # of the interval in which `refused` lies
 
 
-class Way(Protocol):
+class ErrorMap(Protocol):
     """A method as the map of frozen errors for the linear core (N, N) and M (k, N, N), with a common scaling."""
 
     @property
@@ -218,17 +218,17 @@ class Way(Protocol):
         ...
 
 
-def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
+def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Limit, rule: str = "") -> Lengths:
     """Return the step lengths of a part of the observer; `core`: the limit of its linear core alone, `rule` as in
     `Lengths`. The costly `take` is computed only for a step `dt` that may exceed it."""
-    errors, limits = _judged(part, observer), _limits(part, observer, way)
+    errors, limits = _judged(part, observer), _limits(part, observer, method)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
         why = f"beyond it errors grow that decay in continuous time, of the estimate {errors.at(at)}"
         tightest = Limit(float(limits[at]), why, at)
     may_exceed = dt > SHARE * _shortest(errors.M, tightest.dt)
-    take = _take(part, observer, way, tightest.dt) if may_exceed else math.inf
-    take = min(take, SHARE * pace(errors.blind)) if way.exact else take
+    take = _take(part, observer, method, tightest.dt) if may_exceed else math.inf
+    take = min(take, SHARE * pace(errors.blind)) if method.exact else take
     return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=BY_TRIAL, rule=rule)
 
 
@@ -244,15 +244,15 @@ def _judged(part: Ode, observer: Observer) -> Frozen:
 
 
 @lru_cache(maxsize=16)
-def _limits(part: Ode, observer: Observer, way: Way) -> Array:
+def _limits(part: Ode, observer: Observer, method: ErrorMap) -> Array:
     errors = _judged(part, observer)
-    return way.refused(errors.core, errors.M)
+    return method.refused(errors.core, errors.M)
 
 
 @lru_cache(maxsize=16)
-def _take(part: Ode, observer: Observer, way: Way, refused: float) -> float:
+def _take(part: Ode, observer: Observer, method: ErrorMap, refused: float) -> float:
     errors = _judged(part, observer)
-    return longest_advised(errors.core, errors.M, way, refused)
+    return longest_advised(errors.core, errors.M, method, refused)
 
 
 def stable(M: Array) -> Array:
@@ -261,15 +261,15 @@ def stable(M: Array) -> Array:
     return np.asarray((spectrum.real < -AXIS * np.abs(spectrum).max(axis=1)[:, None]).all(axis=1))
 
 
-def first_unstable(core: Array, M: Array, way: Way) -> Array:
-    """Return `Way.refused`, by increasing step lengths, for the M that is the first to become unstable; inf for
+def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
+    """Return `ErrorMap.refused`, by increasing step lengths, for the M that is the first to become unstable; inf for
     others."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
     if not fastest:
         return limits
 
     def radius(h: float) -> Array:
-        return np.asarray(np.abs(np.linalg.eigvals(way.transition(core, M, h))).max(axis=1))
+        return np.asarray(np.abs(np.linalg.eigvals(method.transition(core, M, h))).max(axis=1))
 
     good, bad = 0.0, FINE / fastest
     while (radius(bad) <= 1 + ROUNDING).all():
@@ -283,7 +283,7 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
     return limits
 
 
-def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
+def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> float:
     """Return `take` for stable, balanced M (k, N, N), at least SHARE times DEEPEST of `refused`; inf without a
     limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
@@ -293,7 +293,7 @@ def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
     end = min(refused, SEARCH_END / _fastest(M))
 
     def grows(h: float) -> bool:
-        return bool((growth(way.transition(core, M, h)) > most).any())
+        return bool((growth(method.transition(core, M, h)) > most).any())
 
     largest = longest(grows, _shortest(M, refused), end)
     return SHARE * (end if math.isinf(largest) and end == refused else largest)
@@ -341,12 +341,12 @@ class Loops:
         *_, (_, _, P) = _doubled(*self._step(h))
         return self._transition(h, P)
 
-    def way(self, h: float) -> Array:
+    def largest_shares(self, h: float) -> Array:
         """Return the largest P_ii/cap_i (k) from every start until P is steady, after 1, 2, 3, 4, 6, 8, .. steps."""
-        return self._way(list(_doubled(*self._step(h))))
+        return self._largest_shares(list(_doubled(*self._step(h))))
 
-    def _way(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
-        """Return `way`, up to the step after which no P_ii/cap_i can exceed `enough`.
+    def _largest_shares(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
+        """Return `largest_shares`, up to the step after which no P_ii/cap_i can exceed `enough`.
 
         If P <= c P_s with c >= 1 and the steady P_s, no later P exceeds c P_s, because the step of c P is at most c
         times the step of P. c is at most the trace of P_s^-1 P.
@@ -381,14 +381,14 @@ class Loops:
             return math.inf
         start, coarse_end = FINE / fastest, SHIFTED / max(model, STILL * fastest)
         most = self.most * continuous(self.continuous, np.full(len(self.F), start))
-        free = cache(lambda: self.way(start) <= 1)  # computed only where a cap is reached
+        free = cache(lambda: self.largest_shares(start) <= 1)  # computed only where a cap is reached
 
         def grows(h: float) -> bool:
             doubled = list(_doubled(*self._step(h)))
             T = self._transition(h, doubled[-1][2])
             if (growth(T) > most).any():
                 return True
-            reached = ~(self._way(doubled, enough=1.0) <= 1)
+            reached = ~(self._largest_shares(doubled, enough=1.0) <= 1)
             return bool(reached.any() and (free() & reached).any())
 
         return longest(grows, start, end, coarse_end)
@@ -437,12 +437,12 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     above `dt`. `refused`: above it errors decay at no point of the box, inf where dt <= `take`.
     """
     F, C = part.slopes(POINTS, EDGE)
-    whole = F if part.known is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
+    jacobians = F if part.measured_state is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
     low, peak = min(part.theta.late, part.theta.error_free or part.theta.peak), part.theta.peak
     every = together([loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
     inputs = math.inf if part.period is None else part.period / SAMPLES
-    share = 1.0 if part.known is None else SHARE
-    take = min(inputs, FOLLOWED * pace(whole), share * every.longest(dt / share))
+    share = 1.0 if part.measured_state is None else SHARE
+    take = min(inputs, FOLLOWED * pace(jacobians), share * every.longest(dt / share))
     why = "beyond it no error settles, wherever in the declared box it was tried"
     refused = math.inf if dt <= take else every.refused(take)
     return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)

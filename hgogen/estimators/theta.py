@@ -233,7 +233,7 @@ class Smoothstep:
             gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
         )
 
-    def of(self, innovation: Graph) -> Graph:
+    def fraction(self, innovation: Graph) -> Graph:
         """The SX scalar mu(I)."""
         low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
@@ -257,7 +257,7 @@ class Logistic:
             gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
         )
 
-    def of(self, innovation: Graph) -> Graph:
+    def fraction(self, innovation: Graph) -> Graph:
         """Return the SX scalar mu(I); the exponent is clamped to +-80, where exp is finite in single precision."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
@@ -466,7 +466,7 @@ class Adaptive(Theta):
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The part of the innovation, then the law."""
-        theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.of(sym("state", "innovation"))
+        theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.fraction(sym("state", "innovation"))
         growth = ca.if_else(theta <= theta_1, theta, theta - 2 * theta_1) ** 2 / sym("gain", "rise_time")
         law = mu * growth + sym("gain", "rate") * (1 - mu) * (1 - theta)
         return (self.innovation.part(dynamics, z), Jump(self._pieces, {"theta": law}))
@@ -474,7 +474,7 @@ class Adaptive(Theta):
     def _pieces(self, clock: Clock) -> Pieces:
         theta, mu = sym("state", "theta"), sym("work", "mu")
         constant = ca.logic_and(mu <= 0, inside(theta, [(1.0, 1.0)]))  # the law would not change a bit of theta = 1
-        growth = {Place("work", "mu"): self.mu.of(sym("state", "innovation"))}
+        growth = {Place("work", "mu"): self.mu.fraction(sym("state", "innovation"))}
         risen = rise(theta, mu * clock.dt / sym("gain", "rise_time"), sym("gain", "theta_1"))
         decay = ca.exp(-sym("gain", "rate") * clock.dt * (1 - mu))
         fallen = 1 + (risen - 1) * decay
@@ -516,7 +516,7 @@ def _theta_field(initial: float, peak: float) -> Field:
 def constant(theta: float = 1.0, *, scaled: Scaled = "both") -> Constant:
     """A constant theta >= 1; `scaled` as in `decaying`, without an effect on the gain. Raises: `BadGain`."""
     _at_least("theta", theta, 1.0)
-    _known(scaled)
+    _demand_scaling(scaled)
     return Constant(float(theta), scaled)
 
 
@@ -531,7 +531,7 @@ def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Deca
     """
     _at_least("theta_0", theta_0, 1.0)
     positive("rate", rate)
-    _known(scaled)
+    _demand_scaling(scaled)
     return Decaying(float(theta_0), float(rate), scaled)
 
 
@@ -584,7 +584,7 @@ def error_bound(theta_0: float, t: float, rate: float, *, n: int, a: float, R: f
     return math.exp(exponent) if exponent < math.log(1.7e308) else math.inf
 
 
-def _known(scaled: str) -> None:
+def _demand_scaling(scaled: str) -> None:
     if scaled not in SCALED:
         raise BadGain(f"scaled = {scaled!r}", f"must be one of {', '.join(map(repr, SCALED))}: what theta scales")
 

@@ -58,30 +58,30 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     Raises: `NoPhase` for several outputs, or derivatives of more than `LIMIT` nodes; `BadSystem` where a signal has the
     name of an input's derivative.
     """
-    whole = _map(plant)
-    J, (*_, phi) = whole.jacobian.tolist(), whole.rows
+    carried = _map(plant)
+    J, (*_, phi) = carried.jacobian.tolist(), carried.rows
     try:
         det = determinant(J)
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    regular = full_rank(whole, det.value, as_written(J, det).value)
+    regular = full_rank(carried, det.value, as_written(J, det).value)
     # only where the plant is defined: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
-    by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
+    by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", carried.Phi[:-1])
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
-    within = {s for e in whole.Phi for s in e.free_symbols}
-    names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in whole.known]
-    inputs = whole.supplied(names, "{names} enter, to be supplied; no range is declared for {loose}", _RANGES)
-    rank, back = if_valued(regular, plant), whole.inverse()
-    inverse = if_valued(one_to_one(whole, back, rank), plant)
+    within = {s for e in carried.Phi for s in e.free_symbols}
+    names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in carried.known]
+    inputs = carried.supplied(names, "{names} enter, to be supplied; no range is declared for {loose}", _RANGES)
+    rank, back = if_valued(regular, plant), carried.inverse()
+    inverse = if_valued(one_to_one(carried, back, rank), plant)
     claim = "phi is Lipschitz in z on the image of the box"
     missing = [c.id for c in (rank, inverse) if c.verdict is not Verdict.PROVED]
     obstacle = because("in z it needs {checks: and }", checks=missing) if missing else NONE
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
-    steep = on_image("phase", claim, [phi], whole.plant, "phi", obstacle, reason)
+    steep = on_image("phase", claim, [phi], carried.plant, "phi", obstacle, reason)
     checks = (chain, inputs, rank, inverse, steep)
     if original or back is None or regular.verdict is not Verdict.PROVED:
-        return whole.in_x(checks)
-    return whole.in_z(back, checks, recovered)
+        return carried.in_x(checks)
+    return carried.in_z(back, checks, recovered)
 
 
 def _map(plant: System) -> Carried:
@@ -95,8 +95,8 @@ def _map(plant: System) -> Carried:
         if size(chain) > LIMIT:
             reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use the form original"
             raise NoPhase(plant.name, reason)
-    whole = Carried("phase", _REFERENCE, plant, (*chain[:n],), (*(sp.S.Zero,) * (n - 1), chain[n]), n)
-    if any(e.has(*ROUGH) for e in (*chain, *whole.jacobian)):
+    carried = Carried("phase", _REFERENCE, plant, (*chain[:n],), (*(sp.S.Zero,) * (n - 1), chain[n]), n)
+    if any(e.has(*ROUGH) for e in (*chain, *carried.jacobian)):
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
-    return whole
+    return carried

@@ -52,8 +52,8 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     more than `LIMIT` nodes.
     """
     chains, c, offset = _read(plant)
-    whole = _map(plant, chains, c, offset)
-    smooth, (links,) = _smooth(whole), chains.links
+    carried = _map(plant, chains, c, offset)
+    smooth, (links,) = _smooth(carried), chains.links
     steep = [c, *(link.slope for link in links[1:])]
     names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
     slopes = [
@@ -62,19 +62,19 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     ]
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
     claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
-    structure = by_construction(ClaimId(_MAKER, "structure"), claim, whole.Phi)
+    structure = by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
     claim = "b is Lipschitz in xi on the image of the box"
     obstacle = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
-    bounded = on_image(_MAKER, claim, whole.rows, whole.plant, "b", obstacle, reason)
+    bounded = on_image(_MAKER, claim, carried.rows, carried.plant, "b", obstacle, reason)
     loose = "{names} enter, to be supplied, {loose} without one"
-    inputs = whole.supplied([u.name for u in whole.known], loose, "Declare rates=((low, high),) of the input.")
+    inputs = carried.supplied([u.name for u in carried.known], loose, "Declare rates=((low, high),) of the input.")
     each = (structure, *slopes, smooth, inputs, bounded)
     checks = tuple(if_valued(check, plant) for check in each)
-    back = whole.inverse()
+    back = carried.inverse()
     if original or back is None or not one_to_one:
-        return whole.in_x(checks)
-    return whole.in_z(back, checks, recovered)
+        return carried.in_x(checks)
+    return carried.in_z(back, checks, recovered)
 
 
 def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:

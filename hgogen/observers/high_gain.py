@@ -42,7 +42,7 @@ from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
 _STANDARD = "z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)"
 _SEVERAL = f"{_STANDARD}, on the chain of each output"
-_WHOLE = "z' = A z + b(sat z, u) + (theta^(p(i) - p(k) + 1) K_ik) (y - C z), p(i) the power of theta that scales z_i"
+_COUPLED = "z' = A z + b(sat z, u) + (theta^(p(i) - p(k) + 1) K_ik) (y - C z), p(i) the power of theta that scales z_i"
 _ORIGINAL = "z' = f(sat z, u) + (dPhi/dx)^-1 diag(theta, .., theta^n) K (y - h(z, u)), Phi = (h, L h, .., L^(n-1) h)"
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
@@ -113,7 +113,7 @@ def high_gain(
     )
     equation, theorem = _STANDARD, THEOREM
     if len(form.blocks) > 1:
-        equation = _WHOLE if chosen.K.whole else _SEVERAL
+        equation = _COUPLED if chosen.K.coupled else _SEVERAL
     if form.jacobian is not None:
         equation, theorem = _ORIGINAL, theorem.under(INSIDE)
     theorem = theorem.under(DRIVEN) if chosen.driven else theorem

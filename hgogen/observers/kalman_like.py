@@ -162,7 +162,7 @@ def kalman_like(
         limited=LIMITED,
         nominal=(rate * np.diag(noise), np.array(variances)),
         forgetting=gains[0],
-        known=known(dynamics),
+        measured_state=known(dynamics),
         period=seconds(period),
     )
     return Observer(

@@ -228,7 +228,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
     (low, high), reach = readings(chain.form)[0], sym("gain", "reach")
     far = ca.fmin(reach, ca.fmax(2 * sym("gain", "strip"), SHARE * (high - low))) if high - low < INF else reach
     counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(inside + level * clock.dt, needed), 0)
-    known = ca.fmax(sym("state", "settled"), inside >= 1 / slowest)
+    settled = ca.fmax(sym("state", "settled"), inside >= 1 / slowest)
     turned = ca.if_else(signed * turns > 0, turns, ca.sign(signed) * ca.fmin(ca.fabs(turns) + 1, TURNS))
     fault = ca.logic_or(sym("state", "settled") > 0, ca.fabs(turns) >= TURNS)
     allowed = ca.if_else(ca.logic_and(e > far, fault), times, falls)
@@ -266,7 +266,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
                     Place("state", "quiet"): ca.if_else(sampled, counted, inside),
                     Place("state", "turns"): ca.if_else(ca.logic_and(sampled, e > far), turned, turns),
                     Place("state", "falls"): ca.if_else(sampled, allowed, falls),
-                    Place("state", "settled"): known,
+                    Place("state", "settled"): settled,
                 },
             ),
             Block("may the gain fall?", {Place("work", "falling"): test}),

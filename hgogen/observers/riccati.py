@@ -100,19 +100,19 @@ def riccati(
 
 def _demand_scaled(form: Form, theta: Theta) -> None:
     """Raise `BadGain` for a theta that differs from 1 on a form for which no high gain is defined."""
-    what, outputs = f"theta up to {theta.peak:g}", form.system.outputs
+    argument, outputs = f"theta up to {theta.peak:g}", form.system.outputs
     if theta.peak == 1 or len(form.output) == 1:
         return
     if form.alignment not in ALIGNED:
         raise BadGain(
-            what,
+            argument,
             f"wants a chain for each of the {len(outputs)} outputs of {form.system.name}, aligned at the tops or the "
             'ends; take the form block_triangular, align "top" or "end", or theta = 1',
         )
     if unused_outputs := unused(form):
         names = ", ".join(outputs[j].name for j in unused_outputs)
         raise BadGain(
-            what,
+            argument,
             f"wants outputs that show the first state of a chain, {names} of {form.system.name} shows another; leave "
             "it out of the plant, or take theta = 1",
         )
@@ -128,11 +128,11 @@ def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Chec
             reason = because("the plant is linear, (C, A) is observable and (A, Q) controllable, by exact ranks")
             return Check(id, LINEAR.conclusion, Verdict.PROVED, reason, proofs=(Grounds(numbers, plant),))
         return Check(id, LINEAR.conclusion, Verdict.UNKNOWN, obstacle, fix=_TRIALS)
-    known, reason, fix = theta.theorem.conclusion, because(_EXISTENTIAL), _TRIALS
+    conclusion, reason, fix = theta.theorem.conclusion, because(_EXISTENTIAL), _TRIALS
     try:
         in_chains(form)
     except BadGain:
-        return Check(id, known, Verdict.UNKNOWN, reason, fix=fix)
+        return Check(id, conclusion, Verdict.UNKNOWN, reason, fix=fix)
     settled = because("in chains the gain to which it settles can be proved as it runs, by hg.design.steady_gain")
     fix = f"{fix}, or take high_gain with the gain to which it settles"
-    return Check(id, known, Verdict.UNKNOWN, joined(reason, settled), fix=fix)
+    return Check(id, conclusion, Verdict.UNKNOWN, joined(reason, settled), fix=fix)

@@ -199,10 +199,10 @@ class _Delayed:
         plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.layout.state))
         for group in plain.layout.groups:
             ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
-            which = Place("work", f"which_{group.name}")
+            member = Place("work", f"which_{group.name}")
             copies = _copies(ends[source], ends[target], group.fields)
-            there = Loop(ends[MEMORY], 1, copies, start=which)
-            inner.append(Loop(group.name, group.count, (there,), index=which))
+            copy = Loop(ends[MEMORY], 1, copies, start=member)
+            inner.append(Loop(group.name, group.count, (copy,), index=member))
         return (Loop(MEMORY, 1, tuple(inner), start=AT),)
 
     # --- the sections of a caller
@@ -236,10 +236,10 @@ class _Delayed:
     def _update(self, output: Signal) -> Section:
         """The section that stores the first sample of an output in its period."""
         j, size = self.plain.outputs.index(output), len(self.plain.outputs)
-        there, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
-        vacant = ca.fabs(there[j]) > LARGEST_NUMBER
+        samples, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
+        vacant = ca.fabs(samples[j]) > LARGEST_NUMBER
         first = {VACANT: vacant, Place("status", f"REPEATED_{output}"): ca.logic_not(vacant)}
-        sample = {Place(PERIOD, "y_given"): column(raw if k == j else there[k] for k in range(size))}
+        sample = {Place(PERIOD, "y_given"): column(raw if k == j else samples[k] for k in range(size))}
         dated, slot, due = self._dated(output, raw)
         put = (Block(f"one sample of {output} a period", first), When(VACANT, (Block("it is taken", sample), due)))
         program = (dated, When(DATED, (slot, Loop(PERIOD, 1, put, start=SLOT))))
@@ -250,20 +250,20 @@ class _Delayed:
         later periods as incomplete."""
         at, filled, due = self._clock
         number, begun = ca.fabs(raw) <= LARGEST_NUMBER, filled >= 1
-        status, known, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
+        status, available, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
         if output in self._ages:
             age = sym("output", self._ages[output].name)
             slot, most = self._before(at, age), self._ages[output].interval[1]
-            whole = ca.logic_and(age >= 0, ca.floor(age) >= age)
+            integral = ca.logic_and(age >= 0, ca.floor(age) >= age)
             recent = ca.logic_and(age <= most, age < filled)
-            old = ca.logic_and(begun, ca.logic_and(whole, ca.logic_not(recent)))
+            old = ca.logic_and(begun, ca.logic_and(integral, ca.logic_not(recent)))
             status |= {Place("status", f"LATE_{output}"): ca.logic_and(number, old)}
-            status |= {Place("status", f"UNDATED_{output}"): ca.logic_and(number, ca.logic_not(whole))}
-            known = ca.logic_and(whole, recent)
+            status |= {Place("status", f"UNDATED_{output}"): ca.logic_and(number, ca.logic_not(integral))}
+            available = ca.logic_and(integral, recent)
         status |= {Place("status", f"MISSING_{output}"): ca.logic_not(number)}
         runs = ca.if_else(due > age, due, age + 1)
         return (
-            Block(f"in which period was {output} taken?", {DATED: ca.logic_and(number, known), **status}),
+            Block(f"in which period was {output} taken?", {DATED: ca.logic_and(number, available), **status}),
             Block("there", {SLOT: slot}),
             Block("that one is run again, and each after it", {DUE: runs}),
         )
@@ -320,9 +320,9 @@ class _Delayed:
         return tuple(bits)
 
 
-def _signals(name: str, signals: tuple[Signal, ...], what: str) -> Field:
+def _signals(name: str, signals: tuple[Signal, ...], signal: str) -> Field:
     ends, names = (NONE,) * len(signals), tuple(map(str, signals))
-    meaning = f"{what} of a period, {NONE:g} for none"
+    meaning = f"{signal} of a period, {NONE:g} for none"
     low = tuple(-end for end in ends)
     return Field(name, (0.0,) * len(signals), low=low, high=ends, labels=names, meaning=meaning)
 

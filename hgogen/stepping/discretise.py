@@ -158,8 +158,8 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
     """Return the step length up to which the model, or a `part` without samples, is resolved while samples are missing,
     if `dt` is longer; none for a method without a tableau."""
-    known = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
-    return known if dt > known.take else Lengths()
+    limits = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
+    return limits if dt > limits.take else Lengths()
 
 
 @lru_cache(maxsize=16)
@@ -288,7 +288,7 @@ def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
 @lru_cache(maxsize=16)  # called for the counts, and for the precision
 def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
     """Return name, range and a bound of |z'| on the ranges, for each state with a range and a finite nonzero bound."""
-    known = form.box
-    bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
+    ranges = form.box
+    bounds = (max(abs(float(end)) for end in enclose(row, ranges)) for row in form.flow)
     rows = zip(form.names, form.states, bounds, strict=True)
     return tuple((name, z.interval, fastest) for name, z, fastest in rows if z.bounded and 0 < fastest < math.inf)

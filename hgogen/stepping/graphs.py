@@ -182,9 +182,9 @@ class Symbolic(Reader[Memory]):
         work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
         return self.program(program, {**memory, **work})
 
-    def program(self, program: Iterable[Statement], *known: Memory) -> Memory:
+    def program(self, program: Iterable[Statement], *before: Memory) -> Memory:
         """Return the memory after statements as a function of that before them, including their work values."""
-        (memory,) = known
+        (memory,) = before
         for statement in program:
             memory = {**memory, **self.statement(statement, memory)}
         return memory

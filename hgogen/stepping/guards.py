@@ -328,10 +328,10 @@ def guard_state(
     fields = guarded(program, state)
     if not fields:
         return ()
-    written, known = _written(program), _written(before)
+    written, earlier = _written(program), _written(before)
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     places = [(Place("state", field.name), field.size) for field in fields]
-    tested = [k in written[place] or place not in known for place, size in places for k in range(size)]
+    tested = [k in written[place] or place not in earlier for place, size in places for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
     usual = inside(values[[k for k, ask in enumerate(tested) if ask]], [*compress(ends, tested)])
     writes = {Place("work", "beyond"): ca.logic_not(usual)}
@@ -366,8 +366,8 @@ def _written(program: Program) -> dict[Place, set[int]]:
     changed: dict[Place, set[int]] = {}
     blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
-        values, same = dense(block.writes[place]).nonzeros(), sym(*place, size).nonzeros()
-        elements = {k for k in range(size) if values[k].element_hash() != same[k].element_hash()}
+        values, symbols = dense(block.writes[place]).nonzeros(), sym(*place, size).nonzeros()
+        elements = {k for k in range(size) if values[k].element_hash() != symbols[k].element_hash()}
         sources = block.copies.get(place, (place,))
         if elements and any(source.struct in STRUCTS for source in sources):  # else values of a member, in its box
             changed.setdefault(place, set()).update(elements)

@@ -165,9 +165,9 @@ def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tupl
     """Return the fields of a group that hold the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
     inside = Substitution({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
-    of = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
+    source = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
     copied = [f for f in group.fields if f.outer and f.name in known]
-    start = Block("from the estimate", {Place(group.name, f.name): of[f.name] for f in copied})
+    start = Block("from the estimate", {Place(group.name, f.name): source[f.name] for f in copied})
     return copied, (start,) if copied else ()
 
 

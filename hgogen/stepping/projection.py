@@ -110,8 +110,8 @@ def _range_ends(observer: Observer, fields: tuple[Field, ...], x: Graph) -> list
     """Return the declared range of each x_i that is a state z_k, else its outer box."""
     limits = [end for field in fields for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
-        same = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
-        for i in same:
+        equal = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
+        for i in equal:
             low, high = max(end[0], limits[i][0]), min(end[1], limits[i][1])
             limits[i] = (low, high) if low < high else limits[i]
     return limits
@@ -171,10 +171,10 @@ def projection(observer: Observer, pieces: Pieces) -> Program:
 def _clamped(observer: Observer, x: Graph) -> Graph | None:
     value = ca.SX(x)
     for g, _, end in _ranges(observer, x):
-        same = [i for i in range(x.numel()) if ca.is_equal(ca.SX(g), x[i])]
-        if not same:
+        equal = [i for i in range(x.numel()) if ca.is_equal(ca.SX(g), x[i])]
+        if not equal:
             return None
-        value[same[0]] = clamp(value[same[0]], *end)
+        value[equal[0]] = clamp(value[equal[0]], *end)
     return value
 
 
@@ -191,11 +191,11 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
     """Return the last point from x to `projected` that is in the outer box; a clamp removes rounding errors."""
-    way, share = projected - x, ca.SX(1)
+    step, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
-        room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)
-        share = ca.if_else(share * ca.fabs(way[i]) > room, room / ca.fabs(way[i]), share)
-    reached = x + share * way
+        room = ca.if_else(step[i] > 0, high - x[i], x[i] - low)
+        share = ca.if_else(share * ca.fabs(step[i]) > room, room / ca.fabs(step[i]), share)
+    reached = x + share * step
     return column(clamped_or(reached[i], end, x[i]) for i, end in enumerate(outer))
 
 

@@ -121,8 +121,8 @@ def _typical(decays: np.ndarray) -> float | None:
 
 def rate(observer: Observer, clock: Clock) -> float:
     """Return the rate mu of the observer's slowest part; that of ten samples where none is known."""
-    known = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
-    return min(known, default=1 / (SAMPLES * clock.dt))
+    mu = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
+    return min(mu, default=1 / (SAMPLES * clock.dt))
 
 
 def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
@@ -349,10 +349,10 @@ class Recovery:
 
     def _counted_range(self, weight: int) -> Program:
         """Return the program that resets corrupted fault counters and limits, and changes that of range by a weight."""
-        same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
+        unchanged = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
-        sound = reduce(ca.logic_and, inside, same)
+        sound = reduce(ca.logic_and, inside, unchanged)
         spoiled = Block(
             "was a fault count or limit spoiled?",
             {Place("work", "spoiled"): ca.logic_not(sound)},
@@ -372,10 +372,10 @@ class Recovery:
         ranges = any(sign.output is None for sign in self.signs)
         return projection(self.observer, self.pieces) if ranges else ()
 
-    def watch(self, samples: Samples, says: bool) -> Program:
-        """Return the law at the end of a section that has corrected the estimate. `says`: whether this section also
+    def watch(self, samples: Samples, notice: bool) -> Program:
+        """Return the law at the end of a section that has corrected the estimate. `notice`: whether this section also
         raises OUTSIDE_BOX."""
-        bit = {Place("status", "OUTSIDE_BOX"): self._outside} if says else {}
+        bit = {Place("status", "OUTSIDE_BOX"): self._outside} if notice else {}
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
@@ -506,8 +506,8 @@ class Recovery:
         outer = np.array([high - low for field in fields for low, high in field.box])
         inner = np.array([high - low for low, high in self.observer.dynamics.box])
         reach = slope @ np.where(np.isfinite(outer), outer, 0.0)
-        known = np.isfinite(inner) & np.isfinite(reach) & (inner > 0)
-        return float(np.clip(np.max(reach[known] / inner[known], initial=1.0), 1.0, 1e9))
+        comparable = np.isfinite(inner) & np.isfinite(reach) & (inner > 0)
+        return float(np.clip(np.max(reach[comparable] / inner[comparable], initial=1.0), 1.0, 1e9))
 
 
 def _riccati(observer: Observer) -> Riccati | None:

@@ -185,14 +185,14 @@ class Assembly:
     pieces: tuple[Pieces, ...]
 
     @cached_property
-    def whole(self) -> Pieces:
+    def combined(self) -> Pieces:
         """The pieces of all parts as one."""
         return joined(self.pieces)
 
     @cached_property
     def law(self) -> Recovery:
         """The law of recovery, which restarts a lost estimate."""
-        return Recovery(self.observer, self.clock, self.whole, max(1, len(self.correcting)))
+        return Recovery(self.observer, self.clock, self.combined, max(1, len(self.correcting)))
 
     @cached_property
     def adapt(self) -> Program:
@@ -260,8 +260,8 @@ class Assembly:
         notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
         finished = []
         for k, section in enumerate(sections):
-            says = k == last or (self.rated and section.corrects)
-            program = (*section.program, *notices) if says else section.program
+            notice = k == last or (self.rated and section.corrects)
+            program = (*section.program, *notices) if notice else section.program
             program = program if self.clock.guarded else silent(program)
             finished.append(replace(section, program=pruned(program)))
         return tuple(finished)
@@ -296,7 +296,7 @@ class Assembly:
     @property
     def inner(self) -> tuple[Section, ...]:
         """The sections that other sections call."""
-        return (*self.whole.inner, *self._keep, *self.law.inner)
+        return (*self.combined.inner, *self._keep, *self.law.inner)
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:
@@ -304,7 +304,7 @@ class Assembly:
         estimate, and the fields that programs write."""
         if not self.clock.guarded:
             return ()
-        programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
+        programs = (self.combined.predict, *map(self._correct, self.correcting), self.adapt)
         guarded_fields = [*estimate_fields(self.observer, self.state)]
         guarded_fields += [field for program in programs for field in guarded(program, self.state)]
         program = boxed([field for field in self.state if field in guarded_fields], self.state, self._fresh)
@@ -321,7 +321,7 @@ class Assembly:
         from the estimate. Where no output corrects, this section evaluates the law of recovery.
         """
         observer, clock = self.observer, self.clock
-        follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
+        follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
         program: list[Statement] = [guard_input(observer)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
@@ -330,7 +330,7 @@ class Assembly:
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
-        advance = (*hold(observer, clock), *self._guarded(self.whole.predict), *undefined_rates(observer, clock))
+        advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
         program.append(When(Place("work", "running"), advance, (*map(Call, self._keep), *follow), part="advance"))
         program += awaited(self._ordered)
         if clock.inputs:
@@ -339,7 +339,7 @@ class Assembly:
             sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
             valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
             program.append(Block("remember the sample", sample | valid))
-        watch = () if self.correcting else self.law.watch(self._samples, says=self.still)
+        watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
         return Section("predict", "advance the estimate to now", (*program, *watch))
 
     @property
@@ -351,14 +351,14 @@ class Assembly:
 
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
-        program = self._guarded(self._correct(j), before=self.whole.predict)
+        program = self._guarded(self._correct(j), before=self.combined.predict)
         if not self.clock.guarded:
             plain = (plain_sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
         valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "reading"), sym("work", "valid"), sym("work", "output_error"))}
-        says = self.still and not self.rated and j == self.correcting[-1]
-        watch = self.law.watch(sample, says=says)
+        notice = self.still and not self.rated and j == self.correcting[-1]
+        watch = self.law.watch(sample, notice=notice)
         guarded: Program = (
             *measure(self.observer, self.clock, j),
             When(Place("work", "valid"), valid, part="use_sample"),
