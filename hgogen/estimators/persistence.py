@@ -63,7 +63,11 @@ from hgogen.signal import Signal
 t = Signal("t", "", "time")  # equal to that of a trial
 _EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
 _SHORTEST = "Give the shortest period, a constant as a rational number, or judge a record by hgogen.excitation."
-_SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
+_SHARES = (
+    sp.Rational(1, 7),
+    sp.Rational(2, 5),
+    sp.Rational(3, 4),
+)  # of the period: times at which the rank is computed
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
     ),
     "CLAMPED": ("{} was clamped to its range", "the proofs hold on the range only; widen it or limit the input"),
 }
-OR_LOWER = "{or_lower}"  # where `or_lower` stands in what a bit asks of the caller
+OR_LOWER = "{or_lower}"  # the place of `or_lower` in the advice of a bit
 STEP_BITS: dict[str, tuple[str, str]] = {
     "OUTSIDE_BOX": (
         "the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges, "

@@ -254,6 +254,6 @@ class Machine(Reading):
 
     def _run(self, action: Action) -> int:
         self.status = 0
-        with np.errstate(all="ignore"):  # once for all blocks: to ask NumPy for it takes as long as a short one
+        with np.errstate(all="ignore"):  # once for all blocks: it costs as much as a short block
             action()
         return self.status

@@ -94,7 +94,7 @@ from hgogen.stepping.projection import estimate_fields, nearest, projection
 
 FINE = 100  # the declared box over a settled error
 HIDDEN = 1e-6  # of the fastest rate: a slower mode is a rounding error
-POINTS = 6  # corners of the box, and as many points inside, at which a linearisation is judged
+POINTS = 6  # corners of the box, and as many points inside, at which a linearisation is evaluated
 SAMPLES = 10  # the inverse of a rate, where none is known
 
 
@@ -224,14 +224,14 @@ class Sign:
     def later(self) -> Block:
         """The block that doubles the limit after a guard has acted."""
         count, limit = sym("state", self.count), sym("state", self.limit)
-        least = ca.fmin(limit, self.most / 2)  # which the size of the count has reached
+        least = ca.fmin(limit, self.most / 2)  # the size of the count has reached it
         doubled = {self.count: self._signed(count, least), self.limit: ca.fmin(2 * limit, self.most)}
         return Block("the fault limit doubles", {Place("state", name): value for name, value in doubled.items()})
 
 
 SHARE = 0.1  # of the range of an output: a larger innovation is a sign
 SIGMAS = 3  # standard deviations of an innovation that is no sign, for a sensor that is noisier than the best
-MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
+MARGIN = 0.05  # of a range: noise and bias put the estimate beyond the edge at which a plant stays
 LEAST = 0.01  # of the trust in the best sensor
 ROUNDED = 2.0**-20  # of r: a smaller r - p is a rounding error
 FAR = 0.5  # of a range: the estimate is at a false equilibrium, from where a projection does not bring it back
