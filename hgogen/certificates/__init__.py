@@ -1,1 +1,1 @@
-"""Certificates: what was proved of a model, and the evidence with which `hgogen recheck` verifies it again."""
+"""Certificates: the proved claims about a model, with the evidence that `hgogen recheck` verifies again."""

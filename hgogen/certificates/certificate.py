@@ -61,11 +61,9 @@ class NoClaims(BadArgument):
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
     """Return the certificate of a form's checks, and of the observer of that name.
 
-    A claim that `recheck.verification` does not verify is "stated" in it, not "proved".
-
-    Raises: `NotCertifiable` for a model with functions that the certificate's grammar lacks (Piecewise, floor);
-    `OtherNumbers` for an observer that does not fit its rules; `NoClaims` for an argument that is no form, check or
-    name.
+    A claim that `recheck.verification` does not verify is "stated" in it, not "proved". Raises: `NotCertifiable` for a
+    model with functions that the certificate's grammar lacks (Piecewise, floor); `OtherNumbers` for an observer that
+    does not fit its rules; `NoClaims` for an argument that is no form, check or name.
     """
     checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]

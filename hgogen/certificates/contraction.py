@@ -85,7 +85,6 @@ def contraction(step: Step) -> Contraction:
 
     They exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by
     an explicit method, or by one that realises a constant core; for others the check says why nothing is proved.
-
     Raises: `NoSolver` without Clarabel; `NoStep`.
     """
     demand_step(step, "contraction")
@@ -160,8 +159,7 @@ def _unknown(
 
 
 def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
-    """Return why there is no proof at a step length: constant slopes with growing errors, else the main obstacle and
-    its size."""
+    """Return why there is no proof at a step length: constant slopes with growing errors, else the main obstacle."""
     slopes = unstable(steps.at(h))
     if slopes is None:
         known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), sufficient_share(steps, h)
@@ -207,8 +205,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 
 def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
-    """Return, for a step without a proof, the largest share of the ranges of its slopes with which there is one; None
-    for none. Raises: `NoSolver`."""
+    """Return, for a step without a proof, the largest share of its slopes' ranges with one, if any. Raises:
+    `NoSolver`."""
 
     def narrowed(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))

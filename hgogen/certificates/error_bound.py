@@ -63,8 +63,8 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return the slopes of a state that is reported as an expression of z, which is clamped where the map turns.
-    Raises: `Unbounded`."""
+    """Return the slopes of a state that is an expression of z, which is clamped where the map turns. Raises:
+    `Unbounded`."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
@@ -161,9 +161,8 @@ def error_bound(
 
     The plant keeps to its ranges, clear of their ends by `inside`. Inputs keep to theirs, and move between samples as
     the program assumes. No sample is missing; samples and inputs are numbers of the program's precision. The errors of
-    elementary functions are assumed to be at most twice those that were measured.
-
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size; `BadStep` for an unknown precision.
+    elementary functions are assumed to be at most twice those that were measured. Raises: `NoSolver` without Clarabel;
+    `BadNames`, `BadGain` for an invalid size; `BadStep` for an unknown precision.
     """
     demand_choice("real", real, (None, *REALS))
     demand_step(step, "error_bound")
@@ -200,16 +199,12 @@ def error_bound(
 
 def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     """Return the step with the result of `error_bound` under these `bounds`, its arguments: the code that targets
-    generate states the numbers and their assumptions. Nothing else of the step changes.
-
-    Raises: as `error_bound`.
-    """
+    generate states the numbers and their assumptions. Nothing else of the step changes. Raises: as `error_bound`."""
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 
 def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """Return the largest speed of each input between samples, None where it is unknown. Raises: `BadNames`,
-    `BadGain`."""
+    """Return the largest speed of each input between samples, None if unknown. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     requested = each_by_name("rates", rates, names_of(inputs), None)
@@ -299,8 +294,7 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
 def _start_multiple(
     running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
-    """Return the start, and the multiple of its initial errors with which the estimate reaches no limit under the
-    inputs."""
+    """Return the start, and the multiple of its initial errors with which the estimate reaches no limit."""
     if isinstance(start, Nothing):
         return start
     slack = {k: limit - totals[k] for k, limit in start.limits.items()}
@@ -338,12 +332,12 @@ def _stated(
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
     names, slopes = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
 
-    def of(bound: Callable[[int], Fraction]) -> dict[str, float]:
+    def by_state(bound: Callable[[int], Fraction]) -> dict[str, float]:
         errors = [bound(k) for k in picks]
         behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in slopes.items()}
         return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
 
-    bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
+    bounds, parts = by_state(lambda k: totals[k]), {share.what: by_state(share.bound) for share in shares}
     states = [*zip(names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
     widths = {x: number(Fraction(z.interval[1]) - Fraction(z.interval[0]))[0] for x, z in reversed(states)}
     beyond = [x for x, most in bounds.items() if most > widths.get(x, math.inf)]
@@ -387,8 +381,7 @@ def _settled(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
-    """Return the time after which the start has decayed, the multiple of its initial errors, and whether no guard
-    acts."""
+    """Return the time in which the start decays, the multiple of its initial errors, and whether no guard acts."""
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun
@@ -425,8 +418,8 @@ def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
     """Return the claim about every state, or about those with the names."""
-    which = f"of the states {', '.join(known)}" if known else "every state"
-    return f"{running(step.observer, step.code.rule, step.dt)}, {which} is known within a bound, for ever"
+    subject = f"of the states {', '.join(known)}" if known else "every state"
+    return f"{running(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
 
 
 def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:

@@ -54,10 +54,8 @@ class NoiseGain:
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
         """Return the largest error of a state for noise of at most these sizes, by output: their effects add up.
-        Rounding of samples to steps of q is noise of q/2.
-
-        Raises: `BadNames` for an unknown state or output; `BadGain` for an invalid size.
-        """
+        Rounding of samples to steps of q is noise of q/2. Raises: `BadNames` for an unknown state or output; `BadGain`
+        for an invalid size."""
         states, outputs = (tuple(dict.fromkeys(names)) for names in zip(*self.gains, strict=True))
         in_order("state", {state: None}, states, default=dict.fromkeys(states))
         each = zip(outputs, sizes("noise", noise, outputs), strict=True)
@@ -69,9 +67,7 @@ def noise_gain(step: Step) -> NoiseGain | Nothing:
     contraction, or a chain whose gains are no numbers.
 
     An error beyond the bound approaches it: the bound is |e|_P^2 = 1, and |e|_P^2 - 1 loses alpha dt of itself at each
-    call.
-
-    Raises: `NoSolver` without Clarabel; `NoStep`.
+    call. Raises: `NoSolver` without Clarabel; `NoStep`.
     """
     demand_step(step, "noise_gain")
     known = contraction(step)
@@ -140,9 +136,8 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     """Return a bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
 
     By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1,
-    by default 0; `of`: the weight of the error of a state of the form, by default 1.
-
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size.
+    by default 0; `of`: the weight of the error of a state of the form, by default 1. Raises: `NoSolver` without
+    Clarabel; `BadNames`, `BadGain` for an invalid size.
     """
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
@@ -170,10 +165,8 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
     """Return the ultimate bound of the error of each state of the form under inputs of at most these sizes, whatever
-    their course; it is proportional to the inputs. Arguments as of `l2_gain`.
-
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size.
-    """
+    their course; it is proportional to the inputs. Arguments as of `l2_gain`. Raises: `NoSolver` without Clarabel;
+    `BadNames`, `BadGain` for an invalid size."""
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):

@@ -108,9 +108,7 @@ def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[A
     the balls `fields` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
 
     The memory of a step, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
-    constants and the results of `tune` are rounded.
-
-    Raises: `Unsure`.
+    constants and the results of `tune` are rounded. Raises: `Unsure`.
     """
     elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
     return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
@@ -390,8 +388,7 @@ def rounding_share(
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-    """Return the proofs for the effect of such sizes, over the largest, and the bound of each field. Raises:
-    `Unbounded`."""
+    """Return the proofs for such sizes, over the largest, and the bound of each field. Raises: `Unbounded`."""
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -424,8 +421,7 @@ def _calls(ratio: float, falls: float) -> int:
 
 
 def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """Return the bound of each field for inputs in a unit: by its own proof, else the least by the norms of other
-    fields."""
+    """Return the bound of each field for inputs in a unit: by its own proof, else the least by the other norms."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
     extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}

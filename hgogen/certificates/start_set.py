@@ -57,10 +57,7 @@ class StartSet:
 def start_set(step: Step) -> StartSet | Nothing:
     """Return the initial errors from which the estimate of a step that is proved to contract never reaches its limits,
     without noise; or why they are unknown: no contraction, more than 8 states, states without ranges, or a chain whose
-    gains are no numbers.
-
-    Raises: `NoSolver` without Clarabel; `NoStep`.
-    """
+    gains are no numbers. Raises: `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "start_set")
     known = contraction(step)
     if known.proof is None:
@@ -193,8 +190,7 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """Return, by field that estimates a state, in the unit of that state, the distance of its outer box from the
-    ranges."""
+    """Return, by field that estimates a state, the distance of its outer box from the ranges, in the state's unit."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
     limits = {}

@@ -1,1 +1,1 @@
-"""What is proved of an observer's error: gains, the bounds above which they converge, dissipation, inequalities."""
+"""Proofs about an observer's error: gains, the bounds above which they converge, dissipation, inequalities."""

@@ -102,8 +102,7 @@ def best(task: Task) -> Optimum | None:
 
 
 def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
-    """Return the optimum of (88) by one program in P/t, Y/t, with lambda/t = 1/2; or of (89) at a gamma, with the
-    smallest s."""
+    """Return the optimum of (88) by one program in P/t, Y/t, with lambda/t = 1/2; or of (89) at a gamma."""
     n, p = task.n, task.n * (task.n + 1) // 2
     A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
     largest, free = task.bounds["largest"], 0 if task.K is not None else n
@@ -166,8 +165,7 @@ class Design:
 
 @dataclass(eq=False)
 class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name a feasible value of one bound with the
-    others unchanged."""
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name a feasible value of one bound alone."""
 
     n: int
     bounds: dict[str, float]

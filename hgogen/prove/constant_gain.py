@@ -92,8 +92,8 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 
 
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
-    """Return, for the error of each field, the row (n, n) that b reads in its place: of that error and of the first
-    states of the chains."""
+    """Return, for each field, the row (n, n) that b reads for its error: of that error and of the chains' first
+    states."""
     rows = [list(field_row(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
@@ -128,7 +128,7 @@ class ConstantGain:
     error: Inclusion | Nothing
 
 
-def _of_error(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
+def _scaled_gain(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
     values = tuple(entries)
     return ScaledGain("K", values, columns(form, len(values)), "observer gain")
 
@@ -144,11 +144,11 @@ def constant_gain(
     """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
-    make, numbers = (_placed, poles) if gains is None else (_from_gains, gains)
+    make, numbers = (_from_poles, poles) if gains is None else (_from_gains, gains)
     return make(form, constant_chains(observer, form), numbers, weights, endless)
 
 
-def _placed(
+def _from_poles(
     form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any, weights: Sequence[float], endless: bool
 ) -> ConstantGain:
     for names, chain in zip(form.gain_names, each, strict=True):
@@ -168,7 +168,7 @@ def _placed(
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = (sp.Float(x) / a for x, a in zip(p, products, strict=True))
     error = on_companion(Integrators(form, form.gains), tuple(p), weights, endless)
-    return ConstantGain(_of_error(form, K), False, np.empty((0, form.n, form.n)), error)
+    return ConstantGain(_scaled_gain(form, K), False, np.empty((0, form.n, form.n)), error)
 
 
 def _from_gains(
@@ -190,7 +190,7 @@ def _from_gains(
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
     error = with_gains(form, [*map(Fraction, K)], weights, endless)
-    return ConstantGain(_of_error(form, map(sp.Float, K)), driven, _stacked(ends), error)
+    return ConstantGain(_scaled_gain(form, map(sp.Float, K)), driven, _stacked(ends), error)
 
 
 def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
@@ -200,8 +200,7 @@ def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
 
 
 def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
-    """Yield the chains that the gain couples, with its block for them: all chains for a matrix, else one after the
-    other. Raises: `BadGain`."""
+    """Yield the chains that the gain couples, with its block: all for a matrix, else one by one. Raises: `BadGain`."""
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)
@@ -224,8 +223,7 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Return each group's matrices (k_i, n_i, n_i) along the diagonal: with all their eigenvalues, not all their
-    combinations."""
+    """Return each group's matrices (k_i, n_i, n_i) along the diagonal: all eigenvalues, not all combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):

@@ -74,7 +74,7 @@ def theta_claim(theta: float) -> str:
 
 
 def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
-    """Return the two claims, without a proved bound."""
+    """Return the claims `MAKER.convergence` and `MAKER.theta` as unknown, as no bound is proved."""
     none, fix = because("no bound is proved"), "Validate by trials."
     return (
         Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
@@ -118,7 +118,7 @@ class Falls:
 
     @property
     def rate(self) -> float:
-        """r (1/s) with |e|_P <= exp(-r t), rounded down."""
+        """The rate r (1/s) with |e|_P <= exp(-r t), rounded down."""
         return outward.number(self.alpha / 2)[0]
 
     @property
@@ -186,8 +186,8 @@ class Flow:
 
     @cached_property
     def least(self) -> Falls | None:
-        """A proof at a theta close to the least one, below the declared theta if there are weights for that; None where
-        none is found."""
+        """A proof at a theta close to the least, below the declared one if there are weights for it; None if there is
+        none."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
         first = (self.theta, self._weights_at_theta) if self._weights_at_theta is not None else next(later, None)
@@ -206,8 +206,7 @@ class Flow:
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
-        """Return constant slopes at which errors do not decay at theta; `NONE` if errors decay at all those that are
-        tried."""
+        """Return constant slopes at which errors do not decay at theta; `NONE` where none of those tried is such."""
         speed, d = self.slowest
         if speed < 0:
             return NONE
@@ -222,8 +221,8 @@ class Flow:
 
     @cached_property
     def _system(self) -> Callable[[Fraction], Uncertain]:
-        """The function that returns the system of the error at a theta; it caches the last ones, as each is used at
-        several rates."""
+        """The function from theta to the system of the error; it caches the last ones, as each is used at several
+        rates."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
@@ -248,8 +247,7 @@ class Flow:
         return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at theta: constant slopes at which errors do not decay, or the slope that
-        hinders most."""
+        """Return why there is no proof at theta: constant slopes at which errors do not decay, or the worst slope."""
         unstable = self.unstable(states)
         if unstable:
             return unstable
@@ -271,7 +269,7 @@ class Flow:
 
     @property
     def missing(self) -> Reason:
-        """The reason why there is no Lyapunov function at any theta."""
+        """The reason why there is no P at any theta."""
         return no_solver(_WHAT) or because(
             "no norm is found in which the linear part of the error falls, whatever moves in it"
         )
@@ -300,11 +298,11 @@ class Flow:
         return Falls(theta, alpha, known) if known else None
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return weights near those in floats that prove the forms."""
+        """Return rational weights near P and S that prove the forms; None where none are found."""
         return proved(forms, P, S)
 
     def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Any:
-        """Return weights in floats with which the forms are negative."""
+        """Return weights in floats with which the forms are negative; None where none are found."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
         return weights if weights is not None and negative(forms, *weights, self._coordinates) else None
@@ -434,8 +432,8 @@ class OneSided(Flow):
 
     @cached_property
     def _basis(self) -> tuple[Array, ...]:
-        """A basis of the symmetric matrices P (n, n), of FLINT's rationals, for which P onto_k is parallel to reads_k
-        for every k."""
+        """A basis of the symmetric P (n, n), of FLINT's rationals, for which P onto_k is parallel to reads_k for all
+        k."""
         n = len(self.error.N)
         units, slopes = list[Array](), self.endless
         for j in range(n):
@@ -516,8 +514,7 @@ class AtTheta:
 
 
 def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
-    """Return `MAKER.convergence`, that there is a bound, and `MAKER.theta`, that theta is above it, with the rate
-    there."""
+    """Return `MAKER.convergence`, that there is a bound, and `MAKER.theta`, that theta is above it, with the rate."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
     kind = OneSided if error.endless else Flow
@@ -527,8 +524,8 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
 def claims(
     maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
-    """Return these two claims for an observer with these numbers, in which theta is the gain `name`; the error decays
-    `during` certain times."""
+    """Return these claims for an observer with these numbers; theta is the gain `name`, the error decays `during` some
+    time."""
     theta = float(flow.theta)
     try:
         least = flow.least

@@ -81,10 +81,8 @@ _FORM = "a form: hg.forms.triangular(plant)"
 
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
     """Return a constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small
-    lambda_max(P) in the bound of `high_gain`; or why there is none.
-
-    Raises: `NoSolver`; `Misfit` for no form; `BadGain`.
-    """
+    lambda_max(P) in the bound of `high_gain`; or why there is none. Raises: `NoSolver`; `Misfit` for no form;
+    `BadGain`."""
     if not isinstance(form, Form):
         raise Misfit("constant_gain", form, _FORM)
     most = positive("largest", largest)
@@ -109,10 +107,7 @@ def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
     """Return the checks of P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`,
-    in the notation of `varying_gain`: each proved, or refuted with the eigenvalue.
-
-    Raises: `BadGain`.
-    """
+    in the notation of `varying_gain`: each proved, or refuted with the eigenvalue. Raises: `BadGain`."""
     known = candidate(K, P, sigma)
     checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:

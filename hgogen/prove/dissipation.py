@@ -69,7 +69,7 @@ class BadErrorSystem(BadArgument):
 
 @dataclass(frozen=True)
 class Injection:
-    """The matrices that turn a plant into an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), in the plant's
+    """The matrices that turn a plant into an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), in its
     signals."""
 
     gain: sp.ImmutableDenseMatrix
@@ -111,10 +111,8 @@ class ErrorSystem:
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
     the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: its construction from a plant, None
-    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box; `doubt`: why it
-    may differ from that of the plant as first declared, or `NONE`.
-
-    Raises: `BadErrorSystem`.
+    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box; `caveat`: why it
+    may differ from that of the plant as first declared, or `NONE`. Raises: `BadErrorSystem`.
     """
 
     name: str
@@ -125,7 +123,7 @@ class ErrorSystem:
     states: tuple[sp.Symbol, ...] = ()
     origin: Injection | Equations | None = None
     lost: sp.Expr | None = None
-    doubt: Reason = NONE
+    caveat: Reason = NONE
 
     def __post_init__(self) -> None:
         """Make numbers exact, and check lengths and symbols."""
@@ -218,10 +216,7 @@ def _matrix(name: str, entries: Any, shape: tuple[int, int | None], plant: Syste
 
 def error_box(system: ErrorSystem, within: Any) -> Box:
     """Return the box of the errors, from half widths (n) or ranges (low, high), low < 0 < high, in their order, or by
-    the name of the error or of its state.
-
-    Raises: `BadErrorSystem`, `BadNames`.
-    """
+    the name of the error or of its state. Raises: `BadErrorSystem`, `BadNames`."""
     errors, names = system.errors, names_of(system.errors)
     values = in_order("within", within, names, aliases=system.aliases)
     values = list(values) if isinstance(values, Sequence) else [values]
@@ -304,12 +299,14 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
     pushes = sp.ImmutableDenseMatrix(len(noise), len(equations.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
-    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, doubt=plant.caveat)
+    return ErrorSystem(
+        plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, caveat=plant.caveat
+    )
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """Return the expression without common factors. Each signal has the sign of its range, so that the root of a square
-    simplifies."""
+    """Return the expression without common factors, with the sign of each signal's range, so that roots of squares
+    simplify."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
@@ -392,8 +389,7 @@ class Dissipates:
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, origin: Injection | Equations) -> dict[str, Any]:
-        """Return the construction of the error system from the plant, outputs by their places, the ranges of e, V and
-        mu."""
+        """Return the construction of the error system, outputs by their places, the ranges of e, V and mu."""
         names = self._names | {s.name for s in origin.names}
         if isinstance(origin, Equations):
             system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
@@ -473,7 +469,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     else:
         positive = negative(_positive_function(system, level, around), boxes, obstacle)
     lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
-    mismatch = system.doubt if system.lost is None else lost  # whether e' is that of the plant
+    mismatch = system.caveat if system.lost is None else lost  # whether e' is that of the plant
     answers = (positive, negative(_inequality(system, level, mu, around), boxes, mismatch or obstacle))
     floor = _floor(level, around, boxes)
     subject = Dissipates(system, level, mu, around)
@@ -610,7 +606,6 @@ def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
 
 
 def _slab(proof: Proof, way: int) -> dict[str, Any]:
-    """Return S < 0 (`way` 1), or -V < 0 as V > 0 (-1), with half of the proved bound, so that a weaker arithmetic
-    proves it."""
+    """Return S < 0 (`way` 1), or -V < 0 (-1), with half of the proved bound, so that a weaker arithmetic proves it."""
     assert proof.high is not None  # it is negative
     return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

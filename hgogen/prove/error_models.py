@@ -84,8 +84,7 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
-    """Return why the theorem does not apply to the form, or `NONE`; `endless`: whether b may be other than
-    Lipschitz."""
+    """Return why the theorem does not apply to the form, or `NONE`; `endless`: b need not be Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -227,8 +226,8 @@ def on_integrators(
     scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
     shares = (
-        Slope(field_row(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
-        for of, column in gates
+        Slope(field_row(gated, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
+        for gated, column in gates
     )
     error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
     return error if isinstance(error, Nothing) else replace(error, chained=True)
@@ -340,8 +339,7 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """Return the inclusion for the gains K (n), on a form whose A holds the s_k above its diagonal and nothing else; or
-    why there is none."""
+    """Return the inclusion for the gains K (n), on a form whose A holds only the s_k above its diagonal; or why not."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
@@ -387,8 +385,8 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
 def _together(
     of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
 ) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the points of the hull: all combinations of the ends of `of_b` slopes of b, and of the `pushes`; none if
-    there are too many."""
+    """Return the points of the hull: all combinations of the ends of `of_b` slopes of b and `pushes`; none if too
+    many."""
     ends = [sorted(set(pair)) for pair in shares]
     if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()

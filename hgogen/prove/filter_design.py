@@ -182,8 +182,8 @@ class _Search:
         return _LARGE, None
 
     def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """Return the arguments of a bound, in coordinates W or those of a P with which all errors decay; None where
-        there is no such P."""
+        """Return the arguments of a bound, in coordinates W or those of a P with which all errors decay, if there is
+        one."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")

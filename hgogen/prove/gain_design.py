@@ -81,14 +81,14 @@ class Open:
 
     @property
     def with_gain(self) -> Uncertain:
-        """The system of the error, with the rows that a gain multiplies below it (n + p, ..)."""
+        """The system of the error, with the rows that a gain multiplies appended (n + p, ..)."""
         M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def scaled(self, T: Array, pace: float) -> "Open":
-        """Return the system of x, e = diag(T) x, in a time that runs `pace` times as fast, with each slope's input
-        balanced with its reading."""
+        """Return the system of x, e = diag(T) x, in a time `pace` times as fast, with each slope's input and reading
+        balanced."""
         G, H = self.G / T[:, None] / pace, self.H * T
         columns, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > _SMALL) & (columns > _SMALL)))
@@ -105,8 +105,7 @@ class Open:
         return T
 
     def pace(self, rate: float) -> float:
-        """Return the rate times the least power of 2 at whose scale no slope is larger than the entries of the
-        chain."""
+        """Return the rate times the least power of 2 at whose scale no slope is larger than the chain's entries."""
         pace = rate
         for _ in range(_DOUBLINGS):
             x = self.scaled(self.scale(pace), pace)
@@ -119,7 +118,7 @@ class Open:
 @dataclass(frozen=True, eq=False)
 class Task:
     """The task: a gain for the `open` system with a `rate`, a small largest |c e| over the `rows` c (r, n), and a speed
-    of at most `fastest` (1/time)."""
+    <= `fastest` (1/time)."""
 
     open: Open
     rate: float
@@ -132,7 +131,7 @@ class Task:
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
-        """Return K (n, p) by one P for this rate, and for noise at the rate `noisy`; None where there is none. Raises:
+        """Return K (n, p) by one P for this rate, and for noise at the rate `noisy`, if there is one. Raises:
         `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
@@ -152,7 +151,7 @@ class _Program:
     alpha: float
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
-        """Return K (n, p)."""
+        """Return the gain K (n, p), None where the solver finds none."""
         (p, n), (of_P, of_Y, k) = self.open.C.shape, self._sizes
         size, one = self._size, np.eye(self._size + 1)
 
@@ -160,7 +159,7 @@ class _Program:
             return symmetric(x[:of_P], n), x[of_P : of_P + of_Y].reshape(n, p)
 
         def limited(x: Array) -> list[Array]:
-            """Return [P, Y; Y', fastest^2 I]."""
+            """Return the matrix [P, Y; Y', fastest^2 I]."""
             P, Y = norm(x)
             return [np.block([[P, Y], [Y.T, fastest**2 * np.eye(p)]])]
 
@@ -251,7 +250,7 @@ class Search:
 
     @property
     def written(self) -> tuple[float, ...]:
-        """The entries of N over their powers of theta, in as many digits as those of K."""
+        """The entries of N divided by their powers of theta, in as many digits as those of K."""
         places = columns(self.form, len(self.argument)) if self.argument else ()
         return tuple(self._rounded(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
 
@@ -268,8 +267,8 @@ class Search:
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """Return the gain for noise at that rate whose program demands the least part of the wanted rate, while a P of
-        its own proves all of it."""
+        """Return the gain for noise at that rate whose program demands the least part of the rate that another P
+        proves."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -284,7 +283,7 @@ class Search:
         return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
-        """Return the gain by one P for the part `less` of the rate, if another P proves the whole rate."""
+        """Return the gain whose program demands the part `less` of the rate, if a P of its own proves all of it."""
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None
@@ -325,8 +324,7 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
 
 
 def _half(slope: Slope) -> Slope:
-    """Return the slope with half of its range: around its middle, or around 0 for an entry of a Jacobian, whose range
-    holds 0."""
+    """Return the slope with half of its range: around its middle, or around 0 for an entry of a Jacobian."""
     centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
     return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
 
@@ -421,10 +419,8 @@ class Gain:
         return {"theta": self.theta, "gains": self.K, **optional}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return the largest error of a state for noise of at most these sizes, by output.
-
-        Raises: `KeyError` for a state or an output that does not exist.
-        """
+        """Return the largest error of a state for noise of at most these sizes, by output. Raises: `KeyError` for a
+        state or an output that does not exist."""
         return sum(self.bounds[state, output] * size for output, size in noise.items())
 
     def __str__(self) -> str:
@@ -511,10 +507,7 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
     """Return the entries of N (n, or n q: `columns`) with the least noise bound, none where b reads no error; the
-    `task` has no N.
-
-    Raises: `NoSolver`.
-    """
+    `task` has no N. Raises: `NoSolver`."""
     start = np.array(numbers_in_place(form))
     places, reads = columns(form, len(start)), np.abs(task.open.H).sum(axis=0)
     free = [k for k, at in enumerate(places) if reads[at.row]]
@@ -547,10 +540,8 @@ def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) ->
 
 
 def _measures(form: Form, per: Any) -> list[float]:
-    """Return the unit of the error of each state; 0 where neither `per` nor a range gives it.
-
-    Raises: `BadNames`, `BadGain`.
-    """
+    """Return the unit of each state's error; 0 where neither `per` nor a range gives it. Raises: `BadNames`,
+    `BadGain`."""
     each = each_by_name("per", per, form.names, _FROM_RANGE)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
     return [
@@ -560,7 +551,7 @@ def _measures(form: Form, per: Any) -> list[float]:
 
 
 def _moderate(what: str, value: Any) -> float:
-    """Return a positive number of moderate size. Raises: `BadGain`."""
+    """Return a positive number that is neither tiny nor huge. Raises: `BadGain`."""
     size = positive(what, value)
     if not 1 / _FAR <= size <= _FAR:
         raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")

@@ -59,7 +59,7 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 @dataclass(frozen=True)
 class Layout:
     """The fields of an estimator in its core's order: `index` (N), i(k) from 0, the state whose unit scales field k;
-    `power` (N), p(k); `fed` (N): whether c_i(k) is in the rate of field k; `picks` (n): the field from which c reads
+    `power` (N), p(k); `fed` (N): whether field k has c_i(k) in its rate; `picks` (n): the field from which c reads
     w_i."""
 
     index: tuple[int, ...]
@@ -175,7 +175,7 @@ class Inclusion:
 
     @property
     def without_samples(self) -> "Inclusion":
-        """The inclusion without sample errors, for an observer of which their input matrix is unknown."""
+        """The inclusion without sample errors, for an observer whose input matrix of samples is unknown."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
 
@@ -206,7 +206,7 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), the error e_k for an error of 1 in its state of the form; None where a scale holds
+        """Return, by field (N), the error e_k for an error of 1 in its state of the form; None if a scale holds
         parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
@@ -215,7 +215,7 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), the error e_k for an error of 1 in the program's field; None where a scale holds
+        """Return, by field (N), the error e_k for an error of 1 in the program's field; None if a scale holds
         parameters."""
         if not self.chained:
             return self.scales(theta)

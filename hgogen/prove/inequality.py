@@ -118,8 +118,7 @@ class Inequality:
         return "outward rounded" if any(isinstance(value, arb) for value in self.D.flat) else "rational"
 
     def falls(self, alpha: Any) -> Quadratic:
-        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 where it is negative, in the arithmetic of
-        D."""
+        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 where it is negative, in D's arithmetic."""
         size = self.rows
         n = size - len(self.Q)
         one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
@@ -189,8 +188,7 @@ def one_by_one(n: int, m: int) -> bool:
 
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """Return e with constant slopes at each corner of their ranges, or of a hull; e itself where the corners are too
-    many."""
+    """Return e with constant slopes at each corner of their ranges, or of a hull; e itself for too many corners."""
     m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
@@ -199,8 +197,7 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the forms that prove V' <= -alpha V where all are negative, in the arithmetic of e; for slopes in a
-    `hull`."""
+    """Return the forms that prove V' <= -alpha V where all are negative, in e's arithmetic; for slopes in a `hull`."""
     return tuple(flow(each).falls(alpha) for each in ends(e, hull))
 
 
@@ -236,8 +233,7 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
 def _with_samples(
     h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
 ) -> Inequality:
-    """Return the step of D and Q (.., N + s m + s p), whose last columns are those of the sample errors, stage by
-    stage."""
+    """Return the step of D and Q (.., N + s m + s p), whose last columns are the sample errors, stage by stage."""
     (n, m), p = e.G.shape, e.B.shape[1]
     size = n + len(nodes) * m
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
@@ -308,8 +304,7 @@ def _balls(M: Array) -> Array:
 
 
 def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 of a method that realises the core, by which it injects the samples at both
-    ends."""
+    """Return the step of length h >= 0 of a method that realises the core, and by it injects the end samples."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
     unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
@@ -339,8 +334,7 @@ _GRID = 60  # bits after the point of the weights
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a method on the error of an observer, at one theta and any length, and the search for their
-    proofs."""
+    """The steps of a method on an observer's error, at one theta and any length, and the search for proofs."""
 
     error: Inclusion
     way: ErrorStep
@@ -348,8 +342,7 @@ class Steps:
 
     @cached_property
     def at(self) -> Callable[[Fraction], Inequality]:
-        """The function that returns the step of a length h; it caches the last ones, as each is used at several
-        rates."""
+        """The function from a length h to its step; it caches the last ones, as each is used at several rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
@@ -357,15 +350,12 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Return whether floats find a proof, before one in rationals is tried. Raises: `NoSolver`."""
+        """Return whether floats find a proof, a condition for a search in rationals. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
     def weights(self, h: Fraction, alpha: Fraction) -> tuple[Array, Array] | None:
-        """Return weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a solver finds none.
-
-        Raises: `NoSolver`.
-        """
+        """Return weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2, if a solver finds any. Raises: `NoSolver`."""
         if self.coordinates is None:
             return None
         form = self.at(h).falls(alpha)
@@ -385,8 +375,7 @@ class Steps:
         return W
 
     def proved(self, h: Fraction) -> "Contracts | None":
-        """Return a proof with a rate close to the largest that the inequality gives; None where none is found. Raises:
-        `NoSolver`."""
+        """Return a proof with a rate close to the largest that the inequality gives, if any. Raises: `NoSolver`."""
         if not self.may_contract(h):
             return None
         slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
@@ -400,8 +389,7 @@ class Steps:
         return None
 
     def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
-        """Return weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found. Raises:
-        `NoSolver`."""
+        """Return weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2, if any. Raises: `NoSolver`."""
         weights = self.weights(h, alpha)
         return weights and proved((self.at(h).falls(alpha),), *weights)
 
@@ -422,14 +410,13 @@ class Contracts:
 
     @property
     def rate(self) -> float:
-        """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
+        """The rate r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
         lost = self.alpha * self.h  # log1p keeps the digits of a short step
         return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
-    """Return a value between `start`, where `holds` is true, and `end`, close to the last up to which it is true in a
-    search."""
+    """Return a value from `start`, where `holds` is true, towards `end`, close to the last one where it is."""
     if holds(end):
         return end
     while not 1 / close < start / end < close:
@@ -439,8 +426,7 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
 
 
 def unstable(step: Inequality) -> Array | None:
-    """Return constant slopes d (m) in [-1, 1] at which errors do not decay; None if they decay at all slopes that are
-    tried."""
+    """Return constant slopes d (m) in [-1, 1] at which errors do not decay; None where none of those tried is such."""
     radius, d = _frozen(step)
     return d if radius >= 1 else None
 
@@ -497,8 +483,7 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
 
 @lru_cache(maxsize=8)
 def _bernstein(degree: int) -> Array:
-    """Return the matrix (d + 1, d + 1) from the values of a polynomial at k/d, k = 0, .., d, to its Bernstein
-    coefficients."""
+    """Return the matrix (d + 1, d + 1) from a polynomial's values at k/d, k = 0, .., d, to Bernstein coefficients."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
     return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

@@ -146,8 +146,8 @@ class Adaptation:
         n, (decay, r) = len(K), (number(self.decay), number(self.r))
         C = np.array([number(1), *[number(0)] * (n - 1)])
         block, column, corner = self.shape.drift(N, K, C, decay, r)
-        of = np.multiply.outer
-        top, side = N.T @ P + P @ N + of(mu, block), P @ K + of(tau, C) + of(mu, column)
+        outer = np.multiply.outer
+        top, side = N.T @ P + P @ N + outer(mu, block), P @ K + outer(tau, C) + outer(mu, column)
         last = np.concatenate([side, np.asarray(mu * corner - 2 * tau)[..., None]], -1)
         return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
 
@@ -235,7 +235,7 @@ class LimitedInjection(Flow):
 
     @cached_property
     def _weights_at_theta(self) -> Decay | None:
-        """The V that decreases at theta, one with a rate if possible."""
+        """The V that decreases at theta, preferably with a rate."""
         return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 
     @property
@@ -279,8 +279,7 @@ class LimitedInjection(Flow):
     def _values(
         self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
     ) -> list[Array]:
-        """Return the forms that prove V' <= -alpha V where they are negative, a = alpha/theta, from M/theta, G/theta
-        and H."""
+        """Return the forms that prove V' <= -alpha V where negative, a = alpha/theta, from M/theta, G/theta and H."""
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
         base = way.form(N, K, P, mu, tau)
@@ -354,10 +353,8 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """Return the observer of that name and shape, with the checks `NAME.core`, `.convergence` and `.theta`.
-
-    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
-    """
+    """Return the observer of that name and shape, with the checks `NAME.core`, `.convergence` and `.theta`. Raises:
+    `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
     accept = demand_form(name, form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)

@@ -234,8 +234,8 @@ class StageDeviation:
 
     @cached_property
     def _lines(self) -> Rows:
-        """The third Taylor coefficients of the lines of each output at the `_cubic` stages (p, ..); empty rows where
-        the plant has no series."""
+        """The third Taylor coefficients of each output's lines at the `_cubic` stages (p, ..); empty rows without a
+        series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
             expression = y if output in self._used else sp.S(0)
@@ -273,8 +273,8 @@ class StageDeviation:
         return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Return the series in the step length, at any length up to h, of the stages (s) and of the step, up to the
-        coefficients that are used."""
+        """Return the series in the step length, at any length up to h, of the stages (s) and of the step, as far as
+        used."""
         (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
         order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
@@ -485,8 +485,7 @@ def by_bilinear_rule(step: CoreDeviation) -> Array:
 
 
 def by_matrix_exponential(step: CoreDeviation) -> Array:
-    """Return alpha by the integral, and by the difference of a program's polynomials from the exponential. Raises:
-    `Unbounded`."""
+    """Return alpha by the integral, and the difference of a program's polynomials from phi_2. Raises: `Unbounded`."""
     source, rates = np.hstack([step.sample_input, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([rates, step.most(2, step.plant.nonlinear_part)])
     any_of_it = 0 * step.L + number(inequality.WITHIN)

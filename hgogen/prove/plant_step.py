@@ -53,8 +53,7 @@ UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
 
 @dataclass(frozen=True)
 class PlantStep:
-    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None where a rate is
-    unknown."""
+    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None if unknown."""
 
     form: Form
     h: Fraction
@@ -94,7 +93,7 @@ class PlantStep:
         return loose(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """Return the largest change of y' if the rates of the states differ from F by at most these sizes (n). Raises:
+        """Return the largest change of y' if the rates of the states change by at most `most` (n). Raises:
         `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
@@ -172,8 +171,7 @@ class PlantStep:
         return loose(row, steepness_in(row, x, self.form.box))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """Return |delta|/h (n) for disturbances of any course of at most these sizes (n) in the rows of F. Raises:
-        `Unbounded`."""
+        """Return |delta|/h (n) for disturbances in F of any course, of at most these sizes (n). Raises: `Unbounded`."""
         n = self.form.n
         M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
@@ -219,8 +217,8 @@ class PlantStep:
         return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
 
     def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Return the balls of the states, of the inputs with their rates, and of the parameters; those in `cell` have
-        its ranges."""
+        """Return the balls of states, of inputs with their rates, and of parameters; those in `cell` have its
+        ranges."""
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)

@@ -54,7 +54,7 @@ class Quadratic:
         return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
-        """Return the value in integers over common denominators, in a tenth of the time."""
+        """Return the value in integers over common denominators, which takes a tenth of the time."""
         parts = []
         for X, Y in self.pairs:
             half, below = _product(X.T, P, Y)
@@ -80,7 +80,7 @@ class Quadratic:
 
     @property
     def size(self) -> int:
-        """The size N."""
+        """The number N of columns."""
         return int(self.pairs[0][0].shape[1])
 
     @property
@@ -94,7 +94,7 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Weights:
-    """`P` (n, n) symmetric and `S` (k), rational, by which a form is proved to be negative."""
+    """Weights of a proof: `P` (n, n) symmetric and `S` (k), rational, with which a form is negative."""
 
     P: Matrix
     S: tuple[Fraction, ...]
@@ -111,8 +111,7 @@ class Weights:
 
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-    """Return rational weights near those in floats that are proved to make exact forms negative; None where none are
-    found."""
+    """Return rational weights near those in floats that are proved to make exact forms negative, if any."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(forms, *exactly):
@@ -145,9 +144,9 @@ def confirmed(
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The forms `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
+    """The forms of floats `originals` in coordinates x of e = `W` x, each multiplied relation in units of `g` (k)."""
 
-    of: Sequence[Quadratic]
+    originals: Sequence[Quadratic]
     W: Array
     g: Array
 
@@ -161,12 +160,12 @@ class View:
 
     @cached_property
     def forms(self) -> list[Quadratic]:
-        """The forms in x."""
-        n, size = self.of[0].pairs[0][0].shape
+        """The forms in the coordinates x."""
+        n, size = self.originals[0].pairs[0][0].shape
         whole, back, g, forms = np.eye(size), self._inverse, self.g[:, None], list[Quadratic]()
         whole[:n, :n] = self.W
         whole[range(n, size), range(n, size)] = self.g
-        for one in self.of:
+        for one in self.originals:
             T = whole[: one.size, : one.size]
             pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in one.pairs)
             constant = None if one.constant is None else T.T @ one.constant @ T
@@ -178,7 +177,7 @@ class View:
         return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
-        """Return the weights in e from those in x."""
+        """Return the weights for e from those for x."""
         back = self._inverse.T @ P @ self._inverse
         return (back + back.T) / 2, S / self.g**2  # symmetric after rounding
 
@@ -204,19 +203,19 @@ def balance(N: Array) -> Array:
     return d
 
 
-def pace(of: Quadratic, W: Array) -> float:
+def pace(form: Quadratic, W: Array) -> float:
     """Return the speed of x, e = W x, in a form of floats: the factor to its own unit of time."""
     n = len(W)
-    fast = float(np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, :n] @ W))
+    fast = float(np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, :n] @ W))
     return fast if 0 < fast < math.inf else 1.0
 
 
-def even(of: Quadratic, W: Array) -> Array:
+def even(form: Quadratic, W: Array) -> Array:
     """Return the g (k) that make each relation's input to x as large as its reading of x. Readings below a small share
     of the largest are raised to it. A reading of rounding errors alone counts as a tenth of the largest."""
     n = len(W)
-    columns = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
-    reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
+    columns = np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, n:], axis=0)
+    reads = np.linalg.norm(form.Q[:, :n] @ W, axis=1)
     reads = np.where(reads > _NIL * reads.max(initial=0), reads, _TENTH * reads.max(initial=0))
     columns, reads = (np.maximum(each, _SMALL * each.max(initial=0)) for each in (columns, reads))
     return np.asarray(np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > 0) & (columns > 0))))
@@ -251,8 +250,8 @@ def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> 
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Return whether P > 0, S >= 0 and all forms are negative, in exact arithmetic or that of their balls; P and S of
-    FLINT's rationals."""
+    """Return whether P > 0, S >= 0 and all forms are negative, in exact arithmetic or their balls; P, S of FLINT's
+    rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
     with ctx.workprec(BALLS):

@@ -69,8 +69,8 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 
 @dataclass(frozen=True)
 class InputBound:
-    """A proof that |c e| <= `bound` for inputs of at most 1: by the `weights`, of which the last of S are the lambda,
-    at `alpha`."""
+    """A proof that |c e| <= `bound` for inputs of at most 1: by the `weights`, whose last S are the lambda, at
+    `alpha`."""
 
     alpha: Fraction
     weights: Weights
@@ -107,7 +107,7 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
 
 
 def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
-    """Return a bound of |c e| for a step that contracts. Raises: `NoSolver`."""
+    """Return a bound of |c e| for a contracting step with these inputs. Raises: `NoSolver`."""
     step, q = proof.step, inputs.D.shape[1]
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
@@ -127,8 +127,7 @@ def _search_shares(bound: Callable[[Fraction], float]) -> None:
 
 
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    """Return a proved bound of |c e| at this alpha; None where none is proved. Arguments as of `input_bound`. Raises:
-    `NoSolver`."""
+    """Return a proved bound of |c e| at this alpha, if any. Arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
@@ -166,8 +165,7 @@ def weights_in_floats(
 
 @dataclass(frozen=True)
 class Confined:
-    """A proof by the `weights` that |c e| <= `bounds` for errors that begin in a box, each bound by the place of its
-    c."""
+    """A proof by the `weights` that |c e| <= `bounds`, by the place of c, for errors that begin in a box."""
 
     weights: Weights
     bounds: Mapping[int, Fraction]
@@ -182,14 +180,14 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
     form, W = proof.step.falls(NOW), proof.steps.coordinates
     if W is None:
         return None
-    of, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
+    in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
 
     def sought_in(W: Array, margin: float) -> Solution | None:
         """Return the solution in these coordinates, with corners near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
-        limits = norm_limits(of, begins / far)
-        return shortest(View((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
+        limits = norm_limits(in_floats, begins / far)
+        return shortest(View((in_floats,), W, even(in_floats, W)), reads @ W, limits, margin, 1 / far, _START)
 
     exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
     return Confined(Weights.of(*exactly), peak_errors(exactly[0], corners, rows)) if exactly else None
@@ -213,8 +211,8 @@ class Driven:
 
     @property
     def form(self) -> Quadratic:
-        """The form that proves V' <= -|C e|^2 + sum_k lambda_k v_k^2 where it is negative; the lambda are the last q of
-        its multipliers."""
+        """The form that proves V' <= -|C e|^2 + sum_k lambda_k v_k^2 where it is negative; the last q multipliers are
+        lambda."""
         form = pushed(self.e, NOW)
         counted, square = 0 * identity(form.size), self.C.T @ self.C
         counted[: len(square), : len(square)] = square
@@ -252,8 +250,9 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
     fastest = max(np.linalg.norm(back @ floats(one.e.M) @ W, 2) for one in each)
     scale = max(np.linalg.norm(floats(one.C) @ W, 2) for one in each) ** 2 / fastest  # of P, so that it is near 1
     g = np.append(even(forms[0].floats, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
-    of = [form.floats for form in forms]
-    view = View([one if one.constant is None else replace(one, constant=one.constant / scale) for one in of], W, g)
+    in_floats = (form.floats for form in forms)
+    scaled = [one if one.constant is None else replace(one, constant=one.constant / scale) for one in in_floats]
+    view = View(scaled, W, g)
 
     def by_margin(by: float) -> tuple[Array, Array] | None:
         candidate = cheapest(view.forms, q, by, _L2)
@@ -298,7 +297,7 @@ def noise_bounds(observer: Observer) -> Bounds | Nothing:
 
 
 def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
-    """Return bounds by state of the form and output under their names."""
+    """Return bounds by the places of a state and an output as bounds by their names."""
     outputs = names_of(form.system.outputs)
     return {(form.names[i], outputs[j]): bound for (i, j), bound in known.items()}
 
@@ -315,8 +314,8 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     for j in np.flatnonzero(np.vstack([e.B, e.E]).any(axis=0)).tolist():
         alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
 
-        def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
-            return driven(of, alpha, error.hull)
+        def forms(alpha: Fraction, system: Uncertain = alone) -> tuple[Quadratic, ...]:
+            return driven(system, alpha, error.hull)
 
         for i, place in picks:
             one = input_bound(forms, W, 1, state_row(scales, place), Fraction(1))
@@ -350,8 +349,7 @@ def joint_bound_in_floats(
 
 
 def _rescaled(e: Uncertain, pace: Any) -> Uncertain:
-    """Return the system in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of
-    both."""
+    """Return the system in a time `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)
 
 

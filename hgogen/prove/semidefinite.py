@@ -69,7 +69,7 @@ def no_solver(what: str) -> Reason:
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """A proved solution: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, of `N` (n, n)."""
+    """A proof of N'P + P N <= -I: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, `N` (n, n)."""
 
     P: Matrix
     peak: Fraction
@@ -161,8 +161,7 @@ Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it holds ma
 
 @dataclass(frozen=True)
 class Group:
-    """Multipliers with one direction: their `places`, their `weights` r, the largest of which is 1, and their merged
-    `column` in the form."""
+    """Multipliers with one direction: their `places`, their `weights` r, the largest 1, and their merged `column`."""
 
     places: tuple[int, ...]
     weights: tuple[float, ...]
@@ -214,8 +213,7 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Return weights in floats with which a solver finds all forms negative; None where it finds none. Raises:
-    `NoSolver` for `what`.
+    """Return weights in floats with which a solver finds all forms negative, if any. Raises: `NoSolver` for `what`.
 
     `W` (n, n): the state is e = W x, with P expected near the unit matrix in x.
     """
@@ -289,8 +287,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and the conditions of
-    merged columns."""
+    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and those of merged
+    columns."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -354,8 +352,7 @@ def norm_limits(form: Quadratic, points: Array) -> Limits:
 
 
 def reaching(c: Array, count: int) -> Rows:
-    """Return the cone [t, c; c', P] >= 0, t the last variable after `count`, the first of which are the entries of
-    P."""
+    """Return the cone [t, c; c', P] >= 0, t the last variable after `count`, P the first of these."""
     n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
     end[0, 1:] = end[1:, 0] = c
     wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
@@ -364,8 +361,7 @@ def reaching(c: Array, count: int) -> Rows:
 
 
 def definite(brings: Array, last: Array, end: Array) -> Rows:
-    """Return the cone of definite matrices that holds `end` less the variables times `brings`, the last one times
-    `last`."""
+    """Return the cone of definite matrices `end` less the variables times `brings`, the last one times `last`."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
@@ -384,10 +380,7 @@ def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
-    """Return the variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
-
-    Raises: `NoSolver`.
-    """
+    """Return the variables with the least <goal, x>, and the prices of the rows, if any. Raises: `NoSolver`."""
     cones(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
@@ -446,8 +439,7 @@ def upper_triangles(matrices: Array) -> Array:
 
 
 def _packed(matrices: Array) -> Array:
-    """Return the `upper_triangles` scaled for the solver, so that the scalar product of columns is that of the
-    matrices."""
+    """Return the `upper_triangles` scaled for the solver, so that columns have the matrices' scalar product."""
     return np.asarray(upper_triangles(matrices) * _weights(matrices.shape[-1])[:, None])
 
 

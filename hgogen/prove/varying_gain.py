@@ -175,7 +175,7 @@ class Candidate:
 
     @property
     def n(self) -> int:
-        """Number of states."""
+        """The number of states."""
         return len(self.K)
 
     def evidence(self, form: Form) -> Evidence:
@@ -271,10 +271,8 @@ class Attenuating:
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
     """Return K, P, sigma as the rationals that floats are; for a P that is symmetric up to rounding, (P + P')/2
-    (`symmetric`).
-
-    Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what is not finite.
-    """
+    (`symmetric`). Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what
+    is not finite."""
     gain, matrix, shrink = reals("K", K), reals("P", P), reals("sigma", sigma)
     n = gain.size if n is None else n
     if gain.shape != (n,):
@@ -306,8 +304,7 @@ def disturbance(pair: Any, n: int) -> Disturbance:
 
 
 def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
-    """Return k >= |T^-1 dc/dw T| on the declared ranges for every gamma from this one on, by outward-rounded intervals;
-    or why there is none."""
+    """Return k >= |T^-1 dc/dw T| on the declared ranges for all gamma from this one on, by intervals; or why not."""
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
@@ -341,7 +338,7 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
-    """Return the check that M > 0, or M >= 0 unless `strict`; the claim is about `sign` M."""
+    """Return the check that M > 0, or M >= 0 if not `strict`; the claim is about `sign` M."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
     extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
     side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
@@ -407,8 +404,8 @@ def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | 
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
-    """Return a small s = delta_1 alpha_1 = delta_2 alpha_2 that is proved to satisfy (87) with lambda = `decay`; None
-    where none is found."""
+    """Return a small s = delta_1 alpha_1 = delta_2 alpha_2 that is proved to satisfy (87) with lambda = `decay`, if
+    any."""
     M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
@@ -444,8 +441,8 @@ class Law:
 def varying_gain_checks(
     maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
 ) -> tuple[Check, Check]:
-    """Return `MAKER.convergence`, that there is a bound on the least value of the gain, and `MAKER.theta`, that the
-    value is above it."""
+    """Return `MAKER.convergence`, that there is a bound on the gain's least value, and `MAKER.theta`, that it is
+    above."""
     form = chain.form
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
@@ -468,7 +465,7 @@ def varying_gain_checks(
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
-    """Return the claims with the name of the gain's least value."""
+    """Return the claims with the name of the gain's least value in their text."""
     convergence, above = checks
     name, value = law.name, same(law.least)
     exists = f"in continuous time, without noise, the error converges exponentially for every {name} above a bound"
@@ -487,8 +484,8 @@ BOXES = 500  # enough for sup Gamma, which need not be tight
 
 
 def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """Return the P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` where D P + P D is not proved
-    positive definite."""
+    """Return the P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` if it is not positive
+    definite."""
     exactly = np.array([Fraction(float(k)) for k in K])
     proof = lyapunov(tuple(map(tuple, companion(exactly))))
     assert proof is not None  # N is Hurwitz
@@ -587,8 +584,7 @@ _ROUND = Fraction(1, 2**20)  # relative increase of `up` and `down` over their f
 
 @dataclass(frozen=True)
 class DwellProof:
-    """A proof of a dwell time: a Lyapunov function that `falls` in the high gain, and the factors by which switches
-    change V."""
+    """A proof of a dwell time: a Lyapunov function that `falls` in the high gain, and the factors of V at switches."""
 
     falls: Falls
     up: Fraction
