@@ -451,7 +451,7 @@ FORGED: dict[str, Any] = {
     "metrics.responses.0.time": (0.5, NAN, None),
     "metrics.responses.0.settled": (-1.0, 1e9, NAN, INF, "never", [1.0]),
     "metrics.responses.0.peak": ("x", {}),
-    "metrics.responses.0.calm": (-1.0, NAN),
+    "metrics.responses.0.theta_settled": (-1.0, NAN),
     "metrics.responses.0.triggers": (-1, 0.5, 10**9),
     "metrics.responses.0.loud": (-0.1, 1.1),
     "of my own": (1,),

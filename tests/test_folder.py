@@ -139,7 +139,7 @@ def test_the_lines_to_write_compile(name: str, tmp_path: Path) -> None:
 
 
 def test_costs_are_told_of_the_same_source_only() -> None:
-    numbers = {"quiet": 410, "worst": 516, "flash": 2448, "ram": 56, "stack": 76}
+    numbers = {"nominal": 410, "worst": 516, "flash": 2448, "ram": 56, "stack": 76}
     files, ways = emitted.files("pendulum"), chosen("cmake", "pendulum")
     source = {"machine": "Cortex-M4F", "compiler": "gcc 1", "flags": "-O2", "source": digest(files["pendulum.c"])}
     readme = folder(step("pendulum"), files, ways, costs={**numbers, **source})["README.md"]

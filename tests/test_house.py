@@ -294,6 +294,86 @@ def test_a_value_is_named_for_what_it_holds() -> None:
     ]
 
 
+# --- words --------------------------------------------------------------------------------------------------
+
+PRIVATE = {
+    *re.findall(r"\w+", "bend bends bent shows shown sees seen tells told hopeless said asked taken held made")
+} | {
+    *re.findall(
+        r"\w+", "rest rests beside doubt patience quiet calm worth dear entering enters moves moved stands goes"
+    )
+}
+ALLOWED = {
+    **dict.fromkeys(("held_out", "HeldOut", "HELD_OUT"), "records that are held out, as statistics has it; --held-out"),
+    "held": "what stays constant, as by a zero-order hold; users read it",
+    "shown": "users call hg.excitation.shown",
+}
+ORDINARY = {
+    "moves",
+    "moved",
+    "held",
+    "taken",
+    "rests",
+    "quiet",
+}  # in a sentence: a plant that rests, noise that moves a state
+OPENING = re.compile(
+    r"(Those|That|The same|It|What|Which|As|Of|By|Where|From|With|If|Such|These|This|There|And|Or|To|In|On)\b"
+)
+
+
+def words_of(name: str) -> set[str]:
+    """The words of a name, in lower case, whether it is written with underscores or with capitals."""
+    return {*re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower().split("_")}
+
+
+def every_name(module: ast.AST) -> Iterator[tuple[int, str]]:
+    """The line and name of each function, class, field, argument and variable, whether users read it or not."""
+    yield from names(module)
+    for node in within(module):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+
+
+def test_words_of_a_name_are_told_apart() -> None:
+    assert words_of("_held_Rows") == {"", "held", "rows"}
+    assert words_of("TooDear") == {"too", "dear"}
+
+
+@pytest.mark.parametrize(
+    "text", ["def rows_held(): pass", "class Shown: pass", "class A:\n    said: str", "def f(told): pass"]
+)
+def test_a_private_word_is_seen_in_every_name(text: str) -> None:
+    assert [name for _, name in every_name(ast.parse(text)) if words_of(name) & PRIVATE]
+
+
+def test_names_are_the_fields_own_terms() -> None:
+    """A reader searches for the term that textbooks have: a residual, not what is left; a log, not what was said."""
+    every = [(name, line, text) for name, path in FILES.items() for line, text in every_name(parsed(path))]
+    assert not [one for one in every if words_of(one[2]) & PRIVATE and one[2] not in ALLOWED]
+    assert {text for _, _, text in every} >= ALLOWED.keys()
+
+
+def docstrings() -> Iterator[tuple[str, int, str]]:
+    """The module, line and text of each docstring of the package."""
+    for name, path in FILES.items():
+        for node in (parsed(path), *within(parsed(path))):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+                yield name, getattr(node, "lineno", 1), text
+
+
+def test_a_docstring_begins_with_what_is_returned() -> None:
+    """Or with a verb: not with a pronoun or a preposition, of which nobody knows what it stands for."""
+    assert not [one for one in docstrings() if OPENING.match(one[2])]
+
+
+def test_the_first_line_of_a_docstring_has_no_private_word() -> None:
+    words = PRIVATE - ORDINARY
+    lines = ((name, line, re.sub("`[^`]*`", "", text.partition("\n")[0])) for name, line, text in docstrings())
+    assert not [one for one in lines if words & {*re.findall(r"[a-z]+", one[2].lower())}]
+
+
 # --- values and errors --------------------------------------------------------------------------------------
 
 

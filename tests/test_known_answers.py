@@ -111,7 +111,7 @@ def test_adaptive_theta_settles_after_the_jump(law: str, peak: float) -> None:
     assert result.worst[1] <= 14
     assert result.triggered == (1, 1)
     assert all(7.9 <= end <= 8.0 for end in result.peak[1])
-    assert result.calm[1] == pytest.approx(11, abs=0.5)
+    assert result.theta_settled[1] == pytest.approx(11, abs=0.5)
     assert result.clamped == 0
 
 

@@ -280,8 +280,8 @@ def test_metrics_of_a_made_up_trajectory():
     step, made = trajectory(theta, error, [2, 2, *[1] * 8, 2, *[0] * 9, 3])
     measures = metrics(step, made)
     first, second = measures.responses
-    assert (first.settled, first.peak, first.calm, first.triggers) == (2.0, 3.0, 3.0, 1)
-    assert (second.settled, second.peak, second.calm, second.triggers) == (None, 2.0, 6.0, 2)
+    assert (first.settled, first.peak, first.theta_settled, first.triggers) == (2.0, 3.0, 3.0, 1)
+    assert (second.settled, second.peak, second.theta_settled, second.triggers) == (None, 2.0, 6.0, 2)
     assert measures.rms["x"] == pytest.approx(math.sqrt((3 * 9 + 3 * 16) / 6))
     assert measures.clamped == 2  # the two after the first 5% with bit 1
     statistics = summary(made.trial, [measures])

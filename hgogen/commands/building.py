@@ -138,7 +138,7 @@ def _demand_replaceable(where: Folder, library: Files) -> None:
 
 
 _MEANINGS = {
-    "quiet": "instructions of a step, calm",
+    "nominal": "instructions of a step, nominal",
     "worst": "instructions of a step, the worst of a hostile record",
     "flash": "flash, bytes",
     "ram": "RAM, bytes of state and parameters",

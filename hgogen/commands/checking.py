@@ -364,8 +364,9 @@ def _observed(observability: Observability, least: Sight | None) -> str:
         return f"locally observable, but {first}" + (", ..." if more else "")
     if least is not None and least.by_motion:
         return f"locally observable, {next(iter(least.direction))} by its motion alone"
-    if least is not None and least.hopeless:
-        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({as_share(least.median, 1)})"
+    if least is not None and least.practically_unobservable:
+        state, share = next(iter(least.direction)), as_share(least.median, 1)
+        return f"locally observable, but {state} practically unobservable ({share})"
     return "locally observable"
 
 
@@ -425,7 +426,10 @@ def observability_table(observability: Observability, least: Sight | None = None
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
     if least is not None:
-        table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
+        table.add_row(
+            Text("practically unobservable", style="red") if least.practically_unobservable else Text("measured"),
+            Text(str(least)),
+        )
     return Group(
         Text(title, style="bold"), table, *([Text(str(observability.scope))] if observability.scope else []), ""
     )

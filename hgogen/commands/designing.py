@@ -65,7 +65,7 @@ class DesignedPoint:
 
 @dataclass(frozen=True, eq=False)
 class Designs(ModelReport):
-    """Gains for wanted rates beside a model's tuning."""
+    """Gains for wanted rates, and those of a model's tuning."""
 
     json_keys = (
         "model observer=step.observer.name form=step.observer.form.kind method=step.code.rule dt=step.dt points=rows "
@@ -131,11 +131,11 @@ def design_(
     ] = False,
     out: Out = None,
 ) -> Designs:
-    """Design constant gains of high_gain for wanted rates, each of a small noise bound, and set them beside the model's
-    tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the model's
-    dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times that; the
-    tuning is that of --observer, the model's own, or of high_gain. With --argument they are gains of circle_criterion,
-    where that does better. Draws the figure design.svg and design.png.
+    """Design constant gains of high_gain for wanted rates, each of a small noise bound, and compare them with the
+    model's tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the
+    model's dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times
+    that; the tuning is that of --observer, the model's own, or of high_gain. With --argument they are gains of
+    circle_criterion, where that does better. Draws the figure design.svg and design.png.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)

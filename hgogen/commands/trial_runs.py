@@ -170,7 +170,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
                 time_cell(one.settled[k]),
                 time_cell(one.worst[k]),
                 "" if peak is None else _range(*peak),
-                "" if peak is None else time_cell(one.calm[k]),
+                "" if peak is None else time_cell(one.theta_settled[k]),
                 *("" if share is None else f"{100 * share:.0f}%" for share in (one.triggered[k], one.loud[k])),
             )
         rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())

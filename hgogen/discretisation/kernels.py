@@ -212,9 +212,9 @@ def balance(x: Matrix, scale: Vector) -> None:
             for j in range(n):
                 if j != i:
                     above = x[n * j + i]
-                    beside = x[n * i + j]
+                    across = x[n * i + j]
                     column = column + (-above if above < 0.0 else above)
-                    row = row + (-beside if beside < 0.0 else beside)
+                    row = row + (-across if across < 0.0 else across)
             if column > 0.0 and row > 0.0:
                 for k in range(HALVINGS):  # noqa: B007
                     if not column < row / 2.0:

@@ -182,7 +182,7 @@ def _argument(parameter: Parameter) -> str:
 class Costs:
     """The costs of a step, and the tools that measured them."""
 
-    quiet: Annotated[int, "instructions of a step, the mean of calm samples"]
+    nominal: Annotated[int, "instructions of a step, the mean of nominal samples"]
     worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
     flash: Annotated[int, "bytes of flash"]
     ram: Annotated[int, "bytes of state and parameters"]
@@ -228,7 +228,7 @@ _UNKNOWN = (
     "generated again, this page tells them."
 )
 _ROWS = (
-    ("instructions of a step, calm", "quiet"),
+    ("instructions of a step, nominal", "nominal"),
     ("instructions of a step, the worst of a hostile record", "worst"),
     ("bytes of flash", "flash"),
     ("bytes of RAM, of `s` and `p`", "ram"),

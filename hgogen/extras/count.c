@@ -1,4 +1,4 @@
-/* instructions of `sample`, over the calm rows of a record and the worst of those after them; and its stack, over all
+/* instructions of `sample`, over the nominal rows of a record and the worst of those after them; and its stack, over all
  * rows and memory that is spoiled */
 #include <string.h>
 
@@ -57,7 +57,7 @@ int board_main(void)
         sample(&copies[0], record[k]);
     }
     say_number("stack ", painted_over());
-    say_number("quiet ", over(51, 200)*40u/200u);
+    say_number("nominal ", over(51, 200)*40u/200u);
     unsigned most = 0u;
     for (int k = QUIET; k < RECORD; ++k) {
         const unsigned count = of_one(k);

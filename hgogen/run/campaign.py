@@ -492,7 +492,7 @@ def _was_measured(each: Campaign, one: Outcome) -> bool:
 
 
 def _is_response(one: Response, longest: float, samples: int) -> bool:
-    times = all(value is None or _is_number(value, 0, longest) for value in (one.settled, one.calm))
+    times = all(value is None or _is_number(value, 0, longest) for value in (one.settled, one.theta_settled))
     peak = one.peak is None or _is_number(one.peak, -math.inf, math.inf, nan=True)
     share = one.loud is None or _is_number(one.loud, 0, 1)
     return times and peak and share and (one.triggers is None or _is_count(one.triggers, samples))

@@ -87,7 +87,7 @@ class Gramian(Encoded):
 
     @property
     def weakest(self) -> tuple[str, float]:
-        """The state with the largest share in the direction that shows least, and its mean square share (0..1)."""
+        """The state with the largest share in the least observable direction, and its mean square share (0..1)."""
         shares = (self.direction**2).mean(axis=0)
         return self.states[int(np.argmax(shares))], float(shares.max())
 
@@ -166,7 +166,7 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 class Sight(Encoded):
     """The observability measure, for the least observable direction of the state, v."""
 
-    json_keys = "least median window unit trial by_motion hopeless where direction"
+    json_keys = "least median window unit trial by_motion practically_unobservable where direction"
 
     least: Annotated[float, "least sigma over the windows of a trial, or the points of the box"]
     median: Annotated[float, "median of sigma over them"]
@@ -178,7 +178,7 @@ class Sight(Encoded):
     by_motion: Annotated[bool, "whether the plant frozen at points hides v, so that only its motion shows v"] = False
 
     @property
-    def hopeless(self) -> bool:
+    def practically_unobservable(self) -> bool:
         """Whether half of all windows or points show less than any usual sensor resolves."""
         return self.median < RESOLVED and not self.by_motion
 

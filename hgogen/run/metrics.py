@@ -39,7 +39,7 @@ class Response:
     time: Annotated[float, "time of the event (s)"]
     settled: Annotated[float | None, "time to settle (s); null: never"]
     peak: Annotated[float | None, "largest theta"]
-    calm: Annotated[float | None, "time until theta is under 1.05 for good (s)"]
+    theta_settled: Annotated[float | None, "time until theta is under 1.05 for good (s)"]
     triggers: Annotated[int | None, "how often theta rose through 1.5"]
     loud: Annotated[float | None, "share of the last fifth of the time before the next event with theta above 1.5"]
 
@@ -108,7 +108,7 @@ def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray
         time=begin,
         settled=settled,
         peak=float(theta.max()),
-        calm=_past(theta >= KALMAN, step.dt),
+        theta_settled=_past(theta >= KALMAN, step.dt),
         triggers=len(crossings(theta)),
         loud=float(np.mean(late > TRIGGERED)),
     )
@@ -147,7 +147,7 @@ class Summary:
     settled: Annotated[tuple[float | None, ...], "median time to settle after each event; null: never"]
     worst: Annotated[tuple[float | None, ...], "largest time to settle after each event; null: never in some seed"]
     peak: Annotated[tuple[tuple[float, float] | None, ...], "smallest and largest peak of theta"]
-    calm: Annotated[tuple[float | None, ...], "median time until theta is under 1.05 for good"]
+    theta_settled: Annotated[tuple[float | None, ...], "median time until theta is under 1.05 for good"]
     triggered: Annotated[tuple[float | None, ...], "share of seeds in which theta rose through 1.5"]
     loud: Annotated[tuple[float | None, ...], "mean share of the last fifth before the next event with theta above 1.5"]
     latched: Annotated[int, "seeds in which theta did not come back after some event"]
@@ -173,7 +173,7 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
         settled=tuple(map(median, settled)),
         worst=tuple(None if None in times else max(times) for times in settled),
         peak=tuple((min(p), max(p)) if p else None for p in peaks),
-        calm=tuple(median(r.calm for r in event) for event in events),
+        theta_settled=tuple(median(r.theta_settled for r in event) for event in events),
         triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
         loud=tuple(float(np.mean(shares)) if shares else None for shares in louds),
         latched=sum(any((r.loud or 0) > LATCHED for r in m.responses) for m in each),

@@ -39,7 +39,7 @@ WARNINGS = (
 
 
 class NoCompilerWarning(UserWarning):
-    """There is no C compiler: the record runs in Python, sample by sample: the same bits, some twenty times slower."""
+    """No C compiler was found: the record runs in Python, sample by sample: the same bits, some twenty times slower."""
 
 
 @dataclass(eq=False)
