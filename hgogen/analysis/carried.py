@@ -49,9 +49,10 @@ _POLES = 200  # b is large, and often has poles in the box of z: more boxes do n
 
 @dataclass(frozen=True)
 class Carried:
-    """A transformed plant: the map `Phi` (n) and b (n) as `rows`, of the states and inputs of `plant` and the
-    derivatives of the inputs up to `orders`. `before`: the user's plant; `offset`: y - z_1; `kind` and `reference` of
-    its form."""
+    """A plant transformed by z = Phi(x, u, u', ..) to z_i' = z_(i+1) + b_i, y = z_1 + offset. `Phi` (n) and `rows`,
+    which are b (n), are expressions of the states and inputs of `plant` and of the inputs' derivatives up to the order
+    `orders`. `before`: the user's plant; `kind` and `reference`: name and paper of the form that results.
+    """
 
     kind: str
     reference: str
@@ -63,27 +64,31 @@ class Carried:
 
     @cached_property
     def known(self) -> tuple[Signal, ...]:
-        """The derivatives of inputs that Phi and b read, which the user supplies."""
+        """The derivatives of inputs that Phi and b depend on, which the user supplies as further inputs."""
         return input_derivatives((*self.Phi, *self.rows), self.before, self.orders)
 
     @cached_property
     def plant(self) -> System:
-        """The plant with those derivatives as inputs. Raises: `BadSystem` where another signal has such a name."""
+        """The plant with the derivatives of inputs in `known` as inputs. Raises: `BadSystem` where another signal has
+        such a name.
+        """
         return replace(self.before, inputs=(*self.before.inputs, *self.known)) if self.known else self.before
 
     @cached_property
     def jacobian(self) -> sp.ImmutableDenseMatrix:
-        """The Jacobian dPhi/dx."""
+        """The Jacobian dPhi/dx (n, n)."""
         return sp.ImmutableDenseMatrix([[e.diff(x) for x in self.before.states] for e in self.Phi])
 
     @property
     def images(self) -> dict[Signal, sp.Expr]:
-        """Phi by the states of the form. These states have no range yet."""
+        """Phi as a mapping from each new state z_i, still without a range, to the expression Phi_i."""
         return dict(zip(coordinates(self.plant).states, self.Phi, strict=True))
 
     def supplied(self, names: Sequence[str | Reason], missing: str, fix: str) -> Check:
-        """Return the check `KIND.inputs`: the derivatives of inputs that Phi and b read, called `names`, have ranges.
-        `missing`: the pattern of the reason where the derivatives `loose` have none."""
+        """Return the check `KIND.inputs`: the derivatives of inputs that Phi and b depend on, called `names` in its
+        text, have ranges. `missing`: the pattern of the reason for derivatives without one, in which they are `loose`;
+        `fix`: the remedy.
+        """
         id, claim = ClaimId(self.kind, "inputs"), "the derivatives of inputs that enter have ranges"
         unbounded = [u.name for u in self.known if not u.bounded]
         if unbounded:
@@ -92,13 +97,17 @@ class Carried:
         return Check(id, claim, Verdict.PROVED, listed if names else because("none enters"))
 
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
-        """Return Psi, or None where none is found."""
+        """Return the inverse Psi of z = Phi(x, u, ..) as a mapping from each state x_i to an expression of z, or None
+        where none is found.
+        """
         plant = self.plant
         return inverse(self.images, plant.states, (*plant.inputs, *plant.parameters), plant.constants)
 
     def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
-        """Return the form in z, each z with the range of Phi on the box. `recovered`: b is evaluated at x = Psi(z),
-        because it may have poles in the box of z."""
+        """Return the form with the states z, each with the range of Phi_i on the plant's box, and `checks`. `back`: the
+        inverse x = Psi(z) by state; `recovered`: whether observers evaluate b at x = Psi(z), because b(z) may have
+        poles in the box of z.
+        """
         plant, n, box_x = self.plant, len(self.Phi), self.plant.box
         (y,) = plant.outputs
         states = []
@@ -127,7 +136,9 @@ class Carried:
         )
 
     def in_x(self, checks: Iterable[Check]) -> Form:
-        """Return the form in the plant's coordinates, with dPhi/dx and the derivatives of inputs that dPhi/dx reads."""
+        """Return the form with the plant's states x as coordinates, in which gains act through (dPhi/dx)^-1, and
+        `checks`. The derivatives of inputs in dPhi/dx become inputs.
+        """
         plant = self.before
         read = tuple(u for u in self.plant.inputs if u in plant.inputs or u in self.jacobian.free_symbols)
         z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
@@ -136,8 +147,10 @@ class Carried:
 
 
 def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:
-    """Return the check that the rate of each coordinate is its derivative along the plant. It is unknown where a
-    coordinate of `moving` has a jump or a kink, at which it has no derivative."""
+    """Return the proved check `id` that the rate z_i' of each new coordinate z_i = Phi_i(x) is its derivative along the
+    plant, with the text `claim`. It is unknown where a coordinate in `moving` has a jump or a kink, at which it has no
+    derivative.
+    """
     rough = without_derivative(moving)
     if rough:
         fix = "Write jumps and kinks as smooth functions, or use another form."
@@ -148,9 +161,11 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
 def on_image(
     maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, obstacle: Reason, reason: Reason
 ) -> Check:
-    """Return the check `MAKER.lipschitz` of a function of z on the image of the plant's box: a one to one map of full
-    rank on a compact box has a smooth inverse. `rows`: the function in the plant's states, called `name`; `obstacle`:
-    why the map is not known to be such, or `NONE`; `reason`: why the claim holds."""
+    """Return the check `MAKER.lipschitz`: functions of z = Phi(x) are Lipschitz on the image of the plant's box, since
+    a one to one map of full rank on a compact box has a smooth inverse. `rows`: these functions as expressions of x,
+    called `name` in reports; `obstacle`: why Phi is not known to be one to one of full rank, or `NONE`; `reason`: why
+    the claim holds.
+    """
     unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     unbounded = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
     if unbounded:
@@ -171,7 +186,7 @@ def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:
 
 
 def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
-    """Return the first expression that is not proved to be finite and real on the whole box."""
+    """Return the first expression that is not proved to be finite and real on the plant's whole box, or None."""
     box_x = plant.box
     doubtful = (e for e in dict.fromkeys(expressions) if not (e.is_number or e.is_polynomial()))
     return next((e for e in doubtful if not _defined(e, box_x, BOXES)), None)
@@ -181,8 +196,9 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 
 
 def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
-    """Return the check `KIND.rank`: the determinant has no zero on the box. It is generic where the determinant is not
-    0 identically but may have zeros. `readable_det`: the determinant as it is printed."""
+    """Return the check `KIND.rank`: `det`, the determinant of dPhi/dx, has no zero on the box. The verdict is generic
+    where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed.
+    """
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
     # sign(0) is 0 in the plant's own rows; where SymPy differentiated a kink it stands for all values in [-1, 1]
     reads_signs = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
@@ -212,14 +228,18 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
 
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
-    """Return whether the determinant is undefined at the point although every entry of dPhi/dx has a value there."""
+    """Return whether `det`, det dPhi/dx as written, is undefined at the point although every entry of dPhi/dx has a
+    value there.
+    """
     at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
 
 
 def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
-    """Return the check `KIND.inverse`: Phi is one to one on the box. The proof is the inverse, where it is defined on
-    the image; or rows that each read one new state, with a slope; or the signs of minors."""
+    """Return the check `KIND.inverse`: Phi is one to one on the box. It is proved by `back`, the inverse by state, if
+    that is defined on the image; by components Phi_i that each depend on one more state, with a slope of one sign; or
+    by positive principal minors of dPhi/dx. `rank`: the check of full rank.
+    """
     id, claim = ClaimId(whole.kind, "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
@@ -249,7 +269,9 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
 
 
 def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
-    """Return the check by a Jacobian whose principal minors are above zero; a proved `rank` implies a smooth Phi."""
+    """Return the check that Phi is one to one, proved if all principal minors of L dPhi/dx are above 0 for a constant
+    matrix L. With a proved check `rank` the inverse of Phi is smooth.
+    """
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
@@ -264,7 +286,7 @@ def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
-    """Return the check for a Phi that is lower triangular in some order of states, else None."""
+    """Return the check that Phi is one to one for a Phi that is lower triangular in some order of states, else None."""
     visited: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - visited
@@ -282,7 +304,7 @@ def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | No
 
 
 class Derivatives:
-    """The evidence of a chain of y and its derivatives."""
+    """The evidence that the coordinates of a form are z = Phi(x, u, ..) = (y, y', .., y^(n-1))."""
 
     def evidence(self, form: Form) -> Evidence | None:
         """Return Phi = (y, y', ..) in the plant's states, its inputs and their derivatives."""
@@ -291,7 +313,7 @@ class Derivatives:
 
 
 class FullRank:
-    """The evidence that det dPhi/dx has no zero."""
+    """The evidence that det dPhi/dx has no zero on the plant's box."""
 
     def evidence(self, form: Form) -> Evidence | None:
         """Return the range of the determinant on the plant's box."""
@@ -301,12 +323,14 @@ class FullRank:
 
 @dataclass(frozen=True)
 class OneToOne:
-    """The evidence that all principal minors of weighted rows of dPhi/dx are above zero."""
+    """The evidence that Phi is one to one: all principal minors of L dPhi/dx are above 0 on the plant's box, with the
+    constant matrix L = `weights` (n, n).
+    """
 
     weights: Weights
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the weights, and the range of each minor on the plant's box."""
+        """Return L, and the range of each principal minor of L dPhi/dx on the plant's box."""
         J = _jacobian(form)
         if J is None:
             return None
@@ -320,7 +344,9 @@ class OneToOne:
 
 
 def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
-    """Return the range of a determinant that reads the plant's signals and the derivatives of its inputs."""
+    """Return the range of a determinant, an expression of the plant's signals and its inputs' derivatives, on the
+    plant's box.
+    """
     system, det = form.system, exact(determinant)
     known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
     every = box((*known, *system.signals), system.nominal)
@@ -334,7 +360,7 @@ def _jacobian(form: Form) -> sp.Matrix | None:
 
 
 def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
-    """Return Phi of the plant as it was declared; None for a recast plant."""
+    """Return (y, y', .., y^(n-1)) of the plant as it was declared; None for a recast plant."""
     system = form.system
     if system.origin is not None:
         return None

@@ -40,7 +40,10 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 class Shape(Enum):
-    """The way in which a row may depend on its new state."""
+    """The signals that the gain of a link, row = gain * (next state) + offset, may vary with: CONSTANT, inputs and
+    parameters only; MEASURED, the measured state z_1 too; UNIFORM, any signal, for a row with a slope that is not
+    identically 0.
+    """
 
     CONSTANT = "inputs and parameters only"
     MEASURED = "inputs, parameters and the measured state only"
@@ -49,9 +52,9 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows x_i' = flow[i] and y_j = output[j], with the outputs' names and the `ranges` of any symbols.
+    """The equations of a plant, x_i' = flow[i] and y_j = output[j], with the outputs' `names` and `ranges` of symbols.
 
-    A symbol that is no state and whose ends in the box are equal has that value.
+    A symbol other than a state whose range has equal ends has that value.
     """
 
     states: tuple[sp.Symbol, ...]
@@ -62,11 +65,15 @@ class Rows:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges, except of states with a single value: dependence is tested by changing the state."""
+        """The ranges without those of states with a single value, because dependence on a state is tested by varying
+        it.
+        """
         return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
 
     def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-        """Return the symbols that the row is proved to vary with, and those for which this is not decided."""
+        """Return the symbols of `among` that the expression `row` is proved to vary with, and those for which this is
+        not decided.
+        """
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
@@ -75,18 +82,21 @@ class Rows:
 
 
 def of_plant(plant: System) -> Rows:
-    """Return a plant's rows on its box, without kinks whose side the box decides; constants have their values."""
+    """Return a plant's equations on its box: constants have their values, and kinks and jumps whose side the box
+    decides are removed.
+    """
     plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
 
 
 @dataclass(frozen=True)
 class Link:
-    """A row, named y or x', and the new `state` that it reads.
+    """An equation of a chain: y or x', called `name`, as an expression `row` that depends on one more `state` of the
+    chain.
 
     `gain`, `offset`: row = gain * state + offset where `affine`; `varies`: states that the gain is proved to vary with;
-    `may_vary`: states for which this is not decided; `strays`: later states that the row may read as well; `slope`: the
-    row's derivative by the state; `sloped`: whether it is not zero identically.
+    `may_vary`: states for which this is not decided; `strays`: later states that the row may depend on as well;
+    `slope`: the derivative of `row` by `state`; `sloped`: whether the slope is not identically zero.
     """
 
     name: str
@@ -103,12 +113,16 @@ class Link:
 
     @property
     def jumps(self) -> sp.Expr | None:
-        """A part of the row that may jump in the state, which the slope does not show; None without one."""
+        """A part of the row that may jump as `state` varies, such as a sign(), which the slope does not show; None
+        without one.
+        """
         rough = () if self.affine else (node for node in with_norms(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, key=str, default=None)
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
-        """Return whether the row has the shape, and the reason. `measured`: z_1, where a gain may vary with it."""
+        """Return whether the link has the shape (CONSTANT, MEASURED or UNIFORM), and the reason. `measured`: the state
+        z_1, which a gain of the shape MEASURED may vary with.
+        """
         if shape is Shape.UNIFORM:
             if self.sloped is False:
                 return False, because("{link} with a slope that is zero", link=self._reason)
@@ -144,9 +158,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Chains:
-    """A chain of links for each output, as far as it was followed.
+    """The states in triangular order: for each output a chain of links y -> z_1 -> z_2 .., in which z_(i+1) is the
+    state that the rate of z_i depends on next.
 
-    `broken`: why not every state was reached, or `NONE`; `certain`: whether it is proved that no other order exists.
+    `broken`: why the chains do not reach every state, or `NONE`; `certain`: whether it is proved that no other order of
+    states exists.
     """
 
     links: tuple[tuple[Link, ...], ...]
@@ -155,7 +171,7 @@ class Chains:
 
     @property
     def order(self) -> tuple[sp.Symbol, ...]:
-        """The states, chain by chain."""
+        """The states z in the order of the chains, one chain after the other."""
         return tuple(link.state for links in self.links for link in links)
 
     @property
@@ -164,7 +180,9 @@ class Chains:
         return tuple(map(len, self.links))
 
     def answer(self, shape: Shape) -> Answer:
-        """Return whether every row has the shape and the chains hold all states, and the reason."""
+        """Return whether every link has the shape (CONSTANT, MEASURED or UNIFORM) and the chains hold all states, and
+        the reason.
+        """
         unproved = NONE
         for links in self.links:
             for i, link in enumerate(links):
@@ -181,11 +199,12 @@ class Chains:
 
 
 def levelwise(rows: Rows) -> Chains:
-    """Return a chain for each output, built level by level. A row may read its own next state, and the states of its
-    level and of the levels before in every chain. For one output this is the triangular form.
+    """Return a chain of states for each output, built level by level. The rate of a state may depend on the next state
+    of its own chain, and on the states of its own and all earlier levels in every chain. With one output this is the
+    triangular form.
 
-    The order is forced. A row with one new state must have it as its next; a row with none ends its chain; a row with
-    several, or two rows with the same next state, leave no order at all.
+    The order is forced. A rate with one new state must have this state as its next; a rate without a new state ends its
+    chain; a rate with several new states, or two rates with the same next state, leave no order at all.
     """
     remaining, chains = list(rows.states), [list[Link]() for _ in rows.output]
     active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
@@ -218,7 +237,10 @@ def levelwise(rows: Rows) -> Chains:
 def _stop(
     name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], remaining: Sequence[sp.Symbol], must: bool
 ) -> tuple[Reason, bool] | None:
-    """Return why the order ends at a row with these new states, and whether that is proved; `must`: it needs one."""
+    """Return why a chain ends at the equation called `name`, and whether this is proved; None where the chain goes on.
+    `sure`, `maybe`: the new states that it depends on, or may depend on; `remaining`: states in no chain yet; `must`:
+    whether it needs a next state.
+    """
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True
@@ -231,7 +253,9 @@ def _stop(
 
 
 def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
-    """Return the row as a link to the first of the new states; the others are strays."""
+    """Return the equation `row`, called `name`, as a link to the first of its new states `new`; the other new states
+    become its strays.
+    """
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
     slope = slope_of(clean, state)
@@ -247,9 +271,10 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
 def _line(
     row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
-    """Return gain, offset, and whether row = gain * state + offset with both free of the state. `clean`: the row
-    without the states that it does not depend on. The gain is the slope, or where the slope is not exact the row's
-    difference between 0 and 1."""
+    """Return gain, offset, and whether row = gain * state + offset with gain and offset free of `state`. `clean`: the
+    row without the states that it does not depend on. The gain is the slope, or for a slope that is not exact the
+    difference of the row between state = 0 and 1.
+    """
     gain = without_norms(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
     # row - gain * state is the same at every value of the state: at 0, or where that is 0/0 at 1, 2 or 3
@@ -268,7 +293,7 @@ def _line(
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
-    """Return the row at a value of the state, or nan where a comparison in the row has no real value there."""
+    """Return the row with `state` = `value`, or nan where a comparison in the row has no real value there."""
     at_value = put(row, {state: sp.Integer(value)})
     return sp.nan if at_value is None else at_value
 
@@ -288,13 +313,14 @@ def twice(links: Iterable[Link]) -> Reason:
 
 
 def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
-    """Return a chain for each output, one after the other. A row may read all states of the chains before, the states
-    of its own chain up to its own, and its next state. Another output's first state is no next state.
+    """Return a chain of states for each output, one chain after the other, with links of the shape. The rate of a state
+    may depend on all states of earlier chains, on the states of its own chain up to itself, and on the next state. The
+    first state of another output is no next state.
 
-    The search is greedy: a chain is chosen as soon as it can be followed to its end. That is exact. The rows of chosen
-    chains read nothing but their states. With more states chosen, a chain that could be followed before still can: a
-    prefix of it remains, and the states after it are chosen already. So if some order of the chains works, the first
-    chain of it that is not chosen yet can be chosen next.
+    The search is greedy: a chain is chosen as soon as it can be followed to its end. This is exact. The rates in chosen
+    chains depend on states of chosen chains only. With more states chosen, a chain that could be followed before still
+    can: a prefix of it remains, and the states after the prefix are chosen already. So if some order of the chains
+    works, the first chain in it that is not chosen yet can be chosen next.
     """
     first = _heads(rows)
     if isinstance(first, Chains):
@@ -315,7 +341,7 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
 
 
 def _heads(rows: Rows) -> list[Link] | Chains:
-    """Return the first link of each output, or chains with the reason without one."""
+    """Return the first link of each output, or chains with the reason `broken` if an output has none."""
     heads = []
     for name, row in zip(rows.names, rows.output, strict=True):
         sure, maybe = rows.reads(row, rows.states)
@@ -334,7 +360,9 @@ def _heads(rows: Rows) -> list[Link] | Chains:
 def _path(
     head: Link, heads: set[sp.Symbol], chosen: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], Reason, bool]:
-    """Return a chain through states not `chosen` yet, why it stops early or `NONE`, and whether that is proved."""
+    """Return a chain from the link `head` through states not in `chosen`, why it stops early or `NONE`, and whether
+    this is proved. `heads`: the first states of all outputs, which are no next states.
+    """
     links = [head]
     while True:
         state = links[-1].state
@@ -356,11 +384,12 @@ def _path(
 
 
 def end_aligned(rows: Rows) -> Chains:
-    """Return chains whose row j of chain i reads x_(k, l) only for l <= j + n_k - n_i, and its own next state.
+    """Return chains in which x_(i,j)', the rate of state j of chain i (n_i states), depends on its next state, and
+    otherwise on x_(k,l) only for l <= j + n_k - n_i.
 
-    The lengths decide which states a row may read, so the order is not forced. The search tries the chains level by
-    level, one after the other, and in two sweeps over all outputs. Chains that are found are proved; a search without
-    success refutes nothing.
+    The lengths of the chains decide which states a rate may depend on, so the order is not forced. The search tries the
+    chains level by level, one after the other, and in two sweeps over all outputs. Chains that are found are proved; a
+    search without success refutes nothing.
 
     Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
     """
@@ -379,7 +408,9 @@ def end_aligned(rows: Rows) -> Chains:
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
-    """Return the reason of the first row that may read a state too close to the end of its chain; else `NONE`."""
+    """Return a reason that names the first rate x_(i,j)' that may depend on a state x_(k,l) with l > j + n_k - n_i;
+    else `NONE`.
+    """
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -393,8 +424,10 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
-    """Return the chains of sweeps over all outputs, one state each. A row with several new states waits until no other
-    chain can be extended: the rows of a long chain read states far from the ends, a last row reads anything."""
+    """Return chains that grow by one state each in sweeps over all outputs, in the order `priority` of the outputs. A
+    rate with several new states waits until no other chain can be extended: the rates of a long chain depend on states
+    far from the ends, the last rate of a chain on any state.
+    """
     heads = _heads(rows)
     if isinstance(heads, Chains):
         return heads
@@ -410,7 +443,9 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
 
 
 def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
-    """Append the next state of a chain, if its last row has exactly one new state, and return whether it did."""
+    """Append the next state to the chain `links` of output `j` if its last rate has exactly one new state, and return
+    whether it did. `remaining`: states in no chain; `waiting`: outputs whose last rate has several new states.
+    """
     state = links[-1].state
     sure, maybe = rows.reads(rows.rate(state), remaining)
     if len(sure) + len(maybe) > 1:
@@ -426,8 +461,9 @@ def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting
 
 
 def without_jumps(check: Check, link: Link) -> Check:
-    """Return the check of the slope of a link. It is unknown in place of proved where the row may jump with its state:
-    a slope of one sign does not make such a row one to one."""
+    """Return the check of the slope of a link, unknown in place of proved where the row may jump as its state varies:
+    then a slope of one sign does not make the row one to one.
+    """
     if check.verdict is not Verdict.PROVED or link.jumps is None:
         return check
     pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
@@ -437,7 +473,9 @@ def without_jumps(check: Check, link: Link) -> Check:
 
 
 def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
-    """Return the check `MAKER.structure` of chains with this answer."""
+    """Return the check `MAKER.structure`, that a plant's states form chains, with the verdict and reason of
+    `answer`.
+    """
     is_so, why = answer
     verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
     proofs = (ByForm(),) if is_so else ()
@@ -445,7 +483,7 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
 
 
 def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
-    """Return the states that reach an output through the rates, or may; with `sure` only the proved ones."""
+    """Return the states that affect an output through the rates, or may; with `sure` only those proved to."""
 
     def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
         known, maybe = rows.reads(row, rows.states)
@@ -458,7 +496,9 @@ def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
 
 
 def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
-    """Return the check `MAKER.connected`: no state is `hidden`; it is undecided for the `doubtful` ones."""
+    """Return the check `MAKER.connected`: every state affects an output through the rates. It is refuted by `hidden`
+    states, which do not, and undecided for the `doubtful` ones.
+    """
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
@@ -472,7 +512,9 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
 
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
-    """Return the refuted check `connected` of a plant with hidden states; none for another plant."""
+    """Return the refuted check `MAKER.connected` of a plant with states that affect no output; () for any other
+    plant.
+    """
     visible = reached(of_plant(plant))
     hidden = [x for x in plant.states if x not in visible]
     return (connected(maker, hidden),) if hidden else ()
@@ -483,8 +525,9 @@ def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Affine:
-    """A row as sum_k slopes[k] x_k + offset over given states, slopes and offset free of them. `answer`: whether that
-    is proved, refuted (False) or neither, and `why`."""
+    """An expression as sum_k slopes[k] x_k + offset over given states, `slopes` and `offset` free of them. `answer`:
+    whether this equality is proved (True), refuted (False) or neither (None), and `why`.
+    """
 
     slopes: tuple[sp.Expr, ...]
     offset: sp.Expr
@@ -494,7 +537,9 @@ class Affine:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured state: output `output` is gain * state `state` + offset, both free of states, |gain| >= m > 0."""
+    """A measured state: y_output = gain * x_state + offset (both by index), `gain` and `offset` free of states, |gain|
+    >= m > 0 on the box.
+    """
 
     state: int
     output: int
@@ -503,8 +548,9 @@ class Measurement:
 
 
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
-    """Return the row of that name as an affine function of the states. It is refuted by a slope that varies with one of
-    them, or by a residual that does; it is proved where no such slope and residual exist."""
+    """Return the expression `row`, called `name`, as an affine function of the states, sum_k slopes[k] x_k + offset.
+    This is refuted by a slope or an offset that varies with one of the states, and proved where none does.
+    """
     none, slopes, offset, may = (sp.S.Zero,) * len(states), [], with_norms(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
@@ -531,7 +577,7 @@ _GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
 
 
 def measurements(plant: System) -> tuple[Measurement, ...]:
-    """Return the states that an output is proved to read alone, each with the first such output."""
+    """Return the states that are measured alone, y_j = gain * x_i + offset, each with the first such output."""
     rows, by_state = of_plant(plant), dict[int, Measurement]()
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
@@ -542,8 +588,9 @@ def measurements(plant: System) -> tuple[Measurement, ...]:
 
 
 def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
-    """Return a function of the SX columns z (n), u (m), y (p), valid (p). It returns z with the measured states in the
-    place of their estimates, for a form in the plant's own coordinates."""
+    """Return a function (z, u, y, valid) -> z of SX columns (n), (m), (p), (p) that replaces the estimates of measured
+    states by the values that valid outputs give. It applies to a form in the plant's own coordinates.
+    """
     measured = measurements(dynamics.form.system)
 
     def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:

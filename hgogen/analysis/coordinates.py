@@ -54,7 +54,7 @@ class Coordinates:
 
     @property
     def replacement(self) -> dict[sp.Expr, sp.Expr]:
-        """The expression in z of each plant state."""
+        """The expression in z of each plant state, by its symbol."""
         return {x: sign * z for x, sign, z in zip(self.order, self.signs, self.states, strict=True)}
 
     def carry(self, expression: sp.Expr) -> sp.Expr:
@@ -99,9 +99,10 @@ def form_in(
     parts: Parts | None = None,
     **more: Any,
 ) -> Form:
-    """Return the plant in z, with the checks of its own coordinates before the form's.
+    """Return the form of a plant in the coordinates z, with the `checks` of z before those of the form.
 
-    Args: `parts`: A, b and the output; by default A is the result of `split`. `more`: further fields of the form.
+    Args: `kind`, `reference`: the name and the paper of the form; `parts`: (A, b, output) of z' = A z + b, by default
+    those of `split`; `more`: further fields of `Form`.
     """
     A, b, output = parts or (*split(z.flow, z.states), z.output)
     return Form(
@@ -120,7 +121,9 @@ def form_in(
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """Return A and b of flow = A x + b; A holds the state-free coefficients of the terms linear in a state."""
+    """Return A (n, n) and b (n) of flow = A x + b; A holds the state-free coefficients of the terms that are linear in
+    one state.
+    """
     rows, n = tuple(flow), len(states)
     terms = [linear_terms(row, states) for row in rows]
     A = sp.ImmutableDenseMatrix(n, n, lambda i, j: terms[i][0].coeff(states[j]))
@@ -142,11 +145,12 @@ _VALUES = 12  # of the state, for the chord
 
 
 def triangle(structure: Check, reference: str, plant: System, chains: Chains, shape: Shape, **more: Any) -> Form:
-    """Return the plant in z, each link of the chains in the `shape`.
+    """Return the form of the plant whose states z are ordered by `chains`: z_i' = a_(i+1) z_(i+1) + b_i, y = a_1 z_1 +
+    c, each a_i of the `shape` (CONSTANT: free of states, MEASURED: may vary with z_1, UNIFORM: any).
 
-    After the check `structure`, its maker's checks are: `a_i` of one chain, `a_i_j` of several (0 < a_m <= a <= a_M on
-    the box of the signals that a varies with); `offset`, `offset_i` (c_i is defined there) of an output with one;
-    `lipschitz`, of b and of each a z whose a varies with a state. `more`: further fields of the form.
+    Its checks after `structure`: `a_i` of one chain, `a_i_j` of several (0 < a_m <= a <= a_M on the box); `offset`,
+    `offset_i` (c_i is finite on the box); `lipschitz`, of b and of each a z whose a varies with a state. `more`:
+    further fields of `Form`.
     """
     maker, several = structure.id.maker, "blocks" in more
     every = [[settled(link, shape, plant, links[0].state) for link in links] for links in chains.links]
@@ -177,7 +181,9 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
 
 
 def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
-    """Return the link, with a chord for its gain where it is not proved to have the shape."""
+    """Return the link, row = gain * state + offset, with a difference quotient as its gain where the row is not proved
+    to have the shape. `measured`: the state z_1, which the gain may vary with.
+    """
     if link.answer(shape, measured)[0]:
         return link
     gain = _chord(link.row, link.state, plant)
@@ -185,7 +191,9 @@ def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None 
 
 
 def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
-    """Return a finite (row(b) - row(a))/(b - a), the other states in the middle of their ranges; 0 without one."""
+    """Return a finite difference quotient (row(b) - row(a))/(b - a) of `row` between two values a, b of `state`, the
+    other states in the middle of their ranges; 0 if no quotient is finite.
+    """
     middle, row = dict(next(points(plant.states))), exact(row)
     values = list(dict.fromkeys(point[state] for point in islice(points((state,)), _VALUES)))
     for i, a in enumerate(values[:2]):
@@ -201,7 +209,9 @@ def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
 
 
 def signs_of(links: Iterable[Link], plant: System) -> list[int]:
-    """Return the sign of each z_i that makes a_i positive; an a_i without one sign keeps its sign."""
+    """Return the sign, 1 or -1, of each z_i that makes the gains a_i of the links positive; 1 for an a_i whose sign
+    varies.
+    """
     signs = [1]
     for link in links:
         signs.append(signs[-1] * (sign(link.gain, plant) or 1))

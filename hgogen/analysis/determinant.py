@@ -97,9 +97,10 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
 
 
 def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
-    """Return the determinant of the same rows as a reader expects it: in the hyperbolic functions of the rows in place
-    of exponentials, with the factors of its zeros. It is `det` itself without such functions, or where `det` is
-    shorter."""
+    """Return the determinant `det` of the rows, and the factors of its zeros, rewritten for a reader: with the
+    hyperbolic functions that the rows contain in place of exponentials. It is `det` itself for rows without such
+    functions, or where `det` is shorter.
+    """
     nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
     names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
     try:
@@ -122,9 +123,9 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determina
 
 
 def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
-    """Return the determinant as a product of powers, by elimination. In a field with roots a division may leave a pole
-    that the determinant does not have: there it is expanded without divisions, if that is short enough or a division is
-    wrong.
+    """Return the determinant of a matrix over the field `domain` as a product of powers of polynomials, by elimination.
+    In a field with roots a division may leave a pole that the determinant does not have: there it is expanded without
+    divisions, if that is short enough (`limit` terms) or a division is wrong.
 
     Raises: `TooLarge`; `ZeroDivisionError` where the determinant is 0.
     """
@@ -150,10 +151,11 @@ def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) ->
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
-    """Return the product of the P^e as an expression.
+    """Return the product of powers P^e of polynomials, `parts`, as an expression.
 
-    With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d. The forms of even degree are written
-    one by one. The others are multiplied, in the numerator and the denominator, with the remaining power of C.
+    With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a homogeneous form of degree d over C^d. Forms of even
+    degree are written one by one. The others are multiplied, in the numerator and the denominator, with the remaining
+    power of C.
     """
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
     forms = [(p, d, e) for p, e, d in every if even_degrees(d)]
@@ -205,8 +207,9 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
 
 
 def alive(field: Field, product: Product) -> bool:
-    """Return whether it is certain that no polynomial of the product is 0 identically. A polynomial without kernels is
-    not; others have a value whose ball excludes 0, or are left to `is_zero`."""
+    """Return whether it is certain that no polynomial of the product is identically 0. A polynomial in symbols alone is
+    not; one that contains functions is evaluated at a random point, where its ball excludes 0, or tested by `is_zero`.
+    """
     undecided = [p for p, _ in product if field.kernels(p)]
     symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
     program = tape(field.meaning, symbols)
@@ -220,7 +223,9 @@ def alive(field: Field, product: Product) -> bool:
 
 
 def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
-    """Return whether the polynomial's value, at these values of the generators, excludes 0."""
+    """Return whether the value of the polynomial at `balls`, one interval for each generator of its ring, excludes
+    0.
+    """
     total = flint.arb(0)
     for exponents, c in polynomial.terms():
         total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=flint.arb(c))
@@ -228,10 +233,10 @@ def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
 
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
-    """Return factors whose zero sets together are that of the product of the powers, where it is defined; none where
-    the product has no zero.
+    """Return factors whose zero sets together are the zero set of a product of powers of polynomials, `parts`, where
+    that product is defined; () where the product has no zero.
 
-    The result is None where the field does not decide it: a factor x**a with a symbol a, or a zero and a pole that may
+    The result is None where the zeros are not decided: a factor x**a with a symbol a, or a zero and a pole that may
     cancel by a relation between functions.
 
     Raises: `TooLarge`.
@@ -260,8 +265,10 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 
 
 def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
-    """Return polynomials with an even degree in each angle's generator: the `zeros` that have one, and the product of
-    the others, times cos(m/2) where the whole product is 0 at m = pi, squared where its degree is odd."""
+    """Return polynomials with an even degree in the generator tan(m/2) of each angle m: those of `zeros` that have one,
+    and the product of the others, times cos(m/2) where the product of `parts` is 0 at m = pi, squared where its degree
+    is odd.
+    """
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
     forms = [(p, degrees(field, p)) for p in zeros if even_degrees(degrees(field, p))]
     odd = [p for p in zeros if not even_degrees(degrees(field, p))]
@@ -279,7 +286,7 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
 
 
 def _signed(e: sp.Expr) -> sp.Expr:
-    """Return a factor with a fixed sign; a root is replaced by its radicand."""
+    """Return an expression with the zeros of the factor `e` and a fixed sign; a root is replaced by its radicand."""
     if isinstance(e, sp.Pow) and e.exp.is_Rational and e.exp.is_positive:
         return _signed(e.base)
     return -e if e.could_extract_minus_sign() else e
@@ -297,13 +304,15 @@ Weights = tuple[tuple[Fraction, ...], ...]
 
 
 def subsets(n: int) -> Iterator[tuple[int, ...]]:
-    """Return the nonempty subsets, the small ones first."""
+    """Yield the nonempty subsets of 0, .., n - 1 as tuples, the small ones first."""
     return chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1))
 
 
 def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int) -> Weights | None:
-    """Return weights L (n, n) with which all principal minors of L times a Jacobian (n, n) are proved to be above 0 on
-    a box; None where none are found. `read`: the signals that the Jacobian depends on."""
+    """Return a constant matrix L (n, n) for which all principal minors of L times the Jacobian (n, n) are proved to be
+    above 0 on a box, so that the map is one to one; None where none is found. `read`: the signals that the Jacobian
+    depends on; `boxes`: the most boxes of a bisection.
+    """
     n = jacobian.rows
     if n > STATES:
         return None
@@ -318,13 +327,15 @@ def weighted(L: Weights, jacobian: sp.Matrix) -> sp.Matrix:
 
 
 def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
-    """Return a principal minor, as the matrix is written. Raises: `TooLarge`."""
+    """Return the principal minor of the matrix on the rows and columns `places`. Raises: `TooLarge`."""
     rows = matrix.extract(list(places), list(places)).tolist()
     return as_written(rows, determinant(rows)).value
 
 
 def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
-    """Return the Jacobian (k, n, n) at the sample points of the box where it is finite, the middle first."""
+    """Return the values (k, n, n) of a Jacobian at sample points of the box where it is finite, the middle of the box
+    first. `read`: the signals that the Jacobian depends on.
+    """
     n = jacobian.rows
     try:
         program = tape(list(jacobian), read)
@@ -336,7 +347,9 @@ def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
 
 
 def _orders(sampled: np.ndarray) -> Iterator[Weights]:
-    """Return orders and signs of the rows with which all minors are above 0 at the sample points."""
+    """Yield signed permutation matrices L (n, n) for which all principal minors of L J are above 0 at the sampled
+    Jacobians J (k, n, n).
+    """
     n = sampled.shape[-1]
     for order in permutations(range(n)):
         signs = np.sign([sampled[0, k, i] for i, k in enumerate(order)])
@@ -347,7 +360,9 @@ def _orders(sampled: np.ndarray) -> Iterator[Weights]:
 
 
 def _combined(sampled: np.ndarray) -> Iterator[Weights]:
-    """Return rounded weights near the inverse of the middle Jacobian, if all minors are then above 0 in the samples."""
+    """Yield matrices L (n, n) near the inverse of the first sampled Jacobian, rounded, if all principal minors of L J
+    are above 0 at the sampled Jacobians J (k, n, n).
+    """
     n = sampled.shape[-1]
     if np.linalg.matrix_rank(sampled[0]) == n:
         inverse = np.linalg.inv(sampled[0])

@@ -48,14 +48,16 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Fallback:
-    """The rows of a form with a fallback; `largest`: the largest valid magnitude of a row without a declared range."""
+    """The equations of a form, z_i' or y_j, that keep their last valid value where they have no finite value.
+    `largest`: the largest magnitude that is valid for an equation without a declared range.
+    """
 
     form: Form
     largest: float
 
     @cached_property
     def rates(self) -> dict[int, Signal]:
-        """The rates z_i' with a fallback, each with the signal that names it."""
+        """The signal, by index i, that names each rate z_i' with a fallback to its last valid value."""
         states = {s.name: s for s in self.form.system.states}
         names = [name if name in states else z.name for name, z in zip(self.form.names, self.form.states, strict=True)]
         mixed = not set(names) <= states.keys() and not states.keys().isdisjoint(self.form.fallback)
@@ -64,15 +66,17 @@ class Fallback:
 
     @cached_property
     def outputs(self) -> dict[int, Signal]:
-        """The outputs y_j with a fallback."""
+        """The signal, by index j, of each output y_j with a fallback to its last valid value."""
         return {j: y for j, y in enumerate(self.form.system.outputs) if y.name in self.form.fallback}
 
     def rate(self, i: int, b: Graph, whole: Graph) -> Graph:
-        """Return b_i, or its last valid value where the `whole` rate A_i sat(z) + b_i is invalid."""
+        """Return b_i, or its last valid value where the rate `whole` = A_i sat(z) + b_i is invalid (not finite or out
+        of its range).
+        """
         return ca.if_else(self.rate_valid(i, whole), b, last_value(self.rates[i])) if i in self.rates else b
 
     def valid_gains(self, A: Graph) -> Graph:
-        """Return A, sparse (n, n), with 0 for the invalid chain gains of rates with a fallback."""
+        """Return A, sparse (n, n), with 0 for the invalid chain gains a_i of rates with a fallback."""
         gains = ca.SX(A)
         for i, k in _links(self.form):
             if i in self.rates and self.form.A[i, k].free_symbols:
@@ -80,41 +84,46 @@ class Fallback:
         return gains
 
     def output(self, j: int, h: Graph, whole: Graph) -> Graph:
-        """Return h_j, or its last valid value where h_j(sat(z)), the `whole`, is invalid."""
+        """Return h_j, or its last valid value where `whole` = h_j(sat(z)) is invalid (not finite or out of its
+        range).
+        """
         return ca.if_else(self.output_valid(j, whole), h, last_value(self.outputs[j])) if j in self.outputs else h
 
     def rate_valid(self, i: int, whole: Graph) -> Graph:
-        """Return whether the rate i is valid."""
+        """Return an SX: whether the value `whole` of the rate z_i' is a number in its range."""
         signal = self.rates[i]
         return within(self.form.signs[i] * whole, signal.rates[0] if signal.rates else (-self.largest, self.largest))
 
     def output_valid(self, j: int, whole: Graph) -> Graph:
-        """Return whether the output j is valid."""
+        """Return an SX: whether the value `whole` of the output y_j is a number in its range."""
         low, high = self.outputs[j].interval
         width = high - low
         ends = (low - width, high + width) if self.outputs[j].bounded else (-self.largest, self.largest)
         return within(whole, ends)
 
     def slopes_valid(self, row: Graph) -> Graph:
-        """Return whether each derivative of a row (1, n) is valid."""
+        """Return an SX: whether each derivative in `row` (1, n), a row of a Jacobian, is a finite number of valid
+        size.
+        """
         return reduce(ca.logic_and, (within(slope, (-self.largest, self.largest)) for slope in ca.horzsplit(row)))
 
 
 def within(value: Graph, ends: Range) -> Graph:
-    """Return whether a value is a number in its range; SX."""
+    """Return an SX: whether `value` is a number in the range `ends`."""
     return ca.logic_and(value >= ends[0], value <= ends[1])
 
 
 def last_value(signal: Signal) -> Graph:
-    """Return the place of the last valid value of a row."""
+    """Return the SX of the place in memory that holds the last valid value of the equation named by `signal`."""
     return sym("state", f"last_{signal.name}")
 
 
 def with_fallback(form: Form, accepted: Iterable[str]) -> Form:
-    """Return the form with a fallback for each row whose check `singular.NAME` is `accepted`.
+    """Return the form in which each equation whose refuted check `singular.NAME` is `accepted` keeps its last valid
+    value where it has no finite value.
 
-    Coefficients of A in such a row that may have no finite value go into its b. The gains of a chain stay, because the
-    form has checks about them, and are 0 where they are invalid (`Fallback.valid_gains`).
+    Coefficients of A in such an equation that may have no finite value go into its b_i. The gains a_i of a chain stay
+    in A, because the form has checks about them, and are 0 where they are invalid (`Fallback.valid_gains`).
     """
     accepted = {id for id in accepted if isinstance(id, str)}
     rows = dict.fromkeys((*form.system.states, *form.system.outputs, *form.states))
@@ -153,7 +162,7 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
 
 
 def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
-    """Return whether every element of a column is a number in its range; SX."""
+    """Return an SX: whether every element of the column `value` is a number in its range (low, high) of `ends`."""
     tests = (
         binary(ca.OP_AND, binary(ca.OP_LE, low, value[i]), binary(ca.OP_LE, value[i], high))
         for i, (low, high) in enumerate(ends)
@@ -162,13 +171,15 @@ def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
 
 
 def widened(low: float, high: float, share: float) -> tuple[float, float]:
-    """Return the range, extended by a share of its width at each end."""
+    """Return the range (low, high), extended by `share` of its width at each end."""
     more = share * (high - low) if high - low < INF else 0.0
     return low - more, high + more
 
 
 def either(test: Graph, yes: Graph, no: Graph) -> Graph:
-    """Return the matrix `yes` where the test holds, elsewhere `no`; an entry that is equal in both has no choice."""
+    """Return the matrix `yes` where the SX `test` is 1, elsewhere `no`; an entry that is equal in both has no
+    choice.
+    """
     result = ca.densify(yes)
     for k in range(result.numel()):
         if not ca.is_equal(result[k], no[k]):
@@ -177,9 +188,10 @@ def either(test: Graph, yes: Graph, no: Graph) -> Graph:
 
 
 def regular_at(matrix: Graph, test: Graph) -> Graph:
-    """Return the matrix where the test holds, elsewhere one that has an inverse as well: nothing is divided by 0.
+    """Return the matrix where the SX `test` is 1, elsewhere an invertible constant, so that a solution with the matrix
+    never divides by 0.
 
-    Its pivots are 1 there. The other entries are 0 there, except in a matrix that is triangular in some order.
+    The pivots of the constant are 1, its other entries 0, except for a matrix that is triangular in some order.
     """
     blocks, rows, columns, *_ = matrix.sparsity().btf()
     pivots = set(zip(rows, columns, strict=True))
@@ -194,7 +206,9 @@ def regular_at(matrix: Graph, test: Graph) -> Graph:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """The graphs of `form`; z is an SX column (n), u an SX column (m)."""
+    """The equations z' = A(u) z + b(sat(z), u), y = h(z, u) of `form` as CasADi graphs; the arguments z, an SX column
+    (n), and u (m). `tangent`: whether h is continued beyond the box by its tangent.
+    """
 
     form: Form
     tangent: bool = False  # whether outputs are continued by their tangents outside of the box
@@ -219,11 +233,13 @@ class Dynamics:
         return self._clamped(z, self.box)
 
     def _clamped(self, values: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
-        """Return the column, each element clamped to its range if the form clamps."""
+        """Return the column `values`, each element clamped to its range (low, high) of `ends` if the form clamps."""
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
-        """Return the rate z' (n), with the argument of b clamped, or its value limited."""
+        """Return the rate z' = A z + b (n), with the argument of b clamped to the box, or with the values of b
+        limited.
+        """
         linear, nonlinear = self._graphs(self._argument(z), u)
         return linear @ z + self._limited(nonlinear)
 
@@ -240,7 +256,7 @@ class Dynamics:
         return z if self.form.free else self.saturated(z)
 
     def _limited(self, b: Graph) -> Graph:
-        """Return b (n), each row within its limits, if it has any."""
+        """Return b (n), each b_i clamped to the form's `limits` of its value, if there are any."""
         ends = self.form.limits
         return column(clamp(b[i], *end) for i, end in enumerate(ends)) if ends else b
 
@@ -249,7 +265,9 @@ class Dynamics:
         return self._graphs(self.saturated(z), u)
 
     def jacobian(self, z: Graph, u: Graph) -> Graph:
-        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b*, or A(u) in an invalid row."""
+        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u), with the row of A(u) alone for a rate that is
+        invalid there.
+        """
         whole = self._jacobian(z, u)
         if not self.fallback.rates:
             return whole
@@ -258,7 +276,9 @@ class Dynamics:
         return ca.vertcat(*rows)
 
     def rate_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return whether each rate with a fallback is valid at (sat(z), u), and its derivatives are."""
+        """Return, by i, an SX for each rate z_i' with a fallback: whether its value and its derivatives at (sat(z), u)
+        are valid.
+        """
         fallback = self.fallback
         if not fallback.rates:
             return {}
@@ -302,7 +322,9 @@ class Dynamics:
         return ca.vertcat(*rows) if valid else slopes
 
     def output_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return whether each output with a fallback is valid at sat(z), and its derivatives are."""
+        """Return, by j, an SX for each output y_j with a fallback: whether its value and its derivatives at sat(z) are
+        valid.
+        """
         if not self.fallback.outputs:
             return {}
         fallback, slopes = self.fallback, self._slopes(self.form.output, z, u)
@@ -313,18 +335,18 @@ class Dynamics:
         }
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
-        """Return the Jacobian dh/dz (p, n) of the output, with 0 for an invalid one."""
+        """Return the Jacobian dh/dz (p, n) of the output, with a row of 0 for an invalid output."""
         return self._zero_invalid(self._slopes(self.form.output, z, u), self.output_slopes_valid(z, u))
 
     def rates_valid(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
-        """Return b_i of each rate with a fallback, and whether the rate is valid at (sat(z), u)."""
+        """Return, by i, for each rate z_i' with a fallback: b_i, and whether A_i z + b_i is valid at (sat(z), u)."""
         if not self.fallback.rates:
             return {}
         b, whole = self._without_fallback(self._argument(z), u)[1], self._whole(self.saturated(z), u)
         return {i: (b[i], self.fallback.rate_valid(i, whole[i])) for i in self.fallback.rates}
 
     def outputs_valid(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
-        """Return each output with a fallback, and whether it is valid at (sat(z), u)."""
+        """Return, by j, for each output with a fallback: h_j, and whether it is valid at (sat(z), u)."""
         if not self.fallback.outputs:
             return {}
         values, whole = (self._saturating(self.form.output, at, u) for at in (z, self.saturated(z)))
@@ -337,11 +359,11 @@ class Dynamics:
 
     @cached_property
     def fallback(self) -> Fallback:
-        """The rows of the form that fall back to their last valid value."""
+        """The equations of the form that keep their last valid value where they have no finite value."""
         return Fallback(self.form, HUGE)
 
     def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
-        """Return the Jacobian of rows by z at (sat(z), u)."""
+        """Return the Jacobian (k, n) of the expressions `rows` (k) by z at (sat(z), u)."""
         slopes = jacobian(column(self._convert(rows, self._z, self._u)), self._z)
         return ca.substitute([slopes], [self._z, self._u], [self.saturated(z), u])[0]
 
@@ -354,10 +376,10 @@ class Dynamics:
         return tuple(ca.if_else(valid[j], each, 0) if j in valid else each for j, each in enumerate(curved))
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
-        """Return the plant's states, as first declared, from z (n) and u (m).
+        """Return the plant's states x, as first declared, from z (n) and u (m).
 
-        The inverse map is proved on the box only. Beyond an end after which it turns round it is evaluated at that end:
-        the square of a root below 0 is no level.
+        The inverse map x = Psi(z) is proved on the box only. Beyond an end after which Psi is no longer monotone it is
+        evaluated at that end: the square of a root below 0 is no level.
         """
         system = self.form.system
         if transformed(self.form):
@@ -368,31 +390,35 @@ class Dynamics:
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, clamped, u))
 
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return the states of the form's system from z, each in its range, and whether the inverse is a number there.
+        """Return the states x = Psi(z, u) of the form's system, each in its range, and whether all are finite numbers.
 
-        A state for which it is none has its resting value. Denominators keep their sign (`maps.sided`).
+        A state whose Psi is no number has its resting value. Denominators of Psi keep their sign (`maps.sided`).
         """
         return self._ranged(self._unranged(z, u))
 
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
-        """Return whether each recovered state leaves its range by more than `margin` of its width."""
+        """Return an SX for each state recovered as x_i = Psi_i(z, u): whether it leaves its range by more than `margin`
+        of its width.
+        """
         raw = self._unranged(z, u)
         return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._recovered_states]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
-        """Return each bounded recovered state before its clamp, its gradient (1, n) at sat(z), and its range."""
+        """Return, for each bounded state recovered as x_i = Psi_i(z, u): its value before the clamp, its gradient (1,
+        n) by z at sat(z), and its range.
+        """
         raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
         return [(raw[i], slopes[i, :], s.interval) for i, s in self._recovered_states]
 
     @property
     def _recovered_states(self) -> list[tuple[int, Signal]]:
-        """The bounded states of the form's system that are not some z_i or -z_i, with their numbers."""
+        """The bounded states of the form's system that are not some z_i or -z_i, each with its index."""
         states = enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
         return [(i, s) for i, (s, e) in states if s.bounded and not (e.is_Symbol or (-e).is_Symbol)]
 
     @property
     def recoverable(self) -> bool:
-        """Whether the inverse is proved to be a number on the whole box of z."""
+        """Whether x = Psi(z), the inverse map, is proved to be a number on the whole box of z."""
         return all(self._inverse.finite)
 
     @cached_property
@@ -403,8 +429,9 @@ class Dynamics:
         return self._saturating(self._inverse.rows, z, u)
 
     def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
-        """Return values of the states of the form's system, each clamped to its range, or at its resting value
-        where it is no number, and whether all are numbers. A form that does not clamp keeps the values."""
+        """Return the states x of the form's system from their values `raw` (n): each clamped to its range, or at its
+        resting value if it is no number; and whether all are numbers. A form that does not clamp keeps the values.
+        """
         if not self.form.clamped:
             return raw, ca.SX(1)
         states = self.form.system.states
@@ -414,8 +441,9 @@ class Dynamics:
         return self._clamped(column(values), [s.interval for s in states]), usable
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
-        """Return the product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least`
-        the determinant is proved to have no zero."""
+        """Return the product (dPhi/dx)^-1 vector (n), Phi the form's map to chain coordinates, or 0 where |det dPhi/dx|
+        <= `least` at sat(z); `least` is None where the determinant is proved to have no zero.
+        """
         n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
@@ -425,7 +453,7 @@ class Dynamics:
         return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
     def determinant(self, z: Graph, u: Graph) -> Graph:
-        """Return the determinant of dPhi/dx."""
+        """Return det dPhi/dx at sat(z), Phi the form's map to chain coordinates."""
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     @cached_property
@@ -437,7 +465,9 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return A and b at z, already clamped: in an invalid row the last valid b_i, and finite gains."""
+        """Return A (n, n) and b (n) at z, already clamped: an invalid rate has its last valid b_i, and 0 for invalid
+        gains.
+        """
         linear, nonlinear = self._without_fallback(z, u)
         if not self.fallback.rates:
             return linear, nonlinear
@@ -456,7 +486,7 @@ class Dynamics:
         return linear, column(self._convert(self.form.b, z, u, boxed=not self.form.free))
 
     def _behind(self, z: Graph, u: Graph) -> Graph:
-        """Return Psi(z) at z, already clamped, each state in its range."""
+        """Return the plant's states x = Psi(z), for z already clamped, each in its range."""
         return self._ranged(column(self._convert(self._inverse.rows, z, u)))[0]
 
     @property
@@ -466,14 +496,16 @@ class Dynamics:
         return self.form.jacobian
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
-        """Return the sum of the terms linear in a state, at z, and the others, at sat(z)."""
+        """Return the expressions, with their terms linear in a state evaluated at z and all others at sat(z)."""
         linear, nonlinear = zip(*(linear_terms(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, self.saturated(z), u))
 
     def _convert(
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
-        """Return the expressions as graphs; `boxed`: whether their arguments are clamped by a form that clamps."""
+        """Return the expressions as graphs of z (n) and u (m). `states`: the symbols that z stands for, by default the
+        form's; `boxed`: whether a form that clamps evaluates them at sat(z).
+        """
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
@@ -502,7 +534,9 @@ def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.E
 
 
 def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
-    """Return the state's range, without an end beyond which every row that reads the state is monotone."""
+    """Return the range of `state`, with an infinite end where every expression in `rows` that depends on it is monotone
+    beyond the end.
+    """
     slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
     around, (low, high) = box(states), state.interval
 
