@@ -40,7 +40,7 @@ TRUTH = Uses(types=frozenset({"bool"}))
 
 @dataclass(frozen=True)
 class Code:
-    """Lines with what they use."""
+    """Lines of emitted code (`lines`), with the names and functions that they use (`uses`)."""
 
     lines: tuple[str, ...] = ()
     uses: Uses = NOTHING
@@ -49,34 +49,35 @@ class Code:
         return Code(self.lines + other.lines, self.uses | other.uses)
 
     def indented(self) -> "Code":
-        """The code, indented by four spaces."""
+        """Return this code with each line indented by four spaces."""
         return Code(tuple(indented(self.lines)), self.uses)
 
 
 def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
-    """Lines that use these parameters, and count up to `widest`."""
+    """Return the lines as `Code` that uses these parameters of the enclosing function; `widest`: the largest count in
+    the lines."""
     return Code(lines, Uses(parameters=frozenset(parameters), widest=widest) if parameters or widest else NOTHING)
 
 
 def joined(parts: Iterable[Code]) -> Code:
-    """Pieces of code one after the other."""
+    """Return pieces of code one after the other, as one `Code`."""
     parts = list(parts)
     return Code(tuple(line for part in parts for line in part.lines), united(part.uses for part in parts))
 
 
 def braced(head: str, inner: Code) -> Code:
-    """A block: its head, which ends in a brace, its indented body, and the closing brace."""
+    """Return a block in braces: the line `head`, which ends in {, the body `inner`, indented, and the closing brace."""
     return code(head) + inner.indented() + code("}")
 
 
 def spaced(parts: Iterable[Code]) -> Code:
-    """Pieces of code with an empty line between two."""
+    """Return pieces of code as one `Code`, with an empty line between two pieces."""
     first, *others = parts
     return joined([first, *(code("") + part for part in others)])
 
 
 def united(uses: Iterable[Uses]) -> Uses:
-    """The union of several uses."""
+    """Return one `Uses` with all the names that several have, and their largest count."""
     distinct = {id(each): each for each in uses if each is not NOTHING}.values()
     if len(distinct) < 2:
         return next(iter(distinct), NOTHING)
@@ -85,7 +86,7 @@ def united(uses: Iterable[Uses]) -> Uses:
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:
-    """The lines, indented."""
+    """Return the lines with `by` spaces before each."""
     return [" " * by + line if line else line for line in lines]
 
 
@@ -95,12 +96,12 @@ _BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
 
 
 def paths(lines: Iterable[str]) -> int:
-    """The cyclomatic complexity of the lines of a function."""
+    """Return the cyclomatic complexity of a function, given its lines of C."""
     return 1 + len(_BRANCH.findall(_bare(lines)))
 
 
 def variables(lines: Iterable[str]) -> set[str]:
-    """The names in lines that are no member of a struct."""
+    """Return the identifiers in lines of C, except names of struct members."""
     return set(_VARIABLE.findall(_bare(lines)))
 
 
@@ -118,8 +119,8 @@ _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where `_BREAK` has no pla
 
 
 def folded(lines: Iterable[str]) -> list[str]:
-    """The lines, with those longer than `COLUMNS` broken: comments are filled, code is broken where it nests least, a
-    preprocessor line is not broken."""
+    """Return lines of C of at most `COLUMNS` characters: longer comments are filled, longer code is broken where
+    parentheses nest least, a preprocessor line is not broken."""
     return [part for line in lines for part in _fold(line)]
 
 

@@ -21,7 +21,8 @@ _FUNCTIONS = frozenset(CALLS) - {*_CHEAP} | {ca.OP_CALL, FUNCTION}
 
 @dataclass(frozen=True)
 class Cost:
-    """The cost of one call."""
+    """The cost of one call of a step: numbers of arithmetic operations and of calls of functions (sine, root ..), bytes
+    of the state and of the parameters."""
 
     operations: Annotated[int, "operations of one call"]
     functions: Annotated[int, "functions (sine, exponential, root, ..) of one call"]
@@ -30,7 +31,7 @@ class Cost:
 
 
 def cost(step: Step, real: Real = "float") -> Cost:
-    """The cost of a call of the step in the working precision `real`."""
+    """Return the cost of one call of a step in the precision `real`: operations, function calls, bytes of memory."""
     times: Counter[int] = carried_out(step.code.program)
     functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
     operations = times.total() - functions

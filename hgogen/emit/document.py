@@ -60,7 +60,8 @@ from hgogen.theorem import rows
 
 
 def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
-    """Return its lines; the `manual` of a language follows the title."""
+    """Return the lines of a step's Markdown document; `manual`: the lines on how a language calls the step, which
+    follow the title."""
     first, *others = title(step, "")
     parts_ = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
     lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
@@ -175,7 +176,7 @@ _RESOLUTION = (
 
 
 def _signals(step: Step, real: Real) -> list[str]:
-    """Return the tables of inputs, outputs, estimate, state and parameters."""
+    """Return the lines of the Markdown tables of a step's inputs, outputs, estimate, state and parameters."""
     lines = list[str]()
     head = ("member", "meaning", "unit", "range")
     for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
@@ -206,12 +207,12 @@ def _range(low: float, high: float) -> str:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    """Return the initial values of a field, one for all where they are equal."""
+    """Return the initial values of a field of memory as text: one number where all are equal."""
     return ", ".join(map(same, values if len(set(values)) > 1 else values[:1]))
 
 
 def _first_estimate(step: Step, real: Real) -> list[float]:
-    """Return the estimate (n) after init."""
+    """Return the estimate x (n) that a step has after its init function, before the first call."""
     reading = Reading(step.code.estimate, step.layout.groups, step.layout.bits)
     values = {Place(struct, item.name): item.initial for struct, _, item in _state(step)}
     tuned = pystep.tuned(step, real)
@@ -222,7 +223,8 @@ def _first_estimate(step: Step, real: Real) -> list[float]:
 
 
 def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
-    """Yield the fields of the state, each with its struct and the text that leads to it."""
+    """Yield for each number or array of a step's state its struct, the C text that reaches it, such as `state->`, and
+    its `Field`."""
     yield from (("state", f"s.{item.name}", item) for item in step.layout.state)
     for line in lines_of(step.layout.groups):
         start = ".".join(["s", *(f"{group.name}[{k}]" for group, k in zip(line, "kj", strict=False))])
@@ -230,7 +232,8 @@ def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
 
 
 def _members(step: Step) -> Iterator[tuple[str, Field]]:
-    """Yield the members of the state and the parameters but their marks, each with the text that leads to it."""
+    """Yield for each member of the structs of state and parameters the C text that reaches it and its `Field`, without
+    the marks that tag initialised memory."""
     for _, place, item in _state(step):
         yield place, replace(item, unit=step.unit(item))
     for kind, fields in parameters(step):
@@ -239,7 +242,8 @@ def _members(step: Step) -> Iterator[tuple[str, Field]]:
 
 
 def _coordinates(step: Step, real: Real) -> list[list[str]]:
-    """Return the rows of the elements of the state that have an outer box: those of the estimate."""
+    """Return the rows of a Markdown table: for each element of the estimate in the state, the outer range to which a
+    step limits it."""
     z, declared = step.observer.z, step.observer.dynamics.box
     boxes = {place_of(z[i])[:2]: box for i, box in enumerate(declared) if z[i].is_symbolic()}
     units = {signal.name: signal.unit for signal in step.states}

@@ -62,7 +62,8 @@ BIASED: Mapping[Real, float] = {real: rounds + BIAS[real] for real, rounds in RO
 
 @cache
 def elementary(real: Real) -> Mapping[str, Any]:
-    """The functions by name, each a `casadi.Function` of one scalar (`BINARY`: two).
+    """Return the functions sin, exp, log .. by name, each a `casadi.Function` of one scalar (`BINARY`: of two) that
+    computes in the precision `real` with + - * / alone.
 
     Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
     exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh; 1.5 +
@@ -83,20 +84,21 @@ def elementary(real: Real) -> Mapping[str, Any]:
 
 
 def _polar(x: Graph) -> tuple[Graph, Graph]:
-    """The sign, 1 or -1, and |x|."""
+    """Return the sign of x, 1 or -1, and |x|."""
     sign = 1 - when(x < 0, 2.0)
     return sign, sign * x
 
 
 def when(condition: Graph, value: Graph | float) -> Graph:
-    """The value where the condition holds, otherwise 0; a selection and no product, so that an unused inf or NaN
-    vanishes."""
+    """Return an expression that is `value` where the condition holds, otherwise 0; a selection and no product, so that
+    an unused inf or NaN vanishes."""
     return ca.if_else(condition, value, 0.0)
 
 
 @dataclass(frozen=True)
 class _Precision:
-    """The numbers of one working precision, minimax polynomials, and the functions."""
+    """The numbers that one working precision (float or double) needs to compute elementary functions, such as the
+    coefficients of minimax polynomials (`.._tail`) and bit widths (`.._widths`), and the functions themselves."""
 
     real: Real
     bits: int  # of the significand
@@ -113,7 +115,8 @@ class _Precision:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """The primitive `nearest` as CasADi computes it: v + C - C, where C and its neighbours are whole numbers.
+        """The CasADi function v -> the whole number nearest to v, computed as v + C - C, where C and its neighbours are
+        whole numbers.
 
         CasADi would simplify that to v; so the sum is a call, and the result goes through floor, whose derivative is 0.
         """
@@ -122,11 +125,11 @@ class _Precision:
         return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
 
     def near(self, value: Fraction | float) -> float:
-        """The nearest number of this precision."""
+        """Return the number of this precision that is nearest to a value."""
         return float(DTYPE[self.real](float(value)))
 
     def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
-        """Numbers of the given widths in bits that sum up to value, the largest first."""
+        """Return numbers that sum up to `value`, the largest first; each has as many bits as `widths` says."""
         rounded = []
         for width in widths:
             unit = Fraction(2) ** (math.frexp(float(value))[1] - width)
@@ -140,20 +143,20 @@ class _Precision:
 
     @property
     def smallest(self) -> float:
-        """The smallest normal number."""
+        """The smallest positive normal number of this precision."""
         return float(2.0 ** (2 - 2**self.octaves))
 
     def polynomial(self, x: Graph, coefficients: Sequence[float]) -> Graph:
-        """A polynomial by Horner's rule, the constant first."""
+        """Return c_0 + c_1 x + c_2 x^2 + .. by Horner's rule; `coefficients`: c_0, c_1, .."""
         rounded = [self.near(c) for c in reversed(coefficients)]
         return reduce(lambda value, c: value * x + c, rounded[1:], rounded[0])
 
     def lift_if(self, condition: Graph, n: int) -> Graph:
-        """2^n or 1, exactly, because 2^n - 1 is exact or rounds to 2^n."""
+        """Return 2^n where the condition holds, else 1; exact, because 2^n - 1 is exact or rounds to 2^n."""
         return 1 + when(condition, self.near(2.0**n - 1))
 
     def lower_unless(self, condition: Graph, n: int) -> Graph:
-        """2^-n, or 1 where the condition holds, exactly for the same reason."""
+        """Return 1 where the condition holds, else 2^-n; exact, because 2^-n - 1 is exact or rounds to -1."""
         return 2.0**-n + when(condition, self.near(1 - 2.0**-n))
 
     @cached_property
@@ -170,7 +173,8 @@ class _Precision:
         return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
 
     def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
-        """v -> 2^k v for whole k, |k| < 2 (2^octaves - 2); only the result may overflow or underflow."""
+        """Return the function v -> 2^k v for a whole number k, |k| < 2 (2^octaves - 2); only its result may overflow or
+        underflow."""
         half = self.nearest(k * 0.5)
         first, second = self.power_of_two(half), self.power_of_two(k - half)
         return lambda v: v * first * second
@@ -178,7 +182,7 @@ class _Precision:
     # --- sqrt
 
     def root(self, m: Graph, octaves: int) -> Graph:
-        """sqrt m for 1 <= m < 2^(2^octaves), octaves >= 2."""
+        """Return sqrt m for 1 <= m < 2^(2^octaves), octaves >= 2."""
         shrink: Graph = 1.0
         for i in reversed(range(2, octaves)):
             small = m < 2.0**2**i
@@ -204,7 +208,7 @@ class _Precision:
     # --- exp and its kin: e^x = 2^k (1 + p)
 
     def split(self, x: Graph) -> tuple[Graph, Graph]:
-        """k and p = e^r - 1, with x = k ln 2 + r, |r| <= ln 2 / 2, for |x| < 2^octaves (else k = 0)."""
+        """Return k and p = e^r - 1, where x = k ln 2 + r, |r| <= ln 2 / 2, for |x| < 2^octaves (otherwise k = 0)."""
         inside = x * x < 4.0**self.octaves
         k = self.nearest(when(inside, x * self.near(1 / LN2)))
         r = x
@@ -213,7 +217,7 @@ class _Precision:
         return k, r + r * r * (0.5 + r * self.polynomial(r, self.exp_tail))
 
     def saturated(self, x: Graph, y: Graph, doublings: int) -> Graph:
-        """y, about e^x / 2^doublings, or inf a little beyond the x where y itself overflows."""
+        """Return y, which is about e^x / 2^doublings, or inf for x a little beyond that at which y itself overflows."""
         return ca.if_else(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
 
     def exp(self, x: Graph) -> Graph:
@@ -228,7 +232,8 @@ class _Precision:
         return self.saturated(x, y, 0)
 
     def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
-        """v -> 2^(k-1) v, p = e^r - 1 and 4^-k, with x = k ln 2 + r >= 0, for sinh and cosh."""
+        """Return the function v -> 2^(k-1) v, and p = e^r - 1 and 4^-k, where x = k ln 2 + r >= 0; sinh and cosh use
+        them."""
         k, p = self.split(x)
         one = when(k >= 1, 1.0)
         times = self.scaling(k - one)
@@ -256,7 +261,7 @@ class _Precision:
     # --- log and its kin
 
     def normal(self, x: Graph) -> tuple[Graph, Graph]:
-        """m and k with x = 2^k m, sqrt(1/2) < m <= sqrt 2, for a normal number x > 0."""
+        """Return m and k with x = 2^k m, sqrt(1/2) < m <= sqrt 2, for a normal number x > 0."""
         low, lift = x < 1, 2**self.octaves - 2
         m = x * self.lift_if(low, lift)
         k = 2.0**self.octaves - 1 - when(low, lift)
@@ -268,7 +273,7 @@ class _Precision:
         return m * (1 - when(upper, 0.5)), k + when(upper, 1.0)
 
     def logarithm(self, x: Graph, f: Graph, k: Graph) -> Graph:
-        """log x for x = 2^k (1 + f); x itself decides the exceptional cases only."""
+        """Return log x for x = 2^k (1 + f), from f and k; x itself decides only 0, negative numbers, inf and NaN."""
         high, low = self.pieces(LN2, self.ln2_widths)
         s, h = f / (2 + f), f * f * 0.5
         z = s * s
@@ -312,24 +317,26 @@ class _Precision:
     # --- angles
 
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
-        """The angles x and x / pi; beyond the limit both are 0 (for inf and NaN: NaN and 0)."""
+        """Return the angles x and x / pi; beyond the largest angle of this precision both are 0 (for inf and NaN: NaN
+        and 0)."""
         inside = ca.fabs(x) <= self.angle_limit
         return x - ca.if_else(inside, 0.0, x), when(inside, x * self.near(1 / PI))
 
     def arch(self, r: Graph) -> Graph:
-        """sin r, |r| <= pi / 2."""
+        """Return sin r for |r| <= pi / 2."""
         z = r * r
         return r + z * (r * self.polynomial(z, self.sin_tail))
 
     def wave(self, a: Graph, k: Graph, widths: Sequence[int] = ()) -> Graph:
-        """sin(a - k pi), |a - k pi| <= pi / 2; `widths`: of the pieces of pi, times k exact but for the last."""
+        """Return sin(a - k pi) for |a - k pi| <= pi / 2; `widths`: the bits of the pieces of pi that are subtracted k
+        times, of which all but the last have exact products with k."""
         r = a
         for piece in self.pieces(PI, widths or self.pi_widths):
             r = r - k * piece
         return self.arch(r)
 
     def odd(self, k: Graph) -> Graph:
-        """1/4 for an odd whole number, 0 for an even one."""
+        """Return 1/4 for an odd whole number k, 0 for an even one."""
         half = k * 0.5
         fraction = half - self.nearest(half)
         return fraction * fraction
@@ -357,12 +364,13 @@ class _Precision:
 
     @property
     def bounded_widths(self) -> tuple[int, ...]:
-        """The widths of pieces of pi, times k or k + 1/2, |k| <= `BOUNDED`/pi, exact but for the last."""
+        """The bits of pieces of pi whose products with k or k + 1/2, |k| <= `BOUNDED`/pi, are exact for all but the
+        last piece."""
         wide = self.bits - 7
         return (wide, wide, self.bits)
 
     def beyond(self, constant: Fraction, a: Graph) -> Graph:
-        """The difference constant - a, exact to the last bit where they are near each other."""
+        """Return the difference constant - a, exact to the last bit where the two numbers are near each other."""
         high, low = self.pieces(constant, (self.bits, self.bits))
         return (high - a) + low
 
@@ -382,7 +390,7 @@ class _Precision:
     # --- inverse angles
 
     def slope_angle(self, b: Graph, a: Graph) -> Graph:
-        """atan(b / a) for a, b >= 0, not both 0."""
+        """Return atan(b / a) for a, b >= 0, not both 0."""
         steep, upright = b > self.near(SQRT2 - 1) * a, b > self.near(SQRT2 + 1) * a
         z = ca.if_else(upright, -a, ca.if_else(steep, b - a, b)) / ca.if_else(upright, b, ca.if_else(steep, b + a, a))
         octants = when(steep, 1.0) + when(upright, 1.0)
@@ -401,7 +409,8 @@ class _Precision:
         return sign * ca.if_else(x < 0, high - (angle - low), angle)
 
     def arc(self, x: Graph) -> tuple[Graph, Graph, Graph, Graph]:
-        """The sign; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else |x|; c = asin s - s."""
+        """Return for arcsine and arccosine of x: the sign of x; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else
+        |x|; and c = asin s - s."""
         (sign, a), octaves = _polar(x), self.bits.bit_length()
         wide = a > 0.5
         z = ca.if_else(wide, (1 - a) * 0.5, a * a)

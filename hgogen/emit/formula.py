@@ -46,17 +46,17 @@ _SMALL = re.compile(r"[a-z]\w*_(?:[in]|\d+)\Z")
 
 
 def formulas(line: str) -> list[str]:
-    """The equations of a line, which semicolons separate, each as LaTeX."""
+    """Return the equations in a line of text, which semicolons separate, each as LaTeX."""
     return [_latex(part) for part in line.split("; ")]
 
 
 def symbol_name(name: str) -> str:
-    """A name as SymPy prints the symbol of that name."""
+    """Return the name as SymPy prints a symbol of this name."""
     return str(sp.latex(sp.Symbol(name)))
 
 
 def _latex(text: str) -> str:
-    """LaTeX of text that consists of words, names, numbers and mathematical signs."""
+    """Return LaTeX of a text that consists of words, names, numbers and mathematical signs."""
     latex, at, depth = "", 0, 0
     while at < len(text):
         match = _PARTS.match(text, at)
@@ -104,7 +104,8 @@ def _part(match: re.Match[str]) -> str:
 
 
 def _name(name: str, mark: str, spoken: bool) -> str:
-    """LaTeX of a name, or of a word, with the mark that follows it."""
+    """Return LaTeX of a name, or of a word where `spoken`; `mark`: the sign that follows it, such as ' of a
+    derivative."""
     if name in _OPERATORS:
         return rf"\operatorname{{{name}}}{mark}"
     if spoken or (len(name) > 1 and "_" not in name and name not in _NAMES and not name[1:].isdigit()):
@@ -122,16 +123,16 @@ _MARKS = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]<>|#$~"})
 
 
 def plain(text: str) -> str:
-    """Words in which Markdown reads no mark."""
+    """Return words with Markdown's special characters escaped."""
     return " ".join(text.splitlines()).translate(_MARKS)
 
 
 def prose(text: str) -> str:
-    """Return words in which Markdown reads code between backquotes, and no other mark."""
+    """Return words in which Markdown formats code between backquotes, with its other special characters escaped."""
     return "`".join(plain(part) if k % 2 == 0 else part for k, part in enumerate(text.split("`")))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a Markdown table."""
+    """Return the lines of a Markdown table with the titles `head` and the cells `rows`."""
     lines = [head, ["---"] * len(head), *rows]
     return [f"| {' | '.join(line)} |" for line in lines]

@@ -44,7 +44,8 @@ _LISTED = ("OUTSIDE_BOX", "STATE_LIMITED")  # bits whose ranges are in the manua
 
 
 def header(step: Step, real: Real, command: str) -> list[str]:
-    """Return the lines of the header: includes, period and structs, functions, status bits, constants, mathematics."""
+    """Return the lines of a step's C header: includes, period and structs, functions, status bits, constants,
+    mathematics. `command`: the command line that generated it."""
     guard, every = f"{step.name.upper()}_H", pace(step.dt, step.time)
     first, *others = map(spoken, title(step, command))
     lines = _block(
@@ -84,7 +85,8 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 
 def _doxygen(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
-    """Return the comment of a function: its meaning, its parameters, and what it returns."""
+    """Return the Doxygen comment of a C function: its meaning, its parameters (name, direction, meaning), and what it
+    returns."""
     lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {text}" for way, name, text in parameters)]
     first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
     *others, last = (f"/** {first}", *(f" * {line}" for line in others))
@@ -109,7 +111,7 @@ def _status(step: Step) -> list[str]:
 
 
 def _constants(step: Step, real: Real) -> list[str]:
-    """Return the constants of a header: its period, version and digests."""
+    """Return the lines of a header that define its constants: sampling period, version, digests."""
     rows = [("DT", C.literal(step.dt, real), f"sampling period in {plural(step.time)}")]
     rows += [("VERSION", f'"{version()}"', "of hgogen, which generated this file")]
     digest = model_digest(step.observer)
@@ -124,14 +126,14 @@ def _constants(step: Step, real: Real) -> list[str]:
 
 
 def _initialiser(step: Step, real: Real) -> list[str]:
-    """Return the macro of the initial value of constant parameters."""
+    """Return the lines of the C macro that initialises a struct of constant parameters."""
     values = pystep.tuned(step, real)
     rows = ",\n".join(_row(step, real, values[kind]) for kind in values.dtype.names or ())
     return [f"#define {step.name.upper()}_PARAMS_INIT {{ \\", *(f"{line} \\" for line in rows.split("\n")), "}"]
 
 
 def _row(step: Step, real: Real, values: np.ndarray) -> str:
-    """Return the initialiser of a member of the parameters, folded."""
+    """Return the C initialiser {v_1, v_2, ..} of a member of the parameters, broken into lines."""
     if not values.dtype.names:
         return f"    {step.name.upper()}_READY" if step.layout.mark else "    0u"
     members = []
@@ -157,7 +159,7 @@ _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C o
 
 
 def documentation(step: Step, real: Real, command: str) -> list[str]:
-    """Return the lines at the head of the crate."""
+    """Return the documentation at the head of a step's Rust crate, as lines."""
     first, *others = title(step, command)
     every = pace(step.dt, step.time)
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
@@ -181,17 +183,18 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 
 def arguments(step: Step) -> str:
-    """Return the arguments of a step, of a caller whose values have the names of the parameters."""
+    """Return the argument list of a C call of a step, for a caller whose variables have the names of the step's
+    parameters."""
     return ", ".join(["&p", *(["&input"] if step.inputs else []), "&measurement"])
 
 
 def rust_status_type(step: Step) -> str:
-    """Return the type of a status."""
+    """Return the Rust type of a step's status, an unsigned integer with a bit for each fault."""
     return f"u{8 * step.layout.word.itemsize}"
 
 
 def rust_status(step: Step) -> list[str]:
-    """Return the module of the status bits."""
+    """Return the lines of the Rust module that defines the bits of a step's status."""
     kind = rust_status_type(step)
     bits = [
         text

@@ -40,9 +40,10 @@ MEMBERS = {  # of the struct of parameters
 
 @dataclass(frozen=True)
 class Entry:
-    """A function: its name, its parameters and those that it writes, whether it returns a status, whether a caller may
-    call it; `anew`: the parameters that it sets without reading them; `inner`: the name of the function that does its
-    work once the marks are checked, "" where it does that itself."""
+    """A function that a step offers in every language: its name, its parameters and those that it writes (`written`),
+    its meaning, whether it returns a status, whether a caller may call it (`public`); `anew`: the parameters that it
+    sets without reading them; `inner`: the name of the function that does its work once the marks of initialised memory
+    are checked, "" where it does the work itself."""
 
     name: str
     parameters: tuple[str, ...]
@@ -55,8 +56,8 @@ class Entry:
 
 
 def entries(step: Step) -> dict[str, Entry]:
-    """Return the functions by name, in the order of the header: those of every step, then its sections, which are
-    public where they can be called apart."""
+    """Return the functions of a step by name, in the order of the header: first those of every step, such as init, then
+    one for each section (predict, correct ..), public where a step may be called by sections."""
     whole = f"one sampling period: {', '.join(section.name for section in step.code.sections)}"
     whole += f"{'; NaN means a missing sample' * step.clock.guarded}; the first call advances no time"
     does = ["limits them to their ranges"] * step.clock.guarded
@@ -75,7 +76,7 @@ def entries(step: Step) -> dict[str, Entry]:
 
 
 def of_section(step: Step, section: Section) -> Entry:
-    """Return the function of a section."""
+    """Return the function of one section of a step, such as predict or correct."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
     public = step.code.apart and section.name not in {each.name for each in step.code.inner}  # a call may hold another
@@ -85,12 +86,13 @@ def of_section(step: Step, section: Section) -> Entry:
 
 
 def reached(places: Iterable[Place]) -> set[str]:
-    """Return the parameters that lead to places."""
+    """Return the names of the parameters (state, params, u, y ..) through which C code reaches these places of
+    memory."""
     return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
 
 
 def direction(entry: Entry, name: str) -> str:
-    """Return the direction of a parameter: "in", "out" or "in,out"."""
+    """Return the direction of the parameter `name` of a function: "in", "out" or "in,out"."""
     return "in" if name not in entry.written else "out" if name in entry.anew else "in,out"
 
 
@@ -101,7 +103,7 @@ def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a C function: a pointer to `type`, to a constant where `constant`, or a value."""
+    """A parameter of a C function: `type` and `name`; `pointer`: whether it is a pointer, `constant`: to a constant."""
 
     type: str
     name: str
@@ -113,7 +115,7 @@ class Parameter:
 
     @property
     def local(self) -> str:
-        """The declaration of a caller's struct of the same name."""
+        """The C declaration by which a caller has a struct of this name."""
         return f"{self.type} {self.name};"
 
 
@@ -122,7 +124,7 @@ AT = Parameter("uint16_t", "at", pointer=False)
 
 @dataclass(frozen=True)
 class Prototype:
-    """A C function: the type that it `returns`, its name, its parameters; static where not `public`."""
+    """A C function: the type that it `returns`, its name, parameters and meaning; static where not `public`."""
 
     returns: str
     name: str
@@ -135,35 +137,38 @@ class Prototype:
         return f"{'' if self.public else 'static '}{self.returns} {self.name}({parameters})"
 
     def call(self, argument: Callable[[Parameter], str]) -> str:
-        """Return a call, whose arguments `argument` writes."""
+        """Return the C text of a call of this function; `argument` gives the text for each parameter."""
         return f"{self.name}({', '.join(map(argument, self.parameters))})"
 
 
 def same_name(parameter: Parameter) -> str:
-    """Return the argument of a function that has a parameter of the same name."""
+    """Return the C argument for a parameter, in a function that has a parameter of equal name and type."""
     return parameter.name
 
 
 def address(parameter: Parameter) -> str:
-    """Return the argument of a caller whose structs have the names of the parameters."""
+    """Return the C argument for a parameter (&name for a pointer), in a caller whose structs have the parameters'
+    names."""
     return f"&{parameter.name}" if parameter.pointer else parameter.name
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """Return the function that does the work of a section once the marks are checked."""
+    """Return the C function that does the work of a section (predict, correct ..) after the marks of initialised memory
+    were checked."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 
 
 def readied(step: Step) -> Prototype:
-    """Return the function that resets a state without its mark, or with parameters without theirs."""
+    """Return the C function that initialises a state without the mark of initialised memory, or whose parameters have
+    no mark."""
     s, p = (replace(each, constant=each.name == "p") for each in structs(step)[:2])
     meaning = "memory without its mark is not used: the state begins anew, which the status says"
     return Prototype(status_type(step), f"{step.name}_ready", (s, p), meaning, public=False)
 
 
 def nominal(step: Step) -> Prototype:
-    """Return the function that sets nominal parameters, which are not tuned yet."""
+    """Return the C function that sets the parameters to their nominal values, not tuned yet."""
     return Prototype("void", f"{step.name}_nominal", structs(step)[1:2], "nominal parameters", public=False)
 
 
@@ -173,23 +178,23 @@ def status_type(step: Step) -> str:
 
 
 def structs(step: Step) -> tuple[Parameter, ...]:
-    """Return the structs of a step as parameters: state, parameters, input, output, estimate."""
+    """Return the structs of a step as C parameters, in the order state, parameters, input, output, estimate."""
     kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "measurement"), ("plant", "x")]
     return tuple(Parameter(f"{step.name}_{kind}", name) for kind, name in kinds if kind != "input" or step.inputs)
 
 
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
-    """Return the signals of a call, each with the struct in which a caller assigns it."""
+    """Return the signals that a caller assigns before a call of a step, each with the name of its struct (u or y)."""
     return (*(("in", s) for s in step.inputs), *(("measurement", s) for s in step.samples))
 
 
 def prototypes(step: Step) -> dict[str, Prototype]:
-    """Return the C functions by names without the prefix, in the order of the header."""
+    """Return the C functions of a step in the order of the header, by their names without the step's prefix."""
     return {name: prototype(step, entry) for name, entry in entries(step).items()}
 
 
 def prototype(step: Step, entry: Entry) -> Prototype:
-    """Return the C function of an entry."""
+    """Return the C declaration of a function of a step, as the target c99 has it."""
     kinds = {each.name: each for each in structs(step)} | {AT.name: AT}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
     parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
@@ -203,7 +208,7 @@ FEW = 3  # entries of a matrix that a comment lists
 
 
 def described(item: Field) -> str:
-    """Return the comment of a field: meaning, elements, unit and range."""
+    """Return the comment of a member of a struct: meaning, names of its elements, unit and range."""
     parts = [item.meaning] if item.meaning else []
     entries = tuple(entry(item.name, each) for each in item.entries)
     entries = (f"{entries[0]} .. {entries[-1]}",) if len(entries) > FEW else entries
@@ -220,7 +225,7 @@ def described(item: Field) -> str:
 
 
 def of_signal(step: Step, signal: Signal) -> Field:
-    """Return a signal as the field of one number, with the same comment."""
+    """Return an input, output or state as a struct member of one number, with the signal's meaning, unit and range."""
     low, high = signal.interval
     derivatives = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
     units = {each.name: each.unit for each in derivatives}  # in the model's time
@@ -229,11 +234,12 @@ def of_signal(step: Step, signal: Signal) -> Field:
 
 
 def entry(name: str, place: tuple[int, int]) -> str:
-    """Return the name of an entry of a matrix, such as `L21` of row 2, column 1."""
+    """Return the name of an entry of a matrix: `name` and the row and column in `place`, from 1 on, such as L21."""
     return f"{name}{place[0]}{place[1]}"
 
 
 def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
-    """Return the members of the parameters that a step has: kind and fields."""
+    """Return the members of a step's struct of parameters by kind (plant, gain, derived); kinds without members are
+    omitted."""
     kinds = (("plant", step.layout.plant), ("gain", step.layout.gains), ("derived", step.layout.derived))
     return tuple((kind, fields) for kind, fields in kinds if fields)

@@ -40,17 +40,18 @@ _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 
 @dataclass(frozen=True)
 class Lanes(Syntax):
-    """The syntax for a file whose names begin with `prefix`; `uniform`: counts are equal in all lanes."""
+    """The C syntax for lanes: code in which each vector element computes another log. `prefix`: begins all names of the
+    file; `uniform`: whether loop counts are equal in all lanes."""
 
     prefix: str = ""
     uniform: bool = False
 
     def number(self, value: int) -> str:
-        """A scalar number: the number of an element is the same in each lane."""
+        """Return the text of a whole number that is equal in all lanes, such as an array index: a scalar."""
         return C.number(value)
 
     def marked(self, digits: str, kind: Number) -> str:
-        """A number, the same in each lane."""
+        """Return the text of a literal that is equal in all lanes; `kind`: its type."""
         if self.uniform and kind == "unsigned":
             return C.marked(digits, kind)
         fill = "count" if kind == "unsigned" else "fill"
@@ -58,12 +59,13 @@ class Lanes(Syntax):
 
 
 def lane_prefix(prefix: str) -> str:
-    """The prefix of names that belong to lanes and not to the step."""
+    """Return the prefix of names that exist only in code for lanes (vectors of several logs), from the step's
+    prefix."""
     return f"{prefix}_lanes"
 
 
 def lanes(prefix: str, real: Real) -> Lanes:
-    """The syntax in this precision."""
+    """Return the C syntax for lanes (a vector element for each of several logs) in the precision `real`."""
     p = lane_prefix(prefix)
     number, counts, truth = f"{p}_numbers", f"{p}_counts", f"{p}_truth"
     sign = f"({truth}){p}_fill(-0.0{C.suffixes[real]})"
@@ -105,8 +107,8 @@ def lanes(prefix: str, real: Real) -> Lanes:
 
 
 def with_uniform_counts(prefix: str, real: Real) -> Lanes:
-    """The syntax for functions whose counts are equal in all lanes: a test is one of counts, or holds if any lane's
-    does."""
+    """Return the C syntax for functions in lanes (a vector element for each log) whose loop counts are equal in all
+    lanes: a test compares counts, or holds if it holds in any lane."""
     syntax, condition = lanes(prefix, real), f"if ({lane_prefix(prefix)}_holds({{}})) {{{{"
     return replace(
         syntax,
@@ -118,8 +120,9 @@ def with_uniform_counts(prefix: str, real: Real) -> Lanes:
 
 
 def prelude(prefix: str, real: Real, word: int) -> list[str]:
-    """The vector types, and the operations that C has no operator for; `word`: the bits of a status, which is computed
-    in elements at least as wide as a real number, so that a truth value becomes a mask of them."""
+    """Return the lines that define C vector types, and the vector operations for which C has no operator. `word`: the
+    bits of a status, which is computed in elements at least as wide as a real number, so that a truth value becomes a
+    mask of elements."""
     p, bits, width = lane_prefix(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
     kinds = {"numbers": real, "counts": f"uint{bits}_t", "truth": f"int{bits}_t"}
     wide = max(bits, word)
@@ -177,7 +180,7 @@ TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew
 
 @dataclass(eq=False)
 class NoLanes(HgogenError):
-    """A matrix kernel whose branches depend on its numbers."""
+    """The error for a matrix kernel without code in lanes, since its branches depend on its numbers."""
 
     kernel: str
 
@@ -187,8 +190,8 @@ class NoLanes(HgogenError):
 
 @dataclass(frozen=True)
 class Mask:
-    """The active lanes: the name of their truth value, empty if all are; `private`: the places that only the masked
-    statements use."""
+    """The lanes (logs in one vector) in which statements act: `name` of the vector of truth values, "" if all act;
+    `private`: the places of memory that no statement outside of the mask uses."""
 
     name: str = ""
     private: frozenset[Place] = frozenset()
@@ -196,23 +199,24 @@ class Mask:
 
 @dataclass(frozen=True, eq=False)
 class LaneWriter(Writer):
-    """Prints a step's programs in lanes; the last of `masks` is the current one."""
+    """A writer of a step's functions in C for lanes, a vector element for each of several logs; the last of `masks`
+    says in which lanes the current statements act."""
 
     masks: list[Mask] = field(default_factory=lambda: [Mask()])
     counted: list[Counter[Place]] = field(default_factory=list)
 
     @property
     def lane_prefix(self) -> str:
-        """The prefix of names that belong to lanes."""
+        """The prefix of names that exist only in code for lanes (vectors of several logs)."""
         return lane_prefix(self.prefix)
 
     @property
     def width(self) -> str:
-        """The number of lanes."""
+        """The C text of the number of lanes, the logs that one vector holds."""
         return f"{self.prefix.upper()}_LANES"
 
     def function(self, program: Program) -> Code:
-        """The body of a function, or of a section that another calls."""
+        """Return the C body of a function for all lanes, or of a section that another function calls."""
         self.counted.append(_counted(program))
         with self._masked(Mask(self.masks[-1].name, frozenset(self.kinds.work))):
             text = super().function(program)
@@ -234,7 +238,7 @@ class LaneWriter(Writer):
         self.masks.pop()
 
     def _on(self, test: str) -> str:
-        """The active lanes for which a test holds."""
+        """Return the C text of a mask: the active lanes in which `test` holds."""
         return " & ".join(filter(None, (self.masks[-1].name, test)))
 
     def _named(self) -> str:
@@ -293,7 +297,8 @@ class LaneWriter(Writer):
         return braced("{", start + braced(turns, inside + once))
 
     def _members(self, loop: Loop, k: str, count: int, tests: list[str], reserved: frozenset[str]) -> Code:
-        """The body for each member, number `k`, in the lanes that pass the tests."""
+        """Return the body of a loop over members of a group for member number `k` of `count`, in the lanes in which all
+        `tests` hold; `reserved`: names that locals may not have."""
         array = self.place_text(self._array(loop.group))
         head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
         member = code(self._member(loop.group, array, k))
@@ -307,7 +312,7 @@ class LaneWriter(Writer):
         return braced(head, inner) + Code((), uses)
 
     def _number(self, text: str) -> str:
-        """A number that is the same in each lane."""
+        """Return the C text of a number, given as text, that is equal in all lanes."""
         return f"{self.lane_prefix}_count({text})"
 
     # --- lane by lane
@@ -327,7 +332,8 @@ class LaneWriter(Writer):
         return braced("{", declared + loop) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
-        """A call for all lanes at once; arrays of the inactive lanes are restored after it."""
+        """Return the call of a matrix kernel for all lanes at once; arrays of inactive lanes are restored after the
+        call."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
         before, after, mask = Code(), Code(), self.masks[-1]
@@ -351,8 +357,8 @@ class LaneWriter(Writer):
 
 @dataclass(frozen=True)
 class _Array:
-    """An array argument of a kernel: its place and text, its number of elements, and whether it holds the columns of a
-    matrix."""
+    """An array argument of a matrix kernel: its place of memory and C text, its number of elements, and whether it
+    holds the columns of a matrix."""
 
     place: Place
     text: str
@@ -361,17 +367,17 @@ class _Array:
 
     @property
     def element(self) -> str:
-        """The text of an element, with the counters of `all`."""
+        """The C text of one element of the array, indexed by the counters of the loops of `all`."""
         return f"{self.text}[j]{'.v[i]' * self.columns}"
 
     def all(self, line: str) -> Code:
-        """The line for each element."""
+        """Return loops that apply the C line to each element of the array."""
         heads = (f"for (unsigned {k} = 0u; {k} < {self.size}u; ++{k})" for k in ("j", "i")[: 1 + self.columns])
         return code(f"{' '.join(heads)} {{ {line} }}")
 
 
 def table(prefix: str, real: Real, lookup: Lookup) -> Code:
-    """The function of a table, lane by lane."""
+    """Return the C function that interpolates in a table of the model, lane by lane (log by log)."""
     names, p = [axis.name for axis in lookup.axes], lane_prefix(prefix)
     parameters = ", ".join(f"{p}_numbers {name}" for name in names)
     call = f"{p}_one_{lookup.name}({', '.join(f'{name}[lane]' for name in names)})"
@@ -381,6 +387,6 @@ def table(prefix: str, real: Real, lookup: Lookup) -> Code:
 
 
 def _counted(program: Program) -> Counter[Place]:
-    """The number of statements that use each place."""
+    """Return for each place of memory the number of statements of a program that use it."""
     known = ({place for place, _ in (*statement.reads, *statement.written)} for statement in walk(program))
     return Counter(chain.from_iterable(known))

@@ -17,19 +17,20 @@ from hgogen.stepping.sections import AT
 
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
-    """Return the struct NAME_state."""
+    """Return the numpy dtype with the layout of the C struct NAME_state, numbers in the precision `real`."""
     return np.dtype(_members(step.layout.stored, real) + _arrays(step.layout.groups, real), align=True)
 
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
-    """Return the struct NAME_params."""
+    """Return the numpy dtype with the layout of the C struct NAME_params, numbers in the precision `real`."""
     kinds: list[tuple[str, np.dtype]] = [(step.layout.mark.name, np.dtype(np.uint32))] if step.layout.mark else []
     kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in parameters(step)]
     return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
 
 def kept_type(step: Step, real: Real = "double") -> np.dtype:
-    """Return the struct NAME_kept of `targets.record`."""
+    """Return the numpy dtype with the layout of the C struct NAME_kept (`targets.record`): a step's state, parameters,
+    estimate and traces."""
     signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.code.timed else []
@@ -41,7 +42,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
 
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
-    """Return the view of each place of a step in a record (1) of `kept_type`."""
+    """Return a numpy view of each place of a step's memory (struct and field) in a record (1) of `kept_type`."""
     views = _stored(step, record["state"])
     for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
@@ -51,8 +52,8 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
 
 
 def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
-    """Return the view of each place of the state in a record (1) of `state_type`: (size), (count, size) for a field of
-    a group, (count, count, size) for one of a group in a group."""
+    """Return a numpy view of each place of a step's state in a record (1) of `state_type`: (size), (count, size) for a
+    field of a group of `count` members, (count, count, size) for one of a group in a group."""
     views = {Place("state", field.name): _flat(state, field) for field in step.layout.state}
     for line in lines_of(step.layout.groups):
         view = state[line[0].name][0]
@@ -65,7 +66,7 @@ def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
 
 
 def initial_record(step: Step, real: Real = "double") -> np.ndarray:
-    """Return a record (1) of `kept_type` with the state before the first call and nominal parameters, not yet tuned."""
+    """Return a record (1) of `kept_type`: the state before the first call, and nominal parameters, not yet tuned."""
     record = np.zeros(1, kept_type(step, real))
     record["state"] = np.frombuffer(fresh(step, real), state_type(step, real))
     views = places(step, record)
@@ -78,7 +79,7 @@ def initial_record(step: Step, real: Real = "double") -> np.ndarray:
 
 
 def fresh(step: Step, real: Real = "double") -> bytes:
-    """Return the bytes of a state before the first call."""
+    """Return the bytes of a step's C struct NAME_state before the first call."""
     state = np.zeros(1, state_type(step, real))
     layout = step.layout
     members = [("state", layout.stored), *((group.name, group.fields) for *_, group in lines_of(layout.groups))]

@@ -38,12 +38,14 @@ from hgogen.stepping.sections import OLDEST
 
 
 def document_name(step: Step) -> str:
-    """Return the name of the manual, which has what the header leaves out: hypotheses, evidence, equations."""
+    """Return the file name of a step's manual, which has what the C header leaves out: hypotheses, evidence,
+    equations."""
     return f"{step.name}.md"
 
 
 def claim_line(check: Check, accepted: Container[str]) -> str:
-    """Return a claim in one line, with the consequence of one that is refuted and accepted."""
+    """Return one line for a claim: its verdict and reason; for a refuted claim that the user accepted (its id is in
+    `accepted`) also the consequence."""
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
     parts = [_first_clause(str(check.reason)) if _has_number(check.reason) else "", f"at {at}" if at else ""]
     parts.append(f"so {consequence(check)}" if refuted_and_accepted(check, accepted) else "")
@@ -52,7 +54,7 @@ def claim_line(check: Check, accepted: Container[str]) -> str:
 
 
 def verdict(check: Check, accepted: Container[str]) -> str:
-    """Return the verdict, and whether the user accepted the claim."""
+    """Return the verdict of a claim as text, and whether the user accepted the claim (its id is in `accepted`)."""
     return f"{check.verdict}{' (accepted by the user)' if refuted_and_accepted(check, accepted) else ''}"
 
 
@@ -67,7 +69,7 @@ def consequence(check: Check) -> str:
 
 
 def _has_number(value: Any) -> bool:
-    """Return whether a sentence, or a sentence in it, names a number."""
+    """Return whether a sentence, or one of the sentences nested in it, contains a number."""
     if isinstance(value, Sentence):
         return any(_has_number(each) for name, each in value.values if name != "boxes")  # of a search
     if isinstance(value, tuple):
@@ -89,7 +91,7 @@ BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line 
 
 
 def title(step: Step, command: str) -> list[str]:
-    """Return the title: what a step is, and the version and command that generated it.
+    """Return the lines that head a manual: the step's purpose, and the version and `command` that generated it.
 
     Raises: `Misfit` for a command that is no text.
     """
@@ -107,7 +109,8 @@ def title(step: Step, command: str) -> list[str]:
 
 @lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
 def model_digest(observer: Observer) -> str:
-    """Return the digest that `hgogen recheck` prints of the model; "" where no certificate can carry it."""
+    """Return the digest of an observer's model that `hgogen recheck` prints; "" where no certificate can hold the
+    model."""
     try:
         return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
     except NotCertifiable:
@@ -115,7 +118,7 @@ def model_digest(observer: Observer) -> str:
 
 
 def mathematics(step: Step, syntax: Syntax) -> list[str]:
-    """Return the equations of a step and its claims, and the names that the language changes."""
+    """Return the lines on a step's equations and claims, and on names that the language of `syntax` changes."""
     observer, form = step.observer, step.observer.form
     origin = form.system.origin
     plant = form.system.declared
@@ -139,7 +142,7 @@ LINE = 100  # columns of one
 
 
 def summary(step: Step, syntax: Syntax) -> list[str]:
-    """Return a step in about ten lines: equations that are short, and the claims that are not proved."""
+    """Return about ten lines on a step: its equations if they are short, and the claims that are not proved."""
     observer, plant = step.observer, step.observer.form.system.declared
     equations = _equations(step)
     counted = ((plant.states, "state"), (plant.inputs, "input"), (plant.outputs, "output"))
@@ -199,7 +202,8 @@ UNTIMELY = (
 
 
 def calls(step: Step, by_parts: bool = False) -> list[str]:
-    """Return the rules of a call: which samples it uses, and when; `by_parts`: a caller calls sections."""
+    """Return the sentences on how to call a step: which samples a call uses, and when to call; `by_parts`: for a caller
+    of single sections (predict, correct ..)."""
     sample = "NaN for a missing sample" if step.clock.guarded else "a number for every sample"
     once = "predict for each" if by_parts and step.clock.guarded else f"call for each, with {sample}"
     return [
@@ -209,7 +213,7 @@ def calls(step: Step, by_parts: bool = False) -> list[str]:
 
 
 def faults(step: Step) -> list[str]:
-    """Return the sentences on signals that are missing or absurd, and on an estimate that is lost."""
+    """Return the sentences on how a step treats missing or implausible signals, and an estimate that is lost."""
     if not step.clock.guarded:
         return list(_UNGUARDED)
     return [
@@ -222,7 +226,7 @@ def faults(step: Step) -> list[str]:
 
 
 def recovery(step: Step) -> list[str]:
-    """Return the sentences on the fault counts, and on the restart of an estimate that is lost."""
+    """Return the sentences on a step's fault counts, and on the restart of an estimate that is lost."""
     signs = step.code.signs
     if not signs:
         return ["No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."]
@@ -249,7 +253,8 @@ def recovery(step: Step) -> list[str]:
 
 
 def parts(step: Step, name: str) -> list[str]:
-    """Return the sentences on calls of single sections, none where they cannot be called; `name`: what calls all."""
+    """Return the sentences on calls of single sections (predict, correct ..), none where a step has no such calls;
+    `name`: the function that calls all sections."""
     if not step.code.apart:
         return []
     sections = ", ".join(f"`{section.name}`" for section in step.code.sections)
@@ -320,7 +325,8 @@ def tunable(step: Step) -> list[str]:
 
 
 def gains(step: Step, tune: str) -> list[str]:
-    """Return the sentences on a change of gains and parameters; `tune`: the call that completes it."""
+    """Return the sentences on how to change gains and parameters at run time; `tune`: the C call that completes a
+    change."""
     if not tunable(step):
         return ["There are no gains or parameters to change."]
     change = f"Change {' and '.join(f'{_TUNABLE[kind]} in `p.{kind}`' for kind in tunable(step))}, then call `{tune}`"
@@ -335,7 +341,7 @@ def gains(step: Step, tune: str) -> list[str]:
 
 
 def state(step: Step, before: str) -> list[str]:
-    """Return the sentences on what may be done with a state; `before`: when it may be written."""
+    """Return the sentences on copying, saving and writing a step's state; `before`: when the state may be written."""
     read = read_fields([step.observer.z])
     estimate = " and ".join(f"`s.{field.name}`" for field in step.layout.state if field.name in read)
     limits = "A call that computes with a restored number beyond its range limits it, or begins the state anew."
@@ -349,7 +355,8 @@ def state(step: Step, before: str) -> list[str]:
 
 
 def marks(step: Step) -> list[str]:
-    """Return the sentences on the marks of a state and of parameters, none without guards."""
+    """Return the sentences on the marks, numbers that tag initialised state and parameters; none for a step without
+    guards."""
     if not step.layout.mark:
         return []
     name, unmade, none = step.layout.mark.name, UNINITIALISED.name, NO_PARAMETERS.name
@@ -369,12 +376,12 @@ def marks(step: Step) -> list[str]:
 
 
 def result(step: Step, bits: str) -> str:
-    """Return the sentence on what a call returns; `bits`: where the bits of a status are."""
+    """Return the sentence on what a call of a step returns; `bits`: where the bits of a status are documented."""
     return f"is 0 for ok, else an or of {bits}" if step.clock.guarded else "is 0 in any case"
 
 
 def remembered(step: Step) -> str:
-    """Return the comment of the struct of the state."""
+    """Return the comment of the C struct of a step's state: what it remembers between calls."""
     limits = "; a call keeps each member in its range"
     return f"what a step remembers: yours to copy, save and restore{limits * step.clock.guarded}"
 
@@ -431,14 +438,15 @@ def _settled(step: Step, known: Signed) -> str:
 
 
 def _signal(step: Step, name: str) -> Signal:
-    """Return the state of that name, of the plant or of the form."""
+    """Return the state `name` of the plant or of the observer's form."""
     form = step.observer.form
     names = dict(zip(form.names, form.states, strict=True))
     return {**names, **{signal.name: signal for signal in step.states}}[name]
 
 
 def _with_unit(value: str, signal: Signal, over: str = "") -> str:
-    """Return a size in the unit of a signal; of a rate per `over`, the unit of time."""
+    """Return the text of a value with the unit of a signal; `over`: the unit of time for a rate of the signal, ""
+    otherwise."""
     unit = signal.unit if signal.unit != "1" else ""
     if over:
         return f"{value} ({unit})/{over}" if unit else f"{value}/{over}"
@@ -470,7 +478,7 @@ def _derived_states(known: Signed) -> list[str]:
 
 
 def _inner_range(name: str, state: Signal, most: float) -> str:
-    """Return the range of a state, shorter by `most` at each end."""
+    """Return the text of a state's range, shortened by `most` at each end."""
     (low, high), inner = map(Fraction, state.interval), Fraction(most)
     return f"{up(low + inner)} <= {name} <= {down(high - inner)}"
 
@@ -481,7 +489,7 @@ def _range(u: Signal) -> str:
 
 
 def _constant_inputs(step: Step, rates: Each) -> Iterator[str]:
-    """Yield the sentences on the course of the inputs between two calls."""
+    """Yield the sentences on how inputs may vary between two calls, for the bounds `rates` of |du/dt|."""
     if step.clock.between == "hold" and step.inputs:
         yield f"between two calls {', '.join(u.name for u in step.inputs)} is held"
         return

@@ -32,7 +32,7 @@ _HEADERS = """
 
 @dataclass(eq=False)
 class HidesHeader(HgogenError):
-    """A model whose files would replace a standard header."""
+    """The error for a model whose files would have the name of a standard C header and hide that header."""
 
     name: str
 
@@ -47,7 +47,7 @@ def _reserved_names() -> frozenset[str]:
 
 
 def c_name(name: str) -> str:
-    """The name in C: `I_` for I, which is a macro; almost always the name itself."""
+    """Return a model's name as C may have it: `I_` for I, which is a macro; other names are rarely changed."""
     return f"{name}_" if name in _reserved_names() else name
 
 
@@ -59,7 +59,7 @@ def demand_file(name: str) -> None:
 
 @dataclass(eq=False)
 class OneName(HgogenError):
-    """Two signals of one struct that would have the same name in a language."""
+    """The error for two signals of one struct that would have equal names in a language."""
 
     names: tuple[str, str]
     language: str
@@ -73,19 +73,21 @@ class OneName(HgogenError):
 
 
 def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
-    """The signals that have another name in the language, with that name."""
+    """Return the names of the model that a language cannot have (keywords, macros), each with its name in the
+    language."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
     return {name: syntax.name(name) for name in names if syntax.name(name) != name}
 
 
 def renaming_sentence(step: Step, syntax: Syntax) -> str:
-    """The renaming in words, "in C I is called I_, for a keyword or a macro has the name"; "" without one."""
+    """Return a sentence on names that a language changes, as "in C I is called I_, for a keyword or a macro has the
+    name"; "" without any."""
     pairs = ", ".join(f"{name} is called {other}" for name, other in renamed(step, syntax).items())
     return f"in {syntax.language} {pairs}, for {syntax.reserved} has the name" if pairs else ""
 
 
 def demand_distinct(step: Step, syntax: Syntax) -> None:
-    """Raise `OneName` where two signals of a struct would have the same name."""
+    """Raise `OneName` where two signals of a struct would have equal names in the language of `syntax`."""
     for signals in _structs(step):
         names = {signal.name for signal in signals}
         for name in sorted(names):
@@ -102,7 +104,7 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 
 @dataclass(eq=False)
 class BadPrefix(HgogenError):
-    """A name that cannot be the prefix of a step's files and symbols, since C reserves it."""
+    """The error for a name that cannot be the prefix of a step's files and symbols, since C reserves it."""
 
     name: str
 
@@ -111,7 +113,8 @@ class BadPrefix(HgogenError):
 
 
 def prefixed(step: AnyStep, name: str) -> AnyStep:
-    """The step under another name, so that two observers of one plant can be linked together.
+    """Return the step under another name, the prefix of its files and symbols, so that two observers of one plant can
+    be linked.
 
     Raises: as `demand_prefix`.
     """
@@ -120,7 +123,8 @@ def prefixed(step: AnyStep, name: str) -> AnyStep:
 
 
 def demand_prefix(name: str | None) -> None:
-    """Raise `BadName`, `BadFileName`, `BadPrefix`, or `HidesHeader` for the name of a standard header."""
+    """Raise `BadName`, `BadFileName`, `BadPrefix` or `HidesHeader` for a name that cannot be the prefix of a step's
+    files and symbols; None passes."""
     if name is None:
         return
     check_name(name)
@@ -131,7 +135,8 @@ def demand_prefix(name: str | None) -> None:
 
 
 def sources(step: Step, syntax: Syntax, files: Mapping[str, Iterable[str]], recipe: Recipe = ()) -> Sources:
-    """The files with their long lines broken, and the signals that have another name in the language."""
+    """Return the emitted files with their long lines broken, with the names that the language changes; `files`: lines
+    by file name; `recipe`: the commands that compile and run the self-check."""
     texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
     notes = tuple(filter(None, [renaming_sentence(step, syntax)]))
     return Sources(texts, recipe, tuple(renamed(step, syntax).items()), notes)

@@ -41,8 +41,8 @@ _LARGE = 1e30  # a larger number may be infinite in single precision
 
 
 class Bound(NamedTuple):
-    """An interval of a result, from `low` to `high`, where the result is a number; `number`: whether it always is one,
-    possibly an infinite one."""
+    """An interval `low`..`high` of the values that an expression may have; `number`: whether the value is never NaN,
+    though possibly infinite."""
 
     low: float
     high: float
@@ -50,7 +50,7 @@ class Bound(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The largest absolute value."""
+        """The largest |v| of the values v in the interval."""
         return max(abs(self.low), abs(self.high))
 
 
@@ -59,7 +59,8 @@ _WAVE = Bound(-1.0, 1.0, False)
 
 
 def operations(function: ca.Function) -> list[int]:
-    """The operation of each instruction of an SX function, with those of bounded angles as operations of their own."""
+    """Return the CasADi operation code of each instruction of an SX function; sines and cosines of bounded angles have
+    codes of their own."""
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
     if _ANGLES.keys().isdisjoint(codes):
         return codes
@@ -81,7 +82,7 @@ def operations(function: ca.Function) -> list[int]:
 
 
 def _number(a: Bound, b: Bound) -> bool:
-    """Whether a sum, a difference or a product is certainly a number: no operand may be infinite."""
+    """Return whether a sum, difference or product of values in `a` and `b` is never NaN: no operand may be infinite."""
     return a.number and b.number and max(a.size, b.size) < _LARGE
 
 
@@ -160,7 +161,7 @@ CALLS: dict[int, str] = {
 
 @dataclass(eq=False, slots=True)
 class Node:
-    """A value of a graph."""
+    """A value in an expression graph: the operation `op` (a CasADi code, or one of this file) on the nodes `args`."""
 
     op: int
     args: tuple["Node", ...] = ()
@@ -200,8 +201,8 @@ PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 
 def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
-    """The outputs of an SX function as nodes, one list for each output; `intervals`: a test of both ends of an interval
-    is one node."""
+    """Return the expression graph of an SX function: for each output the list of its elements as nodes. `intervals`:
+    whether low <= v <= high becomes a single node."""
     nodes: list[Node] = []
 
     @cache
@@ -233,14 +234,14 @@ def _called(function: Lookup | ca.Function, values: list[Node]) -> list[Node]:
 
 
 def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
-    """The arguments of a call of a routine, with the elements of each."""
+    """Yield for each argument of a call of a routine the `Argument` and the nodes of its elements."""
     assert call.routine
     elements = iter(call.args)
     return ((argument, list(islice(elements, argument.size))) for argument in call.routine.arguments)
 
 
 def ordered(roots: Iterable[Node]) -> list[Node]:
-    """Every node once, after its arguments."""
+    """Return every node of the graphs below `roots` once, each after the nodes that it is computed from."""
     done: dict[Node, None] = {}
     stack = list(roots)[::-1]
     while stack:
@@ -253,7 +254,7 @@ def ordered(roots: Iterable[Node]) -> list[Node]:
 
 
 def _settle(node: Node) -> None:
-    """Make a clamp that is 0 for a value that is not finite a `KEEP` node."""
+    """Make a clamp that is 0 for a value which is not finite one node of the operation `KEEP`."""
     if node.op == ca.OP_IF_ELSE_ZERO:
         test, value = node.args
         if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
@@ -261,7 +262,8 @@ def _settle(node: Node) -> None:
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
-    """The node of an operation; a choice, a clamp and a test for a finite number are recognised as patterns."""
+    """Return the node of the operation `op` on `args`; a choice, a clamp and a test for a finite number are recognised
+    from their parts."""
     if (same := _decided(op, args)) is not None:
         return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
@@ -286,8 +288,8 @@ def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
 
 
 def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
-    """The argument that equals the value bit for bit, or None: a choice nested in a choice by the same test, and the
-    conjunction or disjunction of a truth value with itself, or with a constant that decides nothing."""
+    """Return the one of `args` that equals the result of `op` bit for bit, None without any: of a choice nested in a
+    choice by an equal test, and of `and`, `or` of a truth value with itself or with a constant that decides nothing."""
     if op == ca.OP_IF_ELSE_ZERO and args[1].op == op and args[1].args[0] is args[0]:
         return args[1]
     if op in (ca.OP_AND, ca.OP_OR):
@@ -299,8 +301,8 @@ def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
 
 
 def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
-    """The comparisons v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; those with two other constants as
-    a test of the interval; None for other comparisons."""
+    """Return a simpler node for a comparison with constants, None without any: v < -b or b < v becomes b < |v|, and -b
+    <= v and v <= b becomes |v| <= b; with two other constants it becomes a test of the interval."""
     (a, b), (c, d) = (arg.args for arg in args)
     v, low, high, w = (a, b, c, d) if op == ca.OP_OR else (b, a, d, c)
     if v is not w or {low.op, high.op} - {ca.OP_CONST, AT, ca.OP_NEG}:
@@ -312,28 +314,29 @@ def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
 
 
 def opposite(low: Node, high: Node) -> bool:
-    """Whether two bounds are the numbers -b and b with b > 0, also where a table holds them."""
+    """Return whether two nodes are the constants -b and b with b > 0, also where a table holds the constants."""
     if high.op == AT and low.op == ca.OP_NEG:
         return low.args[0] is high and high.args[0].op == TABLE and min(high.args[0].table) > 0
     return low.op == high.op == ca.OP_CONST and -low.constant == high.constant > 0
 
 
 def negative(node: Node) -> bool:
-    """Whether a value is a negative number, or a product that begins with one: its sum prints as a difference."""
+    """Return whether a node is a negative constant, or a product that begins with one: v + node is then printed as v -
+    .."""
     if node.op == ca.OP_MUL and not node.name:
         return negative(node.args[0])
     return node.op == ca.OP_CONST and node.constant < 0
 
 
 def negated(node: Node) -> Node:
-    """The value without the sign that `negative` found."""
+    """Return the node of -v for a node v that is a negative constant, or a product that begins with one."""
     if node.op == ca.OP_CONST:
         return Node(ca.OP_CONST, constant=-node.constant)
     return Node(node.op, (negated(node.args[0]), node.args[1]))
 
 
 def boolean(node: Node) -> bool:
-    """Whether the value is a truth value."""
+    """Return whether a node is a truth value and no number."""
     return node.op in _BOOLEAN or node.op in _TESTS or (node.op == FOLD and node.fold in _BOOLEAN)
 
 
@@ -342,8 +345,8 @@ REGISTERS = 8  # for numbers passed in a call on x86-64; a Cortex-M4F has 16
 
 @dataclass(frozen=True)
 class Passed:
-    """An argument as calls pass it: number `number` of the routine's arguments, as these elements of it by value, or as
-    an array."""
+    """An argument of an emitted routine as its calls pass it: `number` in the routine's argument list, the `elements`
+    that are passed; by value, or as an array."""
 
     number: int
     argument: Argument
@@ -352,13 +355,14 @@ class Passed:
 
     @property
     def names(self) -> list[str]:
-        """The parameters that carry it."""
+        """The names of the C parameters through which the argument is passed."""
         return [self.argument.local(k) for k in self.elements] if self.by_value else [self.argument.label]
 
 
 @dataclass(frozen=True, eq=False)
 class Subprogram:
-    """A routine, its name in emitted code without the prefix, and the arguments that calls pass."""
+    """A routine that a step calls, its name in emitted code without the step's prefix, and the arguments that its calls
+    pass."""
 
     routine: Routine
     name: str
@@ -370,14 +374,14 @@ class Subprogram:
         return len(self.passed) < len(self.routine.arguments)
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
-        """The passed arguments of a call, with the elements of each."""
+        """Return for each passed argument of a call of this routine the argument and the nodes of its elements."""
         arguments = list(columns(call))
         return ((each, [arguments[each.number][1][k] for k in each.elements]) for each in self.passed)
 
 
 @lru_cache(maxsize=8)  # every printer of a step calls it
 def subprograms(step: Step) -> dict[str, Subprogram]:
-    """The routines that a step calls, by their keys, in the order of their first calls."""
+    """Return the routines that a step calls by their keys, in the order of their first calls."""
     routines: dict[str, Routine] = {}
     moving: dict[str, set[Argument]] = {}
     for block, call in _calls(step):
@@ -392,7 +396,8 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
 
 
 def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
-    """The form in which calls pass these arguments of a routine: few numbers by value, otherwise columns as arrays."""
+    """Return how calls of a routine pass the arguments `moving`, which differ between calls: a few numbers by value,
+    more as arrays."""
     read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
     few = sum(len(elements) for _, _, elements in read) <= REGISTERS
     return tuple(
@@ -408,7 +413,7 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 
 
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
-    """Every call of a routine, with its block."""
+    """Yield every call of a routine in a step's program, with the block of expressions around it."""
     programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
     for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
@@ -417,7 +422,7 @@ def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
 
 
 def _lies(block: Block, argument: Argument, column: list[Node]) -> bool:
-    """Whether a call passes for an argument the parameter that the routine reads itself."""
+    """Return whether a call passes for an argument just the struct member that the routine can read itself."""
     if argument.place is None or reached([argument.place]) != {"p"}:
         return False
     sources = [node.source for node in column if node.op == ca.OP_INPUT]

@@ -58,13 +58,13 @@ NO_CODE = Code()
 
 @cache
 def functions_of(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
-    """The functions of a module by name, in its order."""
+    """Return the syntax trees of a module's functions by name, in the order of the file."""
     tree = ast.parse(inspect.getsource(module))
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 def small_functions(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """The functions of `emit.helpers` with these names."""
+    """Return the functions of `emit.helpers` with these names, translated into the language of `syntax`."""
     definitions = functions_of(helpers)
     numbers = {"ALL_WHOLE": ALL_WHOLE[real], "ROUNDS": ROUNDS[real]}
     reals = {"LARGE": syntax.marked(_LARGE[real], real)}
@@ -74,13 +74,13 @@ def small_functions(syntax: Syntax, prefix: str, real: Real, names: Collection[s
 
 
 def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -> Code:
-    """The functions of tables, in the order of their names."""
+    """Return the functions that interpolate in a model's tables, sorted by name, in the language of `syntax`."""
     return joined(_table(syntax, prefix, real, each) for each in sorted(lookups, key=lambda each: each.name))
 
 
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
-    """The function of a table: its arrays, a search along each axis, and the polynomial of the cell. Raises:
-    `PointsMerge`."""
+    """Return the function that interpolates in a table of the model: its arrays, a search along each axis, and the
+    polynomial of the cell. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     definitions = functions_of(helpers)
     declared = Code()
@@ -103,7 +103,7 @@ def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Replaces names by other names, or by numbers."""
+    """A transformer of Python syntax trees that replaces names by other names, or by numbers."""
 
     def __init__(self, names: Mapping[str, str], counts: Mapping[str, int]) -> None:
         self.names, self.counts = names, counts
@@ -115,8 +115,8 @@ class _Renamed(ast.NodeTransformer):
 
 
 def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
-    """The body of a function, or the one that the language has instead; both where a preprocessor switch selects
-    one."""
+    """Return the body of a helper function, or the body that the language has instead; both, where a preprocessor
+    switch selects one."""
     if name not in syntax.instead:
         return body.indented()
     switch, *lines = syntax.instead[name]
@@ -131,12 +131,13 @@ def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
 
 
 def called_by(names: Iterable[str]) -> set[str]:
-    """The named functions of `emit.helpers`, and those that they call, directly or not."""
+    """Return the given names of functions of `emit.helpers`, and of those that they call, directly or not."""
     return set(names).union(*(_calls(functions_of(helpers), name) for name in names))
 
 
 def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str, int]]) -> Code:
-    """The functions of the kernels in `used`, (name, size), in the order of their file, after those that they call."""
+    """Return the functions of the matrix kernels in `used`, pairs (name, matrix size), in the order of their file,
+    after the helpers that they call."""
     definitions, written = functions_of(matrix_loops), []
     for kernel in definitions:
         for size in sorted(size for name, size in used if name == kernel):
@@ -147,7 +148,7 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
 
 
 def passed(syntax: Syntax, kernel: str) -> list[str]:
-    """The form in which calls pass each argument of a kernel: a text with a hole."""
+    """Return for each argument of a matrix kernel a text with a hole, into which a call writes the name of an array."""
     kinds = (_array(each) for each in functions_of(matrix_loops)[kernel].args.args)
     return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
 
@@ -161,7 +162,7 @@ def _calls(definitions: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
 
 
 def writes(parameter: ast.arg) -> bool:
-    """Whether a parameter is an array that the function may write."""
+    """Return whether a parameter of a Python function is an array that the function may write."""
     kind = _array(parameter)
     return kind is not None and kind[1]
 
@@ -181,8 +182,8 @@ def _annotation(node: ast.expr | None) -> str:
 
 @dataclass(frozen=True)
 class _Words:
-    """The meaning of the names in a function: the words of the language, the other functions, constants, types,
-    counts."""
+    """The meaning of the names in a Python function that is translated: words of the language, other functions,
+    constants, types, counts."""
 
     syntax: Syntax
     prefix: str
@@ -206,8 +207,8 @@ class _Function:
         self.once = {name for name in stores if stores.count(name) == 1}
 
     def text(self, declared: Code = NO_CODE) -> Code:
-        """The function: its comment, its head, the declarations `declared`, its statements, and what its compiler needs
-        around it."""
+        """Return the translated function: comment, head, the declarations `declared`, statements, and what the compiler
+        needs around it."""
         syntax, tree = self.syntax, self.tree
         docstring = ast.get_docstring(tree) or ""
         inner = chosen(syntax, self.words.real, tree.name, declared + self._block(tree.body))
@@ -244,7 +245,7 @@ class _Function:
     # --- statements
 
     def _block(self, body: list[ast.stmt]) -> Code:
-        """The statements of a block, whose local names end with it."""
+        """Return the translated statements of a block; its local names end with the block."""
         before = dict(self.kinds)
         text = joined(self._statement(statement) for statement in body)
         self.kinds = before
@@ -314,7 +315,8 @@ class _Function:
         return "real"
 
     def _value(self, node: ast.expr, level: float = 0) -> str:
-        """The text of an expression, in parentheses if it binds looser than `level`."""
+        """Return the text of a translated expression, in parentheses if it binds looser than `level`, an operator's
+        precedence."""
         text, binds = self._raw(node)
         return f"({text})" if binds < level else text
 
@@ -354,7 +356,8 @@ class _Function:
         raise NotImplementedError(ast.unparse(node))
 
     def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
-        """An infix expression: sums and products group to the left, operands of a comparison are no comparisons."""
+        """Return the text of left sign right; sums and products group to the left, operands of a comparison are no
+        comparisons. `kind`: the type of the operands."""
         infix, binds = _INFIX[type(sign)]
         least = binds + 0.1 * isinstance(sign, ast.cmpop)
         text = f"{self._value(left, least)}{infix}{self._value(right, binds + 0.1)}"
@@ -386,19 +389,21 @@ _MEANINGS = {POWER_OF_TWO: "2^x for whole x, where that is a normal number"}
 
 
 def needed(names: Collection[str], real: Real) -> list[str]:
-    """The mathematical functions among `names`, in the order of `elementary`."""
+    """Return which of the `names` are elementary functions (sin, exp ..), in the order of `elementary`."""
     return [name for name in elementary(real) if name in names]
 
 
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """The functions in `used`, after those that they call."""
+    """Return the helper and elementary functions in `used`, each after those that it calls, in the language of
+    `syntax`."""
     text = bundled(syntax, prefix, real, needed(used, real))
     below = small_functions(syntax, prefix, real, called_by({*used, *text.uses.helpers}))
     return below + text + code("") if text.lines else below
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Mathematical functions, one after the other, after the power of two where they call it."""
+    """Return elementary functions (sin, exp ..) in the language of `syntax`, after the function 2^k where they call
+    it."""
     texts = [_bundled(syntax, prefix, real, name) for name in names]
     if any(POWER_OF_TWO in text.uses.helpers for text in texts):
         texts.insert(0, _bundled(syntax, prefix, real, POWER_OF_TWO))
@@ -406,7 +411,7 @@ def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> 
 
 
 def argument_names(name: str) -> tuple[str, ...]:
-    """The names of the arguments of a mathematical function."""
+    """Return the names of the arguments of an elementary function such as atan2."""
     return ("x", "y")[: _graph(name, "double").n_in()]
 
 
@@ -443,7 +448,8 @@ _FULL_RANGE = {f"{part}_{name}": name for part in ("small", "bounded") for name 
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """The headers of the selected library, if `used` has a mathematical function."""
+    """Return the lines that include the headers of the selected mathematical library, none if `used` has no elementary
+    function."""
     if not needed(used, real):
         return []
     upper = prefix.upper()
@@ -452,7 +458,8 @@ def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
 
 
 def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """The functions in `used`: the small ones, then the mathematical ones behind the switch that selects a library."""
+    """Return the C functions in `used`: the helpers, then the elementary functions behind the preprocessor switch that
+    selects a library."""
     names, outside = needed(used, real), small_functions(syntax, prefix, real, called_by(used))
     if not names:
         return outside

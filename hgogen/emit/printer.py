@@ -55,8 +55,8 @@ def _binding(node: Node) -> float:
 
 @dataclass(frozen=True)
 class Operand:
-    """A value that a block reads: its text, how tightly that binds, whether it is a local, and the names that it
-    uses."""
+    """A value that a printed block reads: its C text, the precedence `binds` of the text, whether it is a local
+    variable, and the names that it uses."""
 
     text: str
     binds: float = ATOM
@@ -66,7 +66,7 @@ class Operand:
 
 @dataclass
 class Printer:
-    """Prints one block.
+    """A printer of one block of a step's program: expressions as statements of a language.
 
     Args: `inputs` the operand for argument i, element j, and `local` its name as a local; `is_flag` whether argument i
     is a truth value; `routines` those that the block may call, by their keys; `array_text` the text of argument i as an
@@ -103,7 +103,7 @@ class Printer:
         names: Sequence[tuple[str, int]] = (),
         hoist: Collection[int] = (),
     ) -> tuple[Code, Code]:
-        """The constants that a block declares, and its statements.
+        """Return the declarations of a block's constants, and the statements that compute a CasADi function.
 
         Args: `targets` for each element of the first outputs; `names` of the outputs after those, with their sizes;
         `hoist` arguments that must be read before anything is written.
@@ -136,7 +136,7 @@ class Printer:
 
     def _label(self, columns: Iterable[tuple[str, list[Node]]], all_nodes: Iterable[Node]) -> None:
         """Name arrays after the named values that are their elements, otherwise after the arguments for which calls
-        pass them."""
+        pass the arrays."""
         for name, column in columns:
             for node in (each for each in column if each.op == ELEMENT):
                 node.args[0].labels.setdefault(node.element[0], name)
@@ -170,15 +170,15 @@ class Printer:
 
     @cached_property
     def counter(self) -> str:
-        """The counter of the block's loops."""
+        """The name of the counter of the block's loops."""
         return self.fresh("j")
 
     def can_index(self, argument: int) -> bool:
-        """Whether a loop can index an argument; blocks of counters have no loops."""
+        """Return whether a loop may index argument number `argument`; blocks that compute in counters have no loops."""
         return self.real != "unsigned" and bool(self.indexed(argument))
 
     def declare(self, node: Node, name: str) -> None:
-        """Declare a constant for a value, under a unique name."""
+        """Declare a local constant for the value of a node, under a unique name that begins with `name`."""
         if node.name or node.op in (ca.OP_CONST, ELEMENT):
             return
         if node.routine:
@@ -194,12 +194,13 @@ class Printer:
         self.lines.append(self.syntax.constant.format(type=self.syntax.types[kind], name=node.name, value=text))
 
     def true_or_false(self, node: Node) -> bool:
-        """Whether the language has a separate type for the value, which is then no number."""
+        """Return whether the node is a truth value in a language that has a type for truth values apart from
+        numbers."""
         flag = node.op == ca.OP_INPUT and self.is_flag(node.source[0])
         return boolean(node) or (flag and not self.syntax.truth_is_number)
 
     def fresh(self, name: str) -> str:
-        """A name that the language allows, with a number where a local has it already."""
+        """Return `name`, as the language allows it, with a number appended where another local has the name."""
         candidate, k = self.syntax.name(name), 2
         while candidate in self.reserved:
             candidate, k = f"{name}_{k}", k + 1
@@ -229,7 +230,8 @@ class Printer:
         self.lines += self._loop(node.count, 0, term, lambda: f"{name} = {self.raw(total)[0]};")
 
     def _loop(self, count: int, origin: int, node: Node, statement: Callable[[], str]) -> list[str]:
-        """A loop for a value, with the constants that it declares for it; it counts from `origin`."""
+        """Return the lines of a loop with `count` passes from the number `origin` on, with the constants that `node`
+        needs in each pass; `statement` makes its last statement."""
         before, self.lines, self.origin, self.looping = self.lines, [], origin, True
         self.prepare(node)
         inner, self.lines, self.looping = [*self.lines, statement()], before, False
@@ -239,7 +241,8 @@ class Printer:
         return [head, *indented([*first_lines, *inner]), "}"]
 
     def _number(self, first: int, step: int) -> str:
-        """The text of a number that is `first` in the first pass of the loop, and changes by `step`."""
+        """Return the text of an index that is `first` in the first pass of the current loop and grows by `step` a
+        pass."""
         first -= step * self.origin
         size = self.syntax.number(abs(step))
         offset = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
@@ -249,8 +252,8 @@ class Printer:
         return f"{offset}{sign}{self.syntax.number(abs(first))}" if first else offset
 
     def prepare(self, root: Node) -> None:
-        """Declare the operands of a value; of a value that differs between the passes of a loop, those needed before
-        the loop."""
+        """Declare the operands of a node as local constants; for a value that differs between passes of a loop, those
+        needed before the loop."""
         if root.inside and not self.looping:
             for node in outside([root]):
                 self.prepare(node)
@@ -261,7 +264,8 @@ class Printer:
             self.declare(root, self.number())
 
     def _prepare_below(self, root: Node) -> None:
-        """Declare, in order, the values below `root` that are used more than once or too long to write in place."""
+        """Declare as local constants, in order, the nodes below `root` that are used more than once or are too long for
+        one expression."""
         stack: list[tuple[Node, bool]] = [(root, False)]
         done: set[int] = set()
         while stack:
@@ -281,25 +285,25 @@ class Printer:
                 self.declare_worthy(node)
 
     def declare_worthy(self, node: Node) -> None:
-        """Declare a value where a local is better than text in place."""
+        """Declare a local constant for a node that is used more than once, or whose text is long."""
         if self.worthy(node):
             self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def needs(self, node: Node) -> Sequence[Node]:
-        """The values to declare before a value: of a loop's result, those needed before the loop."""
+        """Return the nodes to declare before a node: of a loop's result, those that are computed before the loop."""
         if self.looping:
             return node.args if node.inside else ()
         return outside(node.args) if node.op in (FILL, FOLD) else node.args
 
     def number(self) -> str:
-        """The name of the next temporary."""
+        """Return the name of the next temporary variable."""
         k = 1
         while f"t{k}" in self.reserved:
             k += 1
         return f"t{k}"
 
     def worthy(self, node: Node) -> bool:
-        """Whether a local is better for a value than text in place."""
+        """Return whether a node gets a local constant, and is not written within the expression that uses it."""
         if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY, AT):
             return False
         if node.routine or node.op in (FILL, FOLD, TABLE):
@@ -311,7 +315,7 @@ class Printer:
         return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
 
     def value(self, node: Node, level: float = 0) -> str:
-        """A number, in parentheses if it binds looser than `level`."""
+        """Return the text of a node as a number, in parentheses if it binds looser than the precedence `level`."""
         if self.true_or_false(node):
             one, zero = Node(ca.OP_CONST, constant=1.0), Node(ca.OP_CONST)
             text, binds = self.choice(node, one, zero, OR)
@@ -320,7 +324,7 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def truth(self, node: Node, level: float = 0) -> str:
-        """A truth value, in parentheses if it binds looser than `level`."""
+        """Return the text of a node as a truth value, in parentheses if it binds looser than the precedence `level`."""
         if boolean(node):
             text, binds = (node.name, ATOM) if node.name else self.raw(node)
         elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
@@ -333,18 +337,19 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def clause(self, node: Node, op: int) -> str:
-        """An operand of `op`, && or ||, in parentheses unless it is a plain comparison or the same operation."""
+        """Return the text of an operand of `op` (&& or ||), in parentheses unless it is a plain comparison or has the
+        operation `op`."""
         same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
         return self.truth(node, 0 if same else ATOM)
 
     def literal(self, value: float) -> str:
-        """A number in the working precision."""
+        """Return the text of a number in the working precision."""
         text = self.syntax.literal(value, self.real)
         self.uses += [Uses(widest=int(value))] if self.real == "unsigned" else []
         return text
 
     def constant(self, value: float) -> tuple[str, float]:
-        """A literal, or a call for a number that the languages here cannot write as one."""
+        """Return the text and the precedence of a number: a literal, or a call for inf and nan."""
         if value != value:
             return self.call("nan")
         if abs(value) == float("inf"):
@@ -353,13 +358,13 @@ class Printer:
         return self.literal(value), ATOM if value >= 0 else UNARY
 
     def call(self, name: str, *args: Node) -> tuple[str, float]:
-        """A call of one of the small or mathematical functions."""
+        """Return the text and the precedence of a call of the helper or elementary function `name`."""
         self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def arrange(self, call: Node) -> None:
-        """Set the values that a call of a routine passes: the elements of each argument, or an array where they are all
-        of it."""
+        """Set what a call of a routine passes: the elements of each argument, or an array where the elements are all of
+        it."""
         assert call.routine
         columns = list[tuple[Node, ...]]()
         for each, column in self.routines[call.routine.key].columns(call):
@@ -373,7 +378,7 @@ class Printer:
         call.args = tuple(chain.from_iterable(call.passed))
 
     def call_routine(self, node: Node) -> None:
-        """Add the statements that call a routine: it fills an array for each of its results."""
+        """Add the statements that call a routine, which fills an array for each of its results."""
         assert node.routine
         subprogram, key = self.routines[node.routine.key], node.routine.key
         self.called[key] += 1
@@ -410,7 +415,7 @@ class Printer:
         return text.format(type=self.syntax.types[self.real], name=name, size=size, count=count, **words)
 
     def raw(self, node: Node) -> tuple[str, float]:
-        """The text of a value from its operands, and how tightly it binds."""
+        """Return the text of a node, composed of its operands' texts, and the precedence of the text."""
         op, args = node.op, node.args
         if op in (ca.OP_CONST, ca.OP_INPUT, ELEMENT, AT):
             return self._leaf(node)
@@ -435,7 +440,7 @@ class Printer:
         raise NotPrintable(op)
 
     def _leaf(self, node: Node) -> tuple[str, float]:
-        """The text of a constant, an input, or an element."""
+        """Return the text and the precedence of a constant, an input, or an element of an array."""
         if node.op == ca.OP_CONST:
             return self.constant(node.constant)
         if node.op == ca.OP_INPUT:
@@ -448,7 +453,7 @@ class Printer:
         return f"{node.args[0].labels[result]}[{k}]", ATOM
 
     def _logical(self, node: Node) -> tuple[str, float]:
-        """The text of a choice, a negation, a conjunction or a disjunction."""
+        """Return the text and the precedence of a choice, a negation, a conjunction or a disjunction."""
         op, args = node.op, node.args
         if op == ca.OP_NOT:
             return self.negation(args[0])
@@ -459,7 +464,7 @@ class Printer:
         return self.choice(test, yes, no)
 
     def _moving(self, node: Node) -> str:
-        """The text of the element in a pass of a loop."""
+        """Return the text of an array element whose index depends on the pass of the current loop."""
         if node.args:
             result, first = node.element
             return f"{node.args[0].labels[result]}[{self._number(first, node.step)}]"
@@ -468,7 +473,8 @@ class Printer:
         return f"{self.indexed(argument)}[{self._number(first, node.step)}]"
 
     def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
-        """The text of `yes` where the test holds, otherwise `no`; a negated test exchanges the two."""
+        """Return the text and the precedence of: `yes` where `test` holds, else `no`; a negated test exchanges the
+        two."""
         if test.op == ca.OP_NOT and not test.name and level == ATOM:
             test, yes, no = test.args[0], no, yes
         tested, chosen = self.syntax.chosen
@@ -476,7 +482,8 @@ class Printer:
         return self.syntax.choice.format(test=self.truth(test, min(level, tested)), **branches), SELECT
 
     def negation(self, test: Node) -> tuple[str, float]:
-        """The negation of a test; of counters, which are never NaN, the opposite comparison."""
+        """Return the text and the precedence of `not test`; of counters, which are never NaN, the opposite
+        comparison."""
         opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
         if self.real == "unsigned" and test.op in opposite and not test.name:
             swapped = test.op in (ca.OP_LT, ca.OP_LE)
@@ -484,7 +491,7 @@ class Printer:
         return self.syntax.opposite.format(self.truth(test, ATOM)), UNARY
 
     def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
-        """The text left op right.
+        """Return the text `left op right` of a binary operation, and its precedence.
 
         The order of operations is part of the result, so a right operand that binds as loosely needs parentheses. The
         operands of a sum or product, which commutes bit for bit, are exchanged to save them.
