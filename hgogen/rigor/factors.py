@@ -86,7 +86,7 @@ class Work:
         return a * b
 
     def spend(self, terms: int) -> None:
-        """Count products of terms. Raises: `TooLarge`."""
+        """Subtract a number of term products from the budget. Raises: `TooLarge` once it is exceeded."""
         self.remaining[0] -= terms
         if self.remaining[0] < 0:
             raise TooLarge("the matrix")
@@ -94,7 +94,8 @@ class Work:
 
 @dataclass(frozen=True)
 class Elimination:
-    """An elimination in progress: its `pivots` as pairs (column, reduced row), in the order of the rows."""
+    """A fraction-free elimination of rows of polynomials in progress: its `pivots` as pairs (column, reduced row), in
+    the order of the rows."""
 
     field: Field
     work: Work
@@ -102,20 +103,22 @@ class Elimination:
 
     @property
     def odd(self) -> bool:
-        """Whether the columns of the pivots are an odd permutation."""
+        """Return whether the columns of the pivots, in the order of the rows, are an odd permutation, which changes the
+        determinant's sign."""
         columns = [column for column, _ in self.pivots]
         return sum(a > b for i, a in enumerate(columns) for b in columns[i + 1 :]) % 2 == 1
 
     @property
     def pivot(self) -> Any:
-        """The pivot of the last row."""
+        """Return the pivot of the last row, a polynomial."""
         column, row = self.pivots[-1]
         return row[column]
 
     def added(self, row: list[Any]) -> tuple[list[Any], Product]:
-        """Reduce a row by the rows before and append it; return the reduced row and the factors that scaled it.
+        """Reduce a row by the earlier rows and append it; return the reduced row and the factors, with powers, by which
+        the row was multiplied.
 
-        Raises: `TooLarge`; `ZeroDivisionError` for a linear combination of the rows before.
+        Raises: `TooLarge`; `ZeroDivisionError` for a linear combination of the earlier rows.
         """
         scales: Product = []
         row = self._plain(row, scales)
@@ -134,7 +137,8 @@ class Elimination:
         return row, scales
 
     def _plain(self, row: list[Any], scales: Product) -> list[Any]:
-        """The row reduced by the relations of the roots and divided by the common factor of its entries."""
+        """Return the row with g^q = value applied for each root g, divided by the common factor of its entries; append
+        the factors by which the row was multiplied to `scales`."""
         for root in reversed(self.field.relations):
             row, power = reduced(row, root.index, root.degree, root.value)
             scales.append((root.value[1], power))
@@ -148,7 +152,7 @@ class Elimination:
 
 
 def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
-    """The least common denominator, and the rows times it. Raises: `TooLarge`."""
+    """Return the least common denominator d of all quotients in the rows, and d times the rows. Raises: `TooLarge`."""
     common = rows[0][0][1].context().constant(1)
     for row in rows:
         for _, bottom in row:
@@ -162,8 +166,8 @@ def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
 
 
 def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:
-    """The determinant of n x n quotients without a division, reduced by the relations of the roots: the minors of the
-    first k rows follow from those of the first k - 1,
+    """Return the determinant of a matrix (n, n) of quotients without a division, g^q = value applied for each root g of
+    the field. The minors M_k of the first k rows follow from M_(k-1):
 
         M_k(S) = sum_(j in S) +- a_kj M_(k-1)(S without j)        S: k columns
 
@@ -194,7 +198,8 @@ _KERNELS = 24  # most kernels: derivatives of some introduce new ones without en
 
 @dataclass(frozen=True)
 class Tower:
-    """A plant over a field: `flow` (n), `output` (p), and `slopes[g, i]` = dg/dx_i of generator g where it is not 0."""
+    """A plant x' = f(x), y = h(x) over a field of quotients: `flow` f (n), `output` h (p), and `slopes[g, i]` = dg/dx_i
+    of each generator g where it is not 0."""
 
     states: tuple[sp.Symbol, ...]
     field: Field
@@ -203,7 +208,7 @@ class Tower:
     slopes: Mapping[tuple[int, int], Quotient]
 
     def gradient(self, value: Quotient) -> list[Quotient]:
-        """The partial derivatives of a value with respect to the states. Raises: `TooLarge`."""
+        """Return the partial derivatives (n) of a quotient by the states. Raises: `TooLarge`."""
         ring = self.field.ring
         partials = [(ring.constant(0), ring.constant(1))] * len(self.states)
         for (g, i), slope in self.slopes.items():
@@ -214,10 +219,8 @@ class Tower:
 
 
 def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> Tower:
-    """The plant over the field of its functions and their derivatives.
-
-    Raises: `TooLarge`; `ZeroDivisionError` for a division by what is identically 0; `NoTape` for an unknown function.
-    """
+    """Return the plant x' = flow, y = output over the field of its functions and their derivatives. Raises: `TooLarge`;
+    `ZeroDivisionError` for a division by 0; `NoTape` for an unknown function."""
     writer = Writer()
     rows = [exact(sp.sympify(e)) for e in (*flow, *output)]
     for row in rows:
@@ -256,8 +259,8 @@ Row = tuple[int, int]  # (output, order of the derivative), both from 0
 def _lie_derivative(
     row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
 ) -> list[Any]:
-    """The Lie derivative L_f of a row, for `rates` (generators' time derivatives) and a Jacobian without
-    denominators."""
+    """Return the Lie derivative L_f w = f . dw/dx + w df/dx of a row w of polynomials, for `rates` (time derivative of
+    each generator) and the Jacobian df/dx, both without denominators."""
     derivative = []
     for i, entry in enumerate(row):
         total = entry.context().constant(0)
@@ -272,9 +275,10 @@ def _lie_derivative(
 
 
 def codistribution_product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
-    """The determinant of some rows of the observability matrix, up to a constant factor, as a product of powers.
+    """Return the determinant of some rows d(L_f^k h_j)/dx of the observability matrix, up to a constant factor, as a
+    product of powers of polynomials.
 
-    `rows` are in an order in which the reduction is valid: one output after the other, or by order of derivative.
+    `rows`: pairs (output j, order k), one output after the other or by order of derivative, as the reduction needs.
     Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where the determinant is 0.
     """
     work = Work([limit])
@@ -310,8 +314,8 @@ _ONE_BRANCH = (sp.log, sp.exp, sp.tan, sp.Abs)
 
 
 def branches(field: Field) -> bool:
-    """Whether a polynomial may vanish on a part of the domain: for a function with kinks or jumps, two inverse
-    functions, a root of a root, or roots whose product is an |h|."""
+    """Return whether a nonzero polynomial over the field may vanish on a part of the domain: for a function with kinks
+    or jumps, two inverse functions, a root of a root, or roots whose product is an |h|."""
     kernels = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy]
     # a root, a logarithm, an exponential or an angle chooses between no branches
     functions = [m for m in kernels if isinstance(m, sp.Function) and not isinstance(m, _ONE_BRANCH)]
@@ -330,7 +334,8 @@ def branches(field: Field) -> bool:
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
-    """The factors of h with odd exponents, for each product of radicands that is a square h^2, of a basis of these."""
+    """Return, for each product of some radicands that is a square h^2, the factors of h with odd exponents; the
+    products are a basis of all such products."""
     exponents = []  # of each radicand: irreducible monic polynomials and their exponents, by their text
     for root in roots:
         ends = _irreducible([(root.value[0], Fraction(1)), (root.value[1], Fraction(-1))])
@@ -353,7 +358,7 @@ def _squared(roots: Sequence[Root]) -> list[list[Any]]:
 
 @dataclass(frozen=True)
 class Power:
-    """A monic polynomial to an exponent that is not 0."""
+    """A power P^exponent of a monic polynomial P, the exponent not 0."""
 
     polynomial: Any
     exponent: Fraction
@@ -363,7 +368,8 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """The product as a number and powers with whole exponents, equal where the roots are real. Raises: `TooLarge`."""
+    """Return a product as a number times powers of irreducible polynomials, equal where roots are real. Raises:
+    `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
@@ -378,7 +384,7 @@ def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
 
 
 def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
-    """Powers with the same zeros and poles, though not the same value, in which radicands replace the roots."""
+    """Return powers whose product has the zeros and poles of the given one, with radicands in place of roots."""
     pairs = [(one.polynomial, one.exponent) for one in parts]
     for root in reversed(field.roots):
         generator = field.ring.gens()[root.index]
@@ -390,8 +396,8 @@ def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
 
 
 def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """The number and the factors of g^k = g^(k - t q) value^t with the t that leaves the fewest factors; g is no factor
-    where q divides k."""
+    """Return a number and factors equal to the product `parts`, with g^k written as g^(k - t q) value^t, for the root
+    g^q = value and the t that leaves the fewest factors; g is no factor where q divides k."""
     k = sum((e for p, e in parts if p == generator), Fraction(0))
     if not k:
         return sp.S.One, parts
@@ -404,7 +410,7 @@ def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]
 
 
 def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
-    """The radicand of a root to the exponent `share`, as a number and powers of irreducible factors."""
+    """Return value^share as a number and powers of irreducible factors, for the root g^q = value."""
     if not share:
         return sp.S.One, []
     factor, ends = _monic([(root.value[0], share), (root.value[1], -share)])
@@ -412,19 +418,19 @@ def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
 
 
 def _monic(parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """The product of the leading coefficients, each to its exponent, and the monic polynomials."""
+    """Return the product of the leading coefficients, each to its exponent, and the polynomials divided by them."""
     leading = sp.Mul(*(number(p.leading_coefficient()) ** sp.Rational(e) for p, e in parts))
     return leading, [(p / p.leading_coefficient(), e) for p, e in parts]
 
 
 def _irreducible(parts: _Parts) -> _Parts:
-    """The monic irreducible factors of monic polynomials."""
+    """Return the monic irreducible factors of monic polynomials, with exponents."""
     return _merged((p / p.leading_coefficient(), e * k) for polynomial, e in parts for p, k in polynomial.factor()[1])
 
 
 def _joined(parts: _Parts, index: int) -> _Parts:
-    """The powers with P(g) and P(-g) joined to one factor where both have the same exponent: with g^2 = x + 1,
-    (g - 1) (g + 1) is x."""
+    """Return the powers with P(g) and P(-g) joined to one factor where both have the same exponent, g the generator of
+    that index: with g^2 = x + 1, (g - 1) (g + 1) is x."""
     pending = {str(p): (p, e) for p, e in parts}
     joined = []
     for p, e in parts:
@@ -442,7 +448,7 @@ def _joined(parts: _Parts, index: int) -> _Parts:
 
 
 def _merged(parts: Iterable[tuple[Any, Fraction]]) -> _Parts:
-    """The powers with the exponents of equal polynomials added, without constants and polynomials to the power 0."""
+    """Return the powers with exponents of equal polynomials added, without constants and exponents 0."""
     merged: dict[str, tuple[Any, Fraction]] = {}
     for polynomial, exponent in parts:
         key = str(polynomial)
@@ -457,7 +463,8 @@ _OPERATIONS, _MOST_TERMS = 300, 200
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor base^exponent; `definite`: the base has one sign, and is not 0, wherever its parts are real."""
+    """A factor base^exponent of an expression; `definite`: the base has one sign, and is not 0, wherever its parts are
+    real."""
 
     base: sp.Expr
     exponent: int
@@ -466,15 +473,15 @@ class Factor:
 
 @dataclass(frozen=True)
 class Factors:
-    """A number times a product of factors, equal to the expression wherever that is defined."""
+    """A factorisation number * prod base^exponent, equal to the factored expression wherever the latter is defined."""
 
     number: sp.Expr
     factors: tuple[Factor, ...]
 
 
 def factors(expression: sp.Expr) -> Factors | None:
-    """The factors of an expression without angles and kinks; None where it has them, is too large, or is 0. Of such as
-    exp(2 x) + 1 and cosh(x)^2 - sinh(x)^2 = 1 they prove that there is no zero."""
+    """Return the factors of an expression without angles and kinks; None where it has them, is too large, or is 0. They
+    prove that exp(2 x) + 1 and cosh(x)^2 - sinh(x)^2 = 1 have no zero."""
     if expression.count_ops() > _OPERATIONS:
         return None
     writer, e = Writer(), exact(expression)
@@ -496,7 +503,8 @@ def factors(expression: sp.Expr) -> Factors | None:
 
 
 def one_sign(field: Field, polynomial: Any) -> bool:
-    """Whether all terms have one sign, as products of squares and nonnegative generators, and one term is never 0."""
+    """Return whether all terms of a polynomial have one sign, as products of squares and nonnegative generators, and
+    one term is never 0."""
     terms = list(polynomial.terms())
     if len({c > 0 for _, c in terms}) > 1:
         return False
@@ -514,7 +522,7 @@ _ANGLE_TERMS = 3000
 
 
 def degrees(field: Field, polynomial: Any) -> dict[int, int]:
-    """The degree of a polynomial in each angle's generator."""
+    """Return the polynomial's degree in the generator tan(m/2) of each angle m, by the generator's index."""
     highest = polynomial.degrees()
     return {g: int(highest[g]) for g in field.angles}
 
@@ -527,10 +535,8 @@ def even_degrees(degree: Mapping[int, int]) -> bool:
 def factored_form(
     field: Field, polynomial: Any, degree: Mapping[int, int]
 ) -> tuple[sp.Rational, list[tuple[sp.Expr, int]]]:
-    """The form of the given even degrees as a number and powers of primitive factors.
-
-    Raises: `TooLarge`.
-    """
+    """Return P cos(m/2)^d, for a polynomial P in tan(m/2) and even degrees d of its angles m, as a number and powers of
+    primitive factors in cos m, sin m. Raises: `TooLarge`."""
     if not any(degree.values()):
         return _primitive(sp.S.One, [(field.expression(polynomial), 1)])
     count = len(field.generators)

@@ -68,7 +68,8 @@ class TooLarge(HgogenError):
 
 @dataclass(frozen=True)
 class Relation:
-    """The relation generator^degree = value, a rational function of earlier generators."""
+    """The equation g^degree = value of a generator g, such as a root; `value`: a rational function of earlier
+    generators."""
 
     generator: sp.Dummy
     degree: int
@@ -77,7 +78,9 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Kernels and relations in the order of first use; `units`: the g of each exponential's or angle's monomial."""
+    """A translation of expressions to rational functions of generators: the `kernels` (function -> generator) and
+    `relations` in the order of first use; `units`: for each monomial m in an exponent or angle the g of exp(g m) or
+    tan(g m/2); `known`: the expressions written so far."""
 
     kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
     relations: list[Relation] = attribute(default_factory=list)
@@ -85,7 +88,8 @@ class Writer:
     known: dict[sp.Expr, sp.Expr] = attribute(default_factory=dict)
 
     def measure(self, expression: sp.Expr) -> None:
-        """Update the greatest common divisors g by the factors of all arguments of an expression."""
+        """Update `units`, the greatest common divisors g of the rational factors of each monomial m in exponents and
+        angles, by the arguments in an expression: exp(3 m/2) and exp(m) need g = 1/2."""
         for node in sp.preorder_traversal(expression):
             kind = _kind(node)
             if kind:
@@ -95,7 +99,7 @@ class Writer:
                     self.measure(monomial)
 
     def write(self, node: sp.Expr) -> sp.Expr:
-        """The node written in generators."""
+        """Return an expression as a rational function of symbols and generators."""
         if node.is_Rational or node.is_Symbol:
             return node
         if node not in self.known:
@@ -128,7 +132,8 @@ class Writer:
         return self._kernel(node)
 
     def _kernel(self, node: sp.Expr) -> sp.Expr:
-        """The generator of the node; the same one for equal rational functions as arguments."""
+        """Return the generator of a function, such as log(x + 1); equal rational functions as arguments have one
+        generator."""
         if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
             node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
         return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))
@@ -174,7 +179,8 @@ class Writer:
         return rules.get(type(node), power)
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
-        """The divisor g and the whole number factor/g; g = 1/q for a factor p/q that was not measured."""
+        """Return the divisor g and the whole number k with factor = k g, for exp(factor m) or the angle factor m of the
+        `monomial` m; g = 1/q for a factor p/q that is no multiple of the g of `units`. `kind`: "exp" or "turn"."""
         unit = self.units.get((kind, monomial), sp.S.One)
         if not (factor / unit).is_Integer:
             unit = sp.Rational(1, factor.q)
@@ -193,7 +199,7 @@ class Writer:
         return {sp.tan: s / c, sp.cot: c / s, sp.sec: 1 / c, sp.csc: 1 / s}[type(node)]
 
     def _turn(self, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-        """The cosine and the sine of factor * monomial."""
+        """Return cos(factor m) and sin(factor m) of the `monomial` m as rational functions of tan(g m/2)."""
         if monomial == sp.pi:
             exact = sp.cos(factor * sp.pi), sp.sin(factor * sp.pi)
             if not any(value.has(*_TRIGONOMETRIC) for value in exact):
@@ -218,7 +224,7 @@ class Half(sp.Function):  # type: ignore[misc]
 
 
 def _kind(node: sp.Basic) -> str:
-    """The kind of generator that a node needs: "exp", "turn" for an angle, or ""."""
+    """Return "exp" for a function of exponentials, "turn" for one of an angle, else ""."""
     if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
         return "exp"
     return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
@@ -242,7 +248,7 @@ def _terms(argument: sp.Expr) -> Iterator[tuple[sp.Rational, sp.Expr]]:
 
 
 def _canonical(argument: sp.Expr) -> sp.Expr:
-    """An argument in a form that is the same for equal rational functions of its symbols and functions."""
+    """Return an argument in a form that is equal for equal rational functions of its symbols and functions."""
     if argument.is_Atom:
         return argument
     inverse = any(not (node.exp.is_Integer and node.exp > 0) for node in argument.atoms(sp.Pow))
@@ -263,15 +269,13 @@ Quotient = tuple[Any, Any]  # numerator and denominator without a common factor
 
 
 def ring_of(generators: Sequence[sp.Symbol]) -> Any:
-    """The ring of polynomials in the generators, in their order."""
+    """Return FLINT's ring of polynomials over the rationals in the generators, in their order."""
     return fmpq_mpoly_ctx.get([f"g{i}" for i in range(len(generators))] or ["g"], Ordering.degrevlex)
 
 
 def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], ring: Any) -> list[Quotient]:
-    """The expressions, rational functions of the generators, as quotients.
-
-    Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for other functions.
-    """
+    """Return each expression, a rational function of the generators, as a pair (numerator, denominator). Raises:
+    `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for other functions."""
     program = tape(expressions, generators)
     values, one = list[Quotient](), ring.constant(1)
     for op, places, value in program.instructions:
@@ -293,7 +297,7 @@ def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], r
 
 
 def add(one: Quotient, other: Quotient) -> Quotient:
-    """The sum a/b + c/d. Raises: `TooLarge`."""
+    """Return the sum a/b + c/d of two quotients, without common factors. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     if b == d:
         return _cancelled(a + c, b)
@@ -303,14 +307,14 @@ def add(one: Quotient, other: Quotient) -> Quotient:
 
 
 def multiply(one: Quotient, other: Quotient) -> Quotient:
-    """The product a/b c/d. Raises: `TooLarge`."""
+    """Return the product a/b c/d of two quotients, without common factors. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     (a, d), (c, b) = _cancelled(a, d), _cancelled(c, b)
     return times(a, c), times(b, d)
 
 
 def partial(value: Quotient, generator: int) -> Quotient:
-    """The partial derivative by one generator. Raises: `TooLarge`."""
+    """Return the partial derivative of a quotient by the generator of index `generator`. Raises: `TooLarge`."""
     top, bottom = value
     if bottom.is_constant():
         return top.derivative(generator) / bottom, bottom.context().constant(1)
@@ -346,7 +350,8 @@ def _cancelled(top: Any, bottom: Any) -> Quotient:
 
 @dataclass(frozen=True)
 class Root:
-    """A root: generator number `index` to the power `degree` is `value`; `rational`: whether it replaces a symbol."""
+    """A generator g, of that `index`, with the equation g^degree = value; `rational`: whether g replaces a symbol, as s
+    = (g^q - r)/c for g^q = c s + r."""
 
     index: int
     degree: int
@@ -356,11 +361,11 @@ class Root:
 
 @dataclass(frozen=True)
 class Field:
-    """A field of quotients: the `generators` of the `ring`, symbols and then kernels, each with its `meaning`, a
-    function of the symbols.
+    """A field of quotients of polynomials: the `generators` of the `ring`, symbols and then functions, each with its
+    `meaning`, a function of the symbols.
 
-    `angles`: the angle m of each generator tan(m/2); `exponents`: the argument of each generator that is an
-    exponential; `roots`: the generators with a relation or that replace a symbol.
+    `angles`: the angle m of each generator tan(m/2); `exponents`: m of each generator exp(m); `roots`: the generators
+    with an equation g^q = value, or that replace a symbol.
     """
 
     generators: tuple[sp.Symbol, ...]
@@ -372,21 +377,21 @@ class Field:
 
     @property
     def relations(self) -> tuple[Root, ...]:
-        """The roots that replace no symbol, inner roots first."""
+        """Return the roots g with g^q = value that replace no symbol, inner roots first."""
         return tuple(root for root in self.roots if not root.rational)
 
     def expression(self, polynomial: Any) -> sp.Expr:
-        """A polynomial as an expression in symbols and functions."""
+        """Return a polynomial in the generators as a SymPy expression in symbols and functions."""
         value, highest = written(polynomial, self.meaning), polynomial.degrees()
         return sp.expand(value) if any(highest[root.index] for root in self.roots) else value
 
     def kernels(self, polynomial: Any) -> bool:
-        """Whether the polynomial reads a kernel."""
+        """Return whether the polynomial contains a generator that is a function, such as exp(m) or a root."""
         return any(d and g.is_Dummy for d, g in zip(polynomial.degrees(), self.generators, strict=False))
 
 
 def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
-    """The polynomial with an expression for each generator."""
+    """Return a polynomial as an expression, with one of the `values` for each generator."""
     terms = (
         sp.Mul(number(c), *(v ** int(k) for v, k in zip(values, powers, strict=False) if k))
         for powers, c in polynomial.terms()
@@ -395,15 +400,13 @@ def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
 
 
 def number(coefficient: Any) -> sp.Rational:
-    """A coefficient of a polynomial as SymPy's rational."""
+    """Return a rational coefficient of FLINT as SymPy's rational."""
     return sp.Rational(int(coefficient.p), int(coefficient.q))
 
 
 def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Quotient]]:
-    """The field of the expressions that a writer has written, and their quotients in it.
-
-    Raises: `TooLarge`; `ZeroDivisionError` for a division by what is identically 0; `NoTape` for an unknown function.
-    """
+    """Return the field of quotients that contains expressions from `writer.write`, and the expressions as its elements.
+    Raises: `TooLarge`; `ZeroDivisionError` for a division by 0; `NoTape` for an unknown function."""
     right = [relation.value for relation in writer.relations]
     symbols = {s for e in (*expressions, *right) for s in e.free_symbols if not s.is_Dummy}
     keys = {dummy: key for key, dummy in writer.kernels.items()}
@@ -434,7 +437,7 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """The symbols that roots replace, with their values, and the generators of those roots."""
+    """Return the symbols s that roots g^q = c s + r replace, with their values (g^q - r)/c, and the generators g."""
     replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:
@@ -452,11 +455,11 @@ def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], 
 
 
 def vanishes(expression: sp.Expr) -> bool | None:
-    """Whether an expression with exact numbers is zero wherever it is defined. False for a rational function of symbols
-    that is defined and not zero on a dense open set, None where undecided.
+    """Return True for an expression of exact numbers that is zero wherever it is defined, False for a rational function
+    of symbols that is defined and not zero on a dense open set, None where undecided.
 
-    Source: normal forms of rational functions over a tower of radicals; B. F. Caviness, R. J. Fateman,
-    "Simplification of radical expressions", SYMSAC 1976.
+    Source: normal forms of rational functions over a tower of radicals; B. F. Caviness, R. J. Fateman, "Simplification
+    of radical expressions", SYMSAC 1976.
     """
     writer = Writer()
     try:
@@ -476,8 +479,8 @@ def vanishes(expression: sp.Expr) -> bool | None:
 
 
 def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[list[Any], int]:
-    """The polynomials with generator^degree replaced by a quotient, times a power of its denominator, and that power.
-    Raises: `TooLarge`."""
+    """Return the polynomials `row` with g^degree replaced by value = a/b, g the generator of that index, times the
+    power b^t that clears denominators, and t. Raises: `TooLarge`."""
     ring = row[0].context()
     most = max((int(powers[index]) // degree for top in row for powers in top.monoms()), default=0)
     if not most:
@@ -509,7 +512,8 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
-    """Whether the expression is 0 at every real point at which it is defined, and is defined somewhere.
+    """Return whether the expression is 0 at every real point at which it is defined, and is defined somewhere; None:
+    unknown.
 
     `box`: closed ranges of symbols, infinite ends allowed; a symbol without one may have any value, a symbol whose ends
     are equal has that value.
@@ -540,7 +544,8 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
 
 
 def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> bool | None:
-    """Whether the value depends on the symbol; terms that cancel do not count."""
+    """Return whether the value of the expression depends on the symbol on the box, None where unknown; terms that
+    cancel do not count."""
     sure, maybe = dependence(expression, (symbol,), box)
     return True if sure else None if maybe else False
 
@@ -548,10 +553,10 @@ def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> b
 def dependence(
     expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-    """The symbols that the value is proved to depend on, and those for which this is unknown.
+    """Return the symbols that the expression's value is proved to depend on, and those for which this is unknown.
 
     For all other symbols s, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols. A derivative
-    of 0 would not prove that: atan(x) + atan(1/x) jumps.
+    of 0 would not prove this: atan(x) + atan(1/x) jumps.
     """
     expression = _settled(expression, box)
     present = [s for s in symbols if s in expression.free_symbols]
@@ -577,7 +582,8 @@ def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = N
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The function with the symbols on which it is proved not to depend at one value each, if possible at 0."""
+    """Return an equal expression in which symbols of `symbols` without effect on the value, as is proved, have a
+    number, if possible 0."""
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
         plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
@@ -587,13 +593,13 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 
 
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
-    """The expression with exact numbers, and with symbols whose ends are equal at their value."""
+    """Return the expression with exact numbers, and a value for each symbol whose range in the box is one point."""
     point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
     return exact(settled(expression, point) if point else sp.sympify(expression))
 
 
 def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
-    """The symbols for which two sample points that differ in this symbol only have different values."""
+    """Return those of `symbols` for which two sample points that differ in it alone give different values."""
     every = sorted(expression.free_symbols, key=str)
     try:
         program = tape((expression,), every)
@@ -614,7 +620,7 @@ def _not_zero(ball: Any) -> bool:
 
 
 def _points(symbols: Sequence[sp.Symbol], box: Box | None, count: int) -> Iterator[list[Fraction]]:
-    """Rational points of the box from a fixed seed, never on its faces."""
+    """Yield `count` rational points (a number for each symbol) inside the box, from a fixed seed."""
     draw = random.Random(1)
     for k in range(count):
         yield [

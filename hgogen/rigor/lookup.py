@@ -73,7 +73,8 @@ ZERO, _NOTHING = Fraction(0), fmpq(0)
 
 
 def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
-    """A polynomial's value by Horner's scheme; `number` converts a coefficient."""
+    """Return the value of a polynomial at the point `at`, by Horner's scheme. `coefficients`: nested lists, the outer
+    one by powers of the first argument; `number` converts each coefficient."""
     if not at:
         return number(coefficients)
     first, *tail = at
@@ -84,7 +85,8 @@ def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callab
 
 
 def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
-    """The coefficients of a polynomial about the point a of its first argument, by Horner's scheme."""
+    """Return the coefficients of the polynomial p(a + t) in powers of t, for the nested coefficients `piece` of p, of
+    which a shifts the first argument."""
     shifted = list(piece)
     for i in range(len(piece) - 1):
         for j in range(len(piece) - 2, i - 1, -1):
@@ -93,9 +95,9 @@ def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
 
 
 def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
-    """The range of a polynomial on a box, or an enclosure; of degree 1 at most in every argument but the first, so that
-    the extrema lie at the ends of these. It is exact up to degree 2 in the first argument and where the derivative by
-    it keeps its sign, else the hull of the Bernstein coefficients."""
+    """Return an interval (low, high) that encloses a polynomial on a box. Its degree is at most 1 in every argument but
+    the first, so that the extrema lie at the ends of these. The interval is exact up to degree 2 in the first argument
+    and where the derivative by it keeps its sign, else the hull of the Bernstein coefficients."""
     first, *tail = box
     corners = product(*(dict.fromkeys(side) for side in tail))
     ends = [_along([polynomial_value(c, corner) for c in piece], *first) for corner in corners]
@@ -124,7 +126,8 @@ def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
 
 
 def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, ...]]:
-    """The cubic of each cell by Hermite's formula."""
+    """Return the four coefficients of the monotone cubic in each cell between breakpoints x with values y (Hermite's
+    formula)."""
     h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
     if len(h) == 1:
         d = [D[0], D[0]]
@@ -157,10 +160,12 @@ SEVERAL = ("linear",)  # kinds for tables of several arguments
 
 @dataclass(frozen=True)
 class Axis:
-    """Breakpoints x_0 < .. < x_(n-1): cell 0 lies below the first, cell n above the last.
+    """One axis of a table, with breakpoints x_0 < .. < x_(n-1): cell 0 lies below x_0, cell k in [x_(k-1), x_k], cell n
+    above.
 
-    `clamped`: the table is constant beyond the breakpoints; else, where its argument stays between them, the first and
-    the last polynomial continue. `rounded`: bounds of the program's error of the argument, below and above.
+    `clamped`: the table is constant beyond the breakpoints; else the first and the last polynomial continue, for an
+    argument that stays between them. `rounded`: bounds of the program's rounding error of the argument, below and
+    above.
     """
 
     x: tuple[Fraction, ...]
@@ -169,12 +174,13 @@ class Axis:
 
     @cached_property
     def starts(self) -> tuple[Fraction, ...]:
-        """The breakpoint below each cell, for the first cell the one above it."""
+        """Return the breakpoint (n + 1) below each cell from which a polynomial counts its argument; x_0 for the first
+        cell."""
         return (self.x[0], *self.x)
 
     @cached_property
     def _floats(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The largest floats that are not above the breakpoints, and the smallest that are not below."""
+        """Return, for each breakpoint, the nearest float at or below it and the nearest at or above it."""
         nearest = [(float(x), x) for x in self.x]
         below = tuple(f if f <= x else nextafter(f, -inf) for f, x in nearest)
         return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
@@ -184,18 +190,20 @@ class Axis:
         return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
 
     def _until(self, end: Number) -> int:
-        """The number of breakpoints that are not above a number; a float is compared with those rounded up."""
+        """Return the number of breakpoints at or below a number; a float is compared with breakpoints rounded up."""
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
-        """The first and the last cell that share more than an end with [low, high], or adjoin a single breakpoint."""
+        """Return the first and the last cell that share more than an end with [low, high]; both neighbours for low =
+        high = x_k."""
         if low == high:
             return self._before(low), self._until(low)
         return self._until(low), self._before(high)
 
     def readable(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
-        """The interval of the computed argument for an exact one in [low, high], and the first and the last cell that a
-        program may read, at a breakpoint the cell above. The interval ends at those of a table that is not clamped."""
+        """Return the interval of the rounded argument whose exact value is in [low, high], and the first and the last
+        cell that a program may read there, at a breakpoint the cell above. On an axis that is not clamped the interval
+        ends at x_0 and x_(n-1)."""
         if self.rounded is None:
             return (low, high), self.overlapped(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
@@ -205,8 +213,8 @@ class Axis:
         return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
 
     def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
-        """The part of [low, high] in cell k, from the start of the cell, as FLINT numbers or infinite ones; `span`: the
-        first and the last cell that [low, high] overlaps."""
+        """Return the ends of the part of [low, high] in cell k, counted from the start of the cell, as FLINT numbers or
+        infinite ones; `span`: the first and the last cell that [low, high] overlaps."""
         x, starts = self._rational
         a = low if k == span[0] else starts[k]
         b = high if k == span[1] else x[k]
@@ -214,11 +222,13 @@ class Axis:
 
     @cached_property
     def _rational(self) -> tuple[list[Any], list[Any]]:
-        """The breakpoints and the starts as FLINT numbers, whose arithmetic is far faster."""
+        """Return the breakpoints and the starts of cells as FLINT numbers, whose arithmetic is far faster than that of
+        fractions."""
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """The polynomials for values (n, ..) at the breakpoints, with an axis of cells and an axis of powers."""
+        """Return the polynomials (n + 1, powers, ..) of all cells for `values` (n, ..); `kind`: "linear" or
+        "monotone"."""
         inner = KINDS[kind](self.x, values)
         if self.clamped:
             outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
@@ -227,7 +237,8 @@ class Axis:
         return np.array([outer[0], *inner, outer[1]], dtype=object)
 
     def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
-        """The order of the first derivative that jumps at each breakpoint, 1 for a kink, `NEVER` where none does."""
+        """Return for each breakpoint the order of the first derivative that jumps there, 1 for a kink, `NEVER` where
+        none does; `pieces`: the polynomials of the cells."""
         widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
         jumps = []
         for width, below, above in zip(
@@ -247,8 +258,8 @@ def _since(start: Any, end: Any) -> Any:
 
 @dataclass(frozen=True)
 class Cells:
-    """A table by its name, its kind, "linear" or "monotone", its axes, and its values: a number for each breakpoint, or
-    a tuple with one for each breakpoint of the next axis."""
+    """A lookup table by its name, its `kind`, "linear" or "monotone", its axes, and its values at the breakpoints:
+    numbers, or with two axes a tuple of tuples, the outer one by the first axis."""
 
     name: str
     kind: str
@@ -264,20 +275,21 @@ class Cells:
 
     @property
     def points(self) -> tuple[Any, ...]:
-        """The data that identify a table: its kind, breakpoints and values."""
+        """Return the data by which two tables are compared: kind, breakpoints and values."""
         return self.kind, tuple(axis.x for axis in self.axes), self.values
 
     @property
     def plain(self) -> Index:
-        """The order 0 of the table itself as a derivative."""
+        """Return the order (0, .., 0) of the table itself among its derivatives, one number for each argument."""
         return (0,) * len(self.axes)
 
     def clamping(self, *clamped: bool) -> "Cells":
-        """The table with a flag `clamped` for each axis; without flags it is clamped along all axes."""
+        """Return the table with a flag for each axis: whether it is constant beyond the breakpoints (without flags:
+        yes)."""
         return self._with("clamped", clamped or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
-        """The table with error bounds of its arguments, one pair for each axis."""
+        """Return the table with bounds (below, above) of the rounding errors of its arguments, a pair for each axis."""
         return self._with("rounded", rounded)
 
     def _with(self, name: str, values: Sequence[Any]) -> "Cells":
@@ -286,53 +298,56 @@ class Cells:
 
     @cached_property
     def pieces(self) -> np.ndarray:
-        """The polynomials of all cells: first an axis of cells for each argument, then an axis of powers for each."""
+        """Return the coefficients of the polynomials of all cells: first an array axis of cells for each argument, then
+        an array axis of powers for each."""
         values, count = np.array(self.values, dtype=object), len(self.axes)
         for axis in self.axes:
             values = np.moveaxis(axis.pieces(self.kind, values), (0, 1), (-2, -1))
         return values.transpose(*range(0, 2 * count, 2), *range(1, 2 * count, 2))
 
     def of_order(self, order: Index) -> np.ndarray:
-        """The polynomials of a derivative of any order, as `pieces`."""
+        """Return the coefficients, as `pieces`, of the derivative with `order` derivatives by each argument."""
         return _of_order(self, tuple(min(k, DEGREES[self.kind] + 1) for k in order))
 
     @property
     def orders(self) -> list[Index]:
-        """The derivatives that are not 0 everywhere."""
+        """Return the orders of the derivatives that are not 0 everywhere, tuples with a number for each argument."""
         return list(product(range(DEGREES[self.kind] + 1), repeat=len(self.axes)))
 
     @cached_property
     def smooth(self) -> tuple[Index, ...]:
-        """The order of the first derivative that jumps at each breakpoint of each axis, `NEVER` where none does."""
+        """Return, for each axis and breakpoint, the order of the first derivative that jumps there, else `NEVER`."""
         values = np.array(self.values, dtype=object)
         return tuple(axis.smooth(axis.pieces(self.kind, np.moveaxis(values, k, 0))) for k, axis in enumerate(self.axes))
 
     @property
     def smoothness(self) -> Index:
-        """The number of derivatives that are continuous everywhere, for each axis."""
+        """Return for each axis the number of derivatives by its argument that are continuous everywhere."""
         return tuple(min(each) - 1 for each in self.smooth)
 
     def overlapped(self, box: Sequence[Ends]) -> Spans:
-        """The cells that share more than an edge with a box: `Axis.overlapped` along each axis."""
+        """Return for each axis the first and the last cell that share more than an edge with a box."""
         return [axis.overlapped(*side) for axis, side in zip(self.axes, box, strict=True)]
 
     def cell(self, box: Sequence[Ends]) -> Index | None:
-        """The one cell that a box overlaps; None where it overlaps several."""
+        """Return the index, one number for each axis, of the only cell that a box overlaps; None where it overlaps
+        several."""
         spans = self.overlapped(box)
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
 
     def least_smooth(self, spans: Spans) -> Index:
-        """The order of the first derivative that jumps between the cells, for each axis, `NEVER` where none does."""
+        """Return, for each axis, the order of the first derivative that jumps between the cells `spans`, else
+        `NEVER`."""
         return tuple(
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
 
     def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
-        """Return whether a derivative has no jump between the cells, for each axis."""
+        """Return for each axis whether the derivative of that `order` has no jump between the cells `spans`."""
         return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
 
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
-        """The value of a derivative; None where it jumps."""
+        """Return the exact value of a derivative of the table at the point `place`; None where the derivative jumps."""
         spans = self.overlapped([(t, t) for t in place])
         if not all(self.continuous(spans, order)):
             return None
@@ -342,17 +357,19 @@ class Cells:
         return exact
 
     def starts(self, cell: Index) -> list[Fraction]:
-        """The start of a cell along each axis."""
+        """Return, for each axis, the breakpoint below a cell, from which its polynomial counts the argument."""
         return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
 
     def readable(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
-        """The box of computed arguments for exact ones in a box, and the cells: `Axis.readable` along each axis."""
+        """Return the sides of the rounded arguments whose exact values are in a box, and for each axis the first and
+        the last cell that a program may read there."""
         sides, spans = zip(*(axis.readable(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
         return list(sides), list(spans)
 
     def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
-        """Bounds of a derivative on a box as a program may read it, with all its limits where it jumps, None where a
-        derivative of lower order jumps; and whether it has no jump, for each axis."""
+        """Return bounds of a derivative of the table on a box as a program may read it, and for each axis whether the
+        derivative has no jump there. Where it jumps the bounds enclose all its limits; they are None where a derivative
+        of lower order jumps."""
         wide, spans = self.readable(box)
         smooth = self.least_smooth(spans)
         continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))
@@ -365,7 +382,8 @@ class Cells:
         return self._range(wide, spans, order), continuous
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
-        """The range of a derivative on a box that overlaps the cells of `spans`."""
+        """Return the range of a derivative of the table on a box; `spans`: the first and the last cell that the box
+        overlaps, along each axis."""
         whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
@@ -379,7 +397,8 @@ class Cells:
         return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
 
     def _over(self, piece: np.ndarray, cell: Index, spans: Spans, box: Sequence[Ends]) -> Side | None:
-        """The range of a cell's polynomial on a box that overlaps the cells of `spans`; None where it is unbounded."""
+        """Return the range of the polynomial `piece` of one cell on a box that overlaps the cells of `spans` (first,
+        last); None where it is unbounded."""
         sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
             if inf in (-side[0], side[1]):
@@ -390,7 +409,7 @@ class Cells:
 
 
 def over(spans: Spans) -> Iterator[Index]:
-    """The cells between the first and the last of each axis."""
+    """Yield the index of each cell in `spans`, a pair (first, last) for each axis."""
     return product(*(range(first, last + 1) for first, last in spans))
 
 
@@ -407,8 +426,8 @@ def _of_order(cells: Cells, order: Index) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index], np.ndarray]:
-    """The range of a derivative on each whole cell that is bounded or where it is constant, the constant cells, and the
-    polynomials in FLINT numbers."""
+    """Return the range of a derivative of a table on each bounded or constant cell, the indices of the constant cells,
+    and the polynomials of all cells in FLINT numbers."""
     pieces = np.frompyfunc(number, 1, 1)(cells.of_order(order))
     count = len(order)
     varies = pieces.reshape(*pieces.shape[:count], -1)[..., 1:].astype(bool).any(axis=-1)
@@ -425,7 +444,7 @@ def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index]
 
 
 class Table(sp.Function):  # type: ignore[misc]
-    """A derivative of a table as a SymPy function; `order`: that of the derivative by each argument."""
+    """A lookup table, or a derivative of it, as a SymPy function; `order`: how many derivatives by each argument."""
 
     cells: ClassVar[Cells]
     order: ClassVar[Index]
@@ -433,7 +452,8 @@ class Table(sp.Function):  # type: ignore[misc]
 
     @classmethod
     def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
-        """The exact value at rational numbers; None where the derivative jumps."""
+        """Return the exact value for rational arguments, else None; None as well where the derivative of the table
+        jumps."""
         if not all(isinstance(argument, (sp.Float, sp.Rational)) for argument in arguments):
             return None
         written = (repr(float(each)) if isinstance(each, sp.Float) else each for each in arguments)
@@ -471,20 +491,21 @@ class Table(sp.Function):  # type: ignore[misc]
 
 
 class Kinked(Table):
-    """A table that is continuous and has a derivative that jumps."""
+    """A lookup table, or a derivative of it, that is continuous and has a slope that jumps."""
 
 
 class Stepped(Table):
-    """A table that jumps."""
+    """A lookup table, or a derivative of it, whose value jumps at a breakpoint."""
 
 
 def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
-    """A table, or its derivative of the given order, at expressions."""
+    """Return the expression f(arguments) of the table f; `order`: how many derivatives of f by each argument, by
+    default none."""
     return function(cells, order or cells.plain)(*arguments)
 
 
 def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
-    """The expression with every table replaced by `cells` of it, at the same arguments."""
+    """Return the expression with each table's data replaced by `cells` of the table, at unchanged arguments."""
     if not expression.has(Table):
         return expression
     return expression.replace(
@@ -498,13 +519,13 @@ def all_clamped(expression: sp.Expr) -> sp.Expr:
 
 
 def next_order(order: Index, k: int) -> Index:
-    """The order of a derivative after one more by argument k, from 0."""
+    """Return the order (derivatives by each argument) after one more derivative by argument k, from 0."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
 
 
 @cache
 def function(cells: Cells, order: Index) -> FunctionClass:
-    """The SymPy function of a derivative; the same one for the same table."""
+    """Return the SymPy function class, a `Table`, of a table's derivative of that order; one class for equal tables."""
     margin = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
     kind = Stepped if margin < 0 else Kinked if margin == 0 else Table
     members = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
@@ -516,7 +537,7 @@ def function(cells: Cells, order: Index) -> FunctionClass:
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
-    """The function on numpy arrays."""
+    """Return a function of numpy arrays, one for each argument, to the table's derivative of that order."""
     breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
     starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
     coefficients = by_power(cells.of_order(order)).astype(float)
@@ -530,7 +551,7 @@ def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
 
 
 def by_power(pieces: np.ndarray) -> np.ndarray:
-    """The polynomials of all cells as one, each coefficient an array with an entry for each cell."""
+    """Return the polynomials `pieces` of all cells (axes: cells, then powers) with the axes of powers first."""
     count = pieces.ndim // 2
     return np.moveaxis(pieces, range(count), range(-count, 0))
 
@@ -543,8 +564,8 @@ _NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a lookup: the names in emitted code of the argument, the array, the cell and the distance from the
-    start of the cell; `starts` (n + 1): the breakpoint below each cell."""
+    """An argument of a table lookup in emitted code: the names of the argument, of the array of its breakpoints, of the
+    cell's index and of the distance from the start of the cell; `starts` (n + 1): the breakpoint below each cell."""
 
     name: str
     array: str
@@ -554,19 +575,20 @@ class Argument:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """The breakpoints (n)."""
+        """Return the breakpoints (n) of the argument, in rising order."""
         return self.starts[1:]
 
     @property
     def probes(self) -> tuple[int, ...]:
-        """The steps of the search: powers of two, downwards from the largest that is not above n."""
+        """Return the steps of the binary search for the cell: powers of two, downwards from the largest up to n."""
         return tuple(2**i for i in reversed(range(len(self.breaks).bit_length())))
 
 
 @dataclass(frozen=True)
 class Lookup:
-    """A derivative of a table as an operation of programs, of the `order` by each argument. `computed`: the table as
-    computed, clamped along each axis without a derivative, along the others as in `cells`."""
+    """A table, or a derivative of it, as one operation of a program; `order`: the number of derivatives by each
+    argument. `computed`: the table as the program computes it: clamped along each axis without a derivative, along the
+    others as in `cells`."""
 
     cells: Cells = field(compare=False)
     order: Index
@@ -578,9 +600,9 @@ class Lookup:
 
     @property
     def name(self) -> str:
-        """The name in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; with two arguments
-        slope_1_0_friction, slope_0_1_friction, ..; derivatives that are 0 beyond the breakpoints flat_slope_ocv,
-        flat_x_slope_1_0_friction, .."""
+        """Return the name in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; with two
+        arguments slope_1_0_friction, slope_0_1_friction, ..; derivatives that are 0 beyond the breakpoints
+        flat_slope_ocv, flat_x_slope_1_0_friction, .."""
         order = "" if self.order == (1,) else "".join(f"{k}_" for k in self.order)
         axes = "".join(f"{x}_" for x in self._flat) if len(self.order) > 1 else ""
         flat = f"flat_{axes}" if self._flat else ""
@@ -588,7 +610,8 @@ class Lookup:
 
     @property
     def comment(self) -> str:
-        """The comment above its function in emitted code."""
+        """Return the comment above the lookup in emitted code: kind of table, number of points, behaviour at the
+        ends."""
         order = " and ".join(map(str, self.order))
         derivative = "slope" if self.order == (1,) else f"derivative of order {order}"
         prefix = f"the {derivative} of " if any(self.order) else ""
@@ -599,19 +622,20 @@ class Lookup:
 
     @property
     def _flat(self) -> list[str]:
-        """The arguments by which it is a derivative that is 0 beyond the breakpoints."""
+        """Return the names of the arguments by which the lookup is a derivative, 0 beyond the breakpoints."""
         ways = zip(self.computed.axes, self.order, _NAMES, strict=False)
         return [names[0] for axis, k, names in ways if k and axis.clamped]
 
     @cached_property
     def axes(self) -> tuple[Argument, ...]:
-        """Its arguments."""
+        """Return an `Argument`, with its names in emitted code and its breakpoints, for each axis of the table."""
         starts = (tuple(map(float, axis.starts)) for axis in self.cells.axes)
         return tuple(Argument(*names, each) for names, each in zip(_NAMES, starts, strict=False))
 
     @cached_property
     def coefficients(self) -> np.ndarray:
-        """The coefficients of the polynomial in the distances: an axis of powers for each argument, then the cells."""
+        """Return the coefficients of the polynomials in the distances from the cells' starts: an array axis of powers
+        for each argument, then an axis of cells for each."""
         pieces = self.computed.of_order(self.order).copy()
         for k, axis in enumerate(self.computed.axes):
             if not axis.clamped:  # beyond the breakpoints it is constant
@@ -621,33 +645,34 @@ class Lookup:
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:
-        """The arrays of emitted code by name: the starts of cells, and the coefficients c with their powers."""
+        """Return the constant arrays of emitted code by name: the starts of the cells, and the coefficients c0, c1, ..
+        (c00, c01, .. with two arguments), numbered by their powers."""
         starts = {axis.array: list(axis.starts) for axis in self.axes}
         powers = np.ndindex(self.coefficients.shape[: len(self.axes)])
         return starts | {f"c{''.join(map(str, each))}": self.coefficients[each].ravel().tolist() for each in powers}
 
     @property
     def flattened(self) -> list[str]:
-        """The statements of emitted code that turn the cell of the last axis into the index of the whole cell."""
+        """Return the statements of emitted code for the index k m + l of cell (k, l), m the cells of the last axis."""
         return [f"{b.cell} = {a.cell} * {len(b.starts)} + {b.cell}" for a, b in pairwise(self.axes)]
 
     def formula(self, zero: str) -> str:
-        """The polynomial as text, by Horner's scheme in the order of `graph`; `zero`: the slope of a constant, which
-        makes it NaN where the distance is NaN."""
+        """Return the text of the cell's polynomial by Horner's scheme, in the order of operations of `graph`. `zero`:
+        the text of the slope 0 that a constant polynomial is given, so that a distance NaN makes the value NaN."""
         return _formula(self.coefficients.shape, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
     def slopes(self, *arguments: Graph) -> Graph:
-        """The row of its partial derivatives in a graph."""
+        """Return the row (1, number of arguments) of partial derivatives of the lookup at graphs of its arguments."""
         orders = (next_order(self.order, k) for k in range(len(arguments)))
         return ca.horzcat(*(Lookup(self.cells, order)(*arguments) for order in orders))
 
     def __call__(self, *arguments: Graph) -> Graph:
-        """The value in a graph."""
+        """Return the graph of the lookup's value at graphs of its arguments."""
         return self.graph(*arguments)
 
     @cached_property
     def graph(self) -> ca.Function:
-        """The CasADi function, one operation of the graphs that call it."""
+        """Return the lookup as a CasADi function that is never inlined: one call in each graph that uses it."""
         text = repr((self.cells.name, self.cells.points, self.order, [axis.clamped for axis in self.cells.axes]))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
@@ -663,7 +688,8 @@ class Lookup:
 
 
 def _formula(shape: Sequence[int], name: str, distances: Sequence[str], cell: str, zero: str) -> str:
-    """The text of Horner's scheme for a polynomial with `shape` powers of each distance."""
+    """Return the text of Horner's scheme for a polynomial. `shape`: the number of powers of each distance; `name`: the
+    prefix of the coefficient arrays; `cell`: the text of their index; `zero`: the slope of a constant polynomial."""
     if not distances:
         return f"{name}[{cell}]"
     d, *tail = distances
@@ -689,7 +715,7 @@ def _element(numbers: Sequence[float], k: Graph) -> Graph:
 
 
 def called(instruction: Graph) -> Lookup | ca.Function:
-    """The lookup, or the other function, that a call in a graph calls."""
+    """Return the `Lookup`, or the other CasADi function, that a call instruction of a graph calls."""
     function: ca.Function = instruction.which_function()
     return _KNOWN.get(function.name(), function)
 
@@ -704,7 +730,7 @@ def walked(
     call: Call | None = None,
     operations: Sequence[int] = (),
 ) -> list[Graph]:
-    """The outputs of an SX function at other inputs.
+    """Return the outputs of an SX function at other inputs.
 
     `apply(operation, lookup or None, *arguments)`: the value of an operation; `call(function, arguments)`: the values
     of a called function, which is inlined by default; `operations`: codes of the instructions, by default CasADi's.
@@ -737,10 +763,11 @@ def folded(
     call: Callable[[Any, list[Any]], Sequence[Any]],
     operations: Sequence[int] = (),
 ) -> list[list[Any]]:
-    """The nonzeros of each output of an SX function in any arithmetic.
+    """Return the nonzeros of each output of an SX function in any arithmetic.
 
-    `inputs(k, i)`: element i of argument k; `constant(number)`; `apply(operation, values)`; `call(function, values)`:
-    the elements of a lookup's or a function's result. `operations`: as in `walked`.
+    `inputs(k, i)`: element i of argument k; `constant(number)`: a constant number; `apply(operation, values)`: an
+    operation's value; `call(function, values)`: the elements of a lookup's or a function's result; `operations`: codes
+    of the instructions, by default CasADi's.
     """
     work: dict[int, Any] = {}
     outputs = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
@@ -761,7 +788,7 @@ def folded(
 
 @lru_cache(maxsize=256)  # a program is evaluated on many pieces of a plant's ranges
 def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
-    """The operation, the inputs, the outputs, and the number or the called function of each instruction."""
+    """Return for each instruction its operation, its inputs, its outputs, and the number or the called function."""
     rows, texts = [], instructions(function)
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
@@ -772,19 +799,20 @@ def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
 
 
 def instructions(function: ca.Function) -> list[Graph]:
-    """The instructions of an SX function as graphs, in which a call has its function; none where it has no call."""
+    """Return the instructions of an SX function as graphs, which give the functions they call; none where it has no
+    call."""
     return ca.vertsplit(function.instructions_sx()) if calls(function) else []
 
 
 def calls(function: ca.Function) -> bool:
-    """Whether an SX function calls another one."""
+    """Return whether an SX function calls a CasADi function, such as a lookup."""
     return bool(function.find_functions(0))
 
 
 def jacobian(rows: Graph, x: Graph) -> Graph:
-    """The Jacobian of rows (p) in symbols x (n), in which the derivatives of tables are lookups.
+    """Return the Jacobian (p, n) of rows r (p) in symbols x (n), in which the derivatives of tables are lookups.
 
-    With a value c_i for each call f_i(a_i), in the order of the program,
+    With a symbol c_i for the value of each call f_i(a_i), in the order of the program,
 
         dr/dx = r_x + sum_i r_(c_i) D_i,    D_i = f_i'(a_i) (a_(i,x) + sum_(j < i) a_(i,c_j) D_j)
 
@@ -815,7 +843,7 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
 
 
 def hessian(value: Graph, x: Graph) -> Graph:
-    """The Hessian (n, n) of a value in symbols x (n), in which the derivatives of tables are lookups."""
+    """Return the Hessian (n, n) of a scalar in symbols x (n), in which the derivatives of tables are lookups."""
     first = jacobian(value, x)
     program = ca.Function("rows", [ca.vertcat(*ca.symvar(value))] if ca.symvar(value) else [], [value])
     return jacobian(first.T, x) if instructions(program) else ca.hessian(value, x)[0]
