@@ -44,7 +44,7 @@ from hgogen.sentence import Reason, because
 
 @dataclass(frozen=True)
 class Nothing:
-    """A bound that is not proved, with the `reason`."""
+    """The absence of a proof or of a bound, with the `reason`."""
 
     reason: Reason
 
@@ -58,9 +58,13 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 
 @dataclass(frozen=True)
 class Layout:
-    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, the state whose unit scales field k;
-    `power` (N), p(k); `fed` (N): whether field k has c_i(k) in its rate; `picks` (n): the field from which c reads
-    w_i."""
+    """The components e_k of an estimator's error, one for each scalar of its memory, e_k = s_i(k) (error of state
+    i(k))/theta^p(k).
+
+    `index` (N): i(k) from 0, the state of the form in whose unit e_k is scaled; `power` (N): p(k); `fed` (N):
+    whether the rate of scalar k contains the nonlinear term b_i(k), so that it estimates a state and is no filter;
+    `picks` (n): for each state the k from which b reads its estimate.
+    """
 
     index: tuple[int, ...]
     power: tuple[int, ...]
@@ -70,11 +74,14 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """A number d in [`low`, `high`] that adds onto d (reads'e + takes'v)/theta^`degree` to the rates, `onto` and
-    `reads` (N), `takes` (p) at theta = 1. `entry`: (i, j) of a slope db_i/dz_j times units, of which `range` is the
-    proof; None for others. `endless`: 1 for a slope that may be any number from `low` = `high` up, -1 down, 0 for
-    others (`error_models`). `realised`: the value of d in the linear core that a method realises, 1 for a saturation
-    that passes all, 0 for b; None if that core varies."""
+    """An uncertain number d in [`low`, `high`] that adds `onto` d (`reads`'e + `takes`'v)/theta^`degree` to e', with
+    `onto` and `reads` (N), `takes` (p) at theta = 1, v the errors of the samples.
+
+    `entry`: (i, j) where d is db_i/dz_j in the units of the errors, and `range` its proved range; None for other
+    slopes. `endless`: 1 where d may be any number from `low` = `high` up, -1 from there down, else 0
+    (`error_models`). `realised`: the value of d in the linear core that a method realises, 1 for a saturation that
+    passes all, 0 for a slope of b; None where that core varies.
+    """
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -94,23 +101,29 @@ class Slope:
 
     @property
     def ends(self) -> dict[str, Fraction | None]:
-        """The ends of the range as a certificate has them, None for an infinite one."""
+        """The ends of [low, high] by the keys "low" and "high" of a certificate, None for an infinite end."""
         return {"low": None if self.endless < 0 else self.low, "high": None if self.endless > 0 else self.high}
 
 
 def field_row(field: int, count: int) -> tuple[Fraction, ...]:
-    """Return the row (N) that reads the error of one field."""
+    """Return the unit row (`count`) with 1 at the index `field`: its product with e is the component of e with this
+    index."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """The inclusion: `N` (N, N); `B` (N, p), the input matrix of the sample errors v at theta = 1; the `slopes`; the
-    `layout` of the fields; the `units` (n) of the chain's states, which scale the errors of fields; `scale` (n), with
-    parameters, from the form's states to these units; `numbers`: the observer's arguments other than theta;
-    `core_evidence`: further evidence about the core; `late` (p): the powers of theta of the first states of the
-    outputs' chains; `hull`: points in [-1, 1]^m, whose convex hull holds the varying slopes, scaled to their ranges;
-    empty for independent slopes; `chained`: whether the program's fields estimate w, not z."""
+    """The error of an observer as a linear differential inclusion with uncertain slopes d_l in their ranges:
+
+        e' = theta (N e + B diag(theta^-late) v) + sum_l theta^-degree_l onto_l d_l (reads_l'e + takes_l'diag(..) v)
+
+    `N` (N, N); `B` (N, p), for errors v of samples; the `slopes`; the `layout` of e; `units` (n), the factors s_i of
+    e for chains of integrators; `scale` (n), factors from the form's states to e, which may contain parameters;
+    `numbers`: arguments of the observer other than theta; `core_evidence`: what a certificate needs of N; `late`
+    (p): powers of theta of the first state of each output's chain; `hull`: points of [-1, 1]^m whose convex hull
+    contains the varying slopes, each range mapped to [-1, 1], () for independent slopes; `chained`: whether the
+    program's memory holds w = z times units, not z.
+    """
 
     N: Array
     B: Array
@@ -126,12 +139,13 @@ class Inclusion:
 
     @property
     def varying(self) -> tuple[Slope, ...]:
-        """The slopes whose range is more than one number."""
+        """The slopes with low < high."""
         return tuple(slope for slope in self.slopes if slope.low < slope.high)
 
     @property
     def limit(self) -> Array:
-        """The limit of M/theta as theta grows, with each slope at the middle of its range; in floats."""
+        """The limit (N, N), in floats, of the system matrix M(theta)/theta as theta grows, each slope at the middle
+        of its range."""
         N = floats(self.N)
         for slope in self.slopes:
             if slope.degree == -1:
@@ -141,8 +155,8 @@ class Inclusion:
 
     @cached_property
     def _balanced_lyapunov(self) -> tuple[Array, Array] | None:
-        """Units d (N) of e and P (N, N) with N'P + P N = -I for N in these units: d = 1, or if P is too ill-conditioned
-        for floats a d that balances N; None if neither gives P > 0."""
+        """A vector d (N) and P (N, N) with A'P + P A = -I, where A = diag(d)^-1 N diag(d) and N is `limit`: d = 1,
+        or where P is then too ill-conditioned for floats a d that balances N. None where neither gives a P > 0."""
         N = self.limit
         for units in (lambda N: np.ones(len(N)), balance):
             d = units(N)
@@ -153,7 +167,7 @@ class Inclusion:
 
     @property
     def linear_lyapunov(self) -> Array | None:
-        """The P of `_balanced_lyapunov` for e in floats, scaled to the trace N; None if there is none."""
+        """A Lyapunov matrix P (N, N) of e' = `limit` e, in floats, scaled to the trace N; None where none is found."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -162,7 +176,8 @@ class Inclusion:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """P^(-1/2) of `_balanced_lyapunov`: coordinates in which a solver expects P near the unit matrix."""
+        """The matrix W = P^(-1/2) (N, N) of a Lyapunov matrix P of e' = `limit` e, in floats, None where none is
+        found: in the coordinates W^-1 e a solver expects its P near the unit matrix."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -170,24 +185,26 @@ class Inclusion:
 
     @property
     def endless(self) -> tuple[Slope, ...]:
-        """The slopes with an infinite end."""
+        """The slopes whose range has an infinite end."""
         return tuple(slope for slope in self.slopes if slope.endless)
 
     @property
     def without_samples(self) -> "Inclusion":
-        """The inclusion without sample errors, for an observer whose input matrix of samples is unknown."""
+        """A copy without the terms of sample errors v, for an observer whose B is unknown."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
 
     def narrowed(self, share: Fraction) -> "Inclusion":
-        """Return the inclusion with the ranges of the slopes of b, which hold 0, scaled by `share`."""
+        """Return a copy in which the range [low, high] of each slope of b, which contains 0, is multiplied by
+        `share`."""
         slopes = (
             replace(each, low=each.low * share, high=each.high * share) if each.entry else each for each in self.slopes
         )
         return replace(self, slopes=tuple(slopes))
 
     def slope_values(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
-        """Return the values of the slopes of b at d (m) in [-1, 1], by name."""
+        """Return, by names such as "db_2/dx1", the values of the slopes of b at `d` (m), the positions in [-1, 1] of
+        all varying slopes within their ranges; `states` (n) name the z_j."""
         values = {}
         for slope, share in zip(self.varying, d.tolist(), strict=True):
             if slope.entry is not None:
@@ -196,7 +213,8 @@ class Inclusion:
         return values
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the scale, the proved range of each slope of b, and the evidence of the core."""
+        """Return what a certificate needs of the error: the factors `scale`, each slope db_i/dz_j with its proved
+        range, and `core_evidence`."""
         slopes = [
             {"row": i + 1, "column": j + 1, **slope.ends, "tree": tree(slope.range, form)}
             for slope in self.slopes
@@ -206,8 +224,8 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), the error e_k for an error of 1 in its state of the form; None if a scale holds
-        parameters."""
+        """Return the factors (N) by which e_k = scale_k times the error of the form's state that it belongs to, at
+        this theta; None where one contains parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
             return None
@@ -215,14 +233,14 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), the error e_k for an error of 1 in the program's field; None if a scale holds
-        parameters."""
+        """Return the factors (N) by which e_k = factor_k times the error of scalar k in the program's memory, at
+        this theta; None where one contains parameters."""
         if not self.chained:
             return self.scales(theta)
         return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
 
     def at(self, theta: Fraction) -> "Uncertain":
-        """Return the uncertain linear system at a theta > 0."""
+        """Return the system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at a theta > 0."""
         level = number(theta)
         late = np.array([level**-power for power in self.late], dtype=object)
         M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
@@ -240,21 +258,23 @@ class Inclusion:
 
 @dataclass(frozen=True)
 class Facts:
-    """The `facts` of a proof by name, as a certificate has them, and the `error` whose slopes they assume, if any."""
+    """The evidence of a proof: its `facts` under the keys of a certificate, and the `error` whose ranges of slopes
+    the proof assumes, or None."""
 
     error: Inclusion | None
     facts: Evidence = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the facts, with the bounds of the slopes."""
+        """Return the facts, together with the error and so with the proved ranges of its slopes."""
         return self.facts if self.error is None else {"error": self.error, **self.facts}
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """The system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and
-    `E` (m, p) of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that a method realises,
-    without slopes of b, and with saturations that pass all."""
+    """The error system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at one theta, v the inputs or sample
+    errors: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), `E` (m, p), of FLINT's rationals. `core` (N, N) and
+    `injected` (N, p): the parts of M and B that a method with a linear core realises, without slopes of b,
+    saturations passing all."""
 
     M: Array
     G: Array
@@ -270,20 +290,22 @@ class Uncertain:
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
 
     def with_constant_slopes(self, d: Array) -> "Uncertain":
-        """Return the system with constant slopes d (m)."""
+        """Return the system without uncertain slopes that has the constant `d` (m): M + G diag(d) H, B + G diag(d)
+        E."""
         D = self.G * d
         return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
 
     def driven_by(self, columns: Array) -> "Uncertain":
-        """Return the system with q inputs, from which the sample errors are v = `columns` (p, q) times the inputs."""
+        """Return the system with q inputs w in the place of the sample errors v = `columns` w, `columns` (p, q)."""
         return replace(self, B=self.B @ columns, E=self.E @ columns, injected=self.injected @ columns)
 
     def disturbed(self, onto: Array) -> "Uncertain":
-        """Return the system with further inputs, each added to the rates by a column of `onto` (N, q)."""
+        """Return the system with q further inputs w, which add `onto` w to e', `onto` (N, q)."""
         B, injected = (np.hstack([columns, onto]) for columns in (self.B, self.injected))
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
 def state_row(scales: Sequence[Fraction], field: int) -> Array:
-    """Return c (N), of FLINT's rationals: c e is the error of the state of the form that a field estimates."""
+    """Return the row c (N), in FLINT's rationals, for which c e is the error of the state that component `field` of
+    e estimates; `scales` (N) as `Inclusion.scales` gives them."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))

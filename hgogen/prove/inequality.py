@@ -72,32 +72,37 @@ Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # phi_1 and phi_
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The terms that q inputs add to a step: `D` (N, q) to e over h, `Q` (s m, q) to what the slopes read."""
+    """The linear terms of q inputs v of a step e+ = e + h D v: `D` (N, q), what each adds to (e+ - e)/h, and `Q` (s
+    m, q), what it adds to the argument H X_i of the m slopes at each of s stages."""
 
     D: Array
     Q: Array
 
     def __mul__(self, size: Fraction) -> "Inputs":
-        """Return the terms of inputs that are measured in units of `size`."""
+        """Return both matrices times `size`: the terms of inputs that are measured in units of this size."""
         return Inputs(self.D * number(size), self.Q * number(size))
 
     def __add__(self, other: "Inputs") -> "Inputs":
-        """Return the terms of one input that acts in both places."""
+        """Return the sums of both matrices: the terms of one input that acts at the places of both summands."""
         return Inputs(self.D + other.D, self.Q + other.Q)
 
     @classmethod
     def of(cls, each: Iterable["Inputs"]) -> "Inputs":
-        """Return the terms of several inputs."""
+        """Return the terms of several groups of inputs as one group, their columns side by side."""
         each = tuple(each)
         return cls(np.hstack([one.D for one in each]), np.hstack([one.Q for one in each]))
 
 
 @dataclass(frozen=True, eq=False)
 class Inequality:
-    """A step of length `h`, 0 for the flow, with m = `slopes`: `D` (N, N + s m), the change of e over h, and `Q` (s m,
-    N + s m), the readings of the slopes. `stages` (s, p): the terms of an error of each output at each stage, empty for
-    the flow; `nodes` (s): the times of the stages, from 0 to 1. `degree`: that of the form as a polynomial in h, 0 if
-    it is none."""
+    """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose slopes obey p_i = diag(d_i) Q_i v, |d_ij|
+    <= 1.
+
+    Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N + s
+    m), all Q_i in one column; `stages` (s, p): the terms that an error of each output's sample at each stage adds,
+    empty for continuous time; `nodes` (s): the times of the stages over h, from 0 to 1; `degree`: the degree in h of
+    the quadratic form of `falls`, 0 where it is no polynomial.
+    """
 
     h: Fraction
     slopes: int
@@ -109,16 +114,18 @@ class Inequality:
 
     @property
     def rows(self) -> int:
-        """The size of the quadratic form."""
+        """The number N + s m of rows of the quadratic form: errors, and slopes at all stages."""
         return int(self.D.shape[1])
 
     @property
     def arithmetic(self) -> str:
-        """The arithmetic that proves the forms negative."""
+        """The name of the arithmetic in which forms are proved negative: "outward rounded" or "rational"."""
         return "outward rounded" if any(isinstance(value, arb) for value in self.D.flat) else "rational"
 
     def falls(self, alpha: Any) -> Quadratic:
-        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 where it is negative, in D's arithmetic."""
+        """Return the quadratic form 2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum_i (Q_i v)'S_i Q_i v - p_i'S_i p_i;
+        where it is negative for a P > 0 and diagonal S_i >= 0, |e+|_P^2 <= (1 - alpha h) |e|_P^2. In the arithmetic
+        of D."""
         size = self.rows
         n = size - len(self.Q)
         one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
@@ -130,26 +137,29 @@ class Inequality:
         return Quadratic(pairs, self.Q, one[n:])
 
     def driven(self, alpha: Any, inputs: Inputs) -> Quadratic:
-        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2 where it is negative,
-        v the inputs (q); the lambda_k are the last q multipliers."""
+        """Return the noise inequality: the form of `falls` with inputs w (q), less sum_k lambda_k w_k^2. Where it is
+        negative, |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k w_k^2; for h = 0, V' <= -alpha V + sum_k
+        lambda_k w_k^2. The lambda_k are the last q of its multipliers."""
         onto: Pairs = ((0 * inputs.D[: self.rows - len(self.Q)], inputs.D),)
         if self.h:
             onto += ((inputs.D * (number(self.h) / 2), inputs.D),)
         return self.falls(alpha).driven(onto, inputs.Q)
 
     def ends(self, output: int) -> tuple[Inputs, Inputs]:
-        """Return the terms of an error of an output's sample at the beginning of the step, and at its end. Stages
-        between read the interpolated sample."""
+        """Return two `Inputs`, of an error of the sample of `output` (index from 0) at the beginning of the step and
+        at its end. A stage at c h between reads the sample that is interpolated linearly, with the weights 1 - c and
+        c."""
         parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
         first, last = zip(*parts, strict=True)
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
     def additive_input(self, onto: Array) -> Inputs:
-        """Return the input that adds h times `onto` (N) to e+."""
+        """Return the `Inputs` of one input w that adds h w `onto` (N) to e+."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
-        """Return T (k, N, N) of e+ = T e in floats, for slopes d (k, m) that are the same at all stages."""
+        """Return the matrices T (k, N, N), in floats, of e+ = T e for k choices `d` (k, m) of slopes in [-1, 1] that
+        are the same at all stages."""
         n, size = self.D.shape
         v = np.zeros((len(d), size, n))
         v[:, :n] = np.eye(n)
@@ -162,33 +172,35 @@ ErrorStep = Callable[[Fraction, Uncertain], Inequality]  # a method's step of th
 
 
 def corners(m: int) -> np.ndarray:
-    """Return the corners (k, m) of the cube of m slopes; of many slopes a fixed sample of them."""
+    """Return the corners (k, m) of the cube [-1, 1]^m: all 2^m for m <= 8, else a fixed random sample of 2^8."""
     if m <= _ALL:
         return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(2**m, m)
     return np.random.default_rng(0).choice((-1.0, 1.0), size=(2**_ALL, m))
 
 
 def flow(e: Uncertain) -> Inequality:
-    """Return the inequality of continuous time, in the arithmetic of e.
+    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e:
 
-    [M'P + P M + alpha P + H'S H, P G; G'P, -S]
+    [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0
     """
     m = len(e.H)
     return Inequality(NOW, m, np.hstack([e.M, e.G]), np.hstack([e.H, 0 * _one(e.H, m)]), (), (NOW,), 1)
 
 
 def _one(like: Array, size: int) -> Array:
-    """Return the unit matrix in the arithmetic of another matrix."""
+    """Return the unit matrix (size, size), of floats or of FLINT's rationals, as the entries of `like` are."""
     return np.eye(size) if like.dtype == float else identity(size)
 
 
 def one_by_one(n: int, m: int) -> bool:
-    """Return whether the corners of m slopes of n fields are few enough to be treated one by one."""
+    """Return whether all 2^m corners of m slopes may be checked one by one for an error of n components: 2^m n^3 <=
+    2^13."""
     return bool(2**m * n**3 <= WORK)
 
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """Return e with constant slopes at each corner of their ranges, or of a hull; e itself for too many corners."""
+    """Return the error systems with constant slopes d at each corner of [-1, 1]^m, or at each point of a `hull` (k,
+    m) that contains the slopes; e alone, its slopes uncertain, where the corners are too many (`one_by_one`)."""
     m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
@@ -197,23 +209,27 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the forms that prove V' <= -alpha V where all are negative, in e's arithmetic; for slopes in a `hull`."""
+    """Return the quadratic forms, one for each system of `ends`, that together prove V' <= -alpha V, V = e'P e, for
+    all slopes where each is negative for one P > 0. `hull`: points whose convex hull contains the slopes."""
     return tuple(flow(each).falls(alpha) for each in ends(e, hull))
 
 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the forms that prove V' <= -alpha V + sum_k lambda_k v_k^2 where all are negative, v the inputs (q) of e;
-    the lambda_k are the last q multipliers."""
+    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that
+    together prove V' <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, where each is negative
+    for one P > 0. The lambda_k are the last q of their multipliers."""
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 def pushed(e: Uncertain, alpha: Any) -> Quadratic:
-    """Return the form of `driven` with a multiplier for each slope."""
+    """Return the single quadratic form that proves V' <= -alpha V + sum_k lambda_k v_k^2 for all slopes of e, with a
+    multiplier S_jj >= 0 for each slope in the place of the corners of `driven`."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 of an explicit method, which injects at each stage anew."""
+    """Return the step of length h >= 0 on the error system e of an explicit Runge-Kutta method (`tableau` a, b, c)
+    that evaluates the output error anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
     unit = identity(size + s * p)[:n]
@@ -233,7 +249,9 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
 def _with_samples(
     h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
 ) -> Inequality:
-    """Return the step of D and Q (.., N + s m + s p), whose last columns are the sample errors, stage by stage."""
+    """Return the step of D (N, ..) and Q (s m, ..) with N + s m + s p columns, the last s p of which belong to the
+    errors of p samples at each stage, and become the `stages`. `nodes` (s): times of the stages; `degree` of the
+    form in h."""
     (n, m), p = e.G.shape, e.B.shape[1]
     size = n + len(nodes) * m
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
@@ -243,20 +261,21 @@ def _with_samples(
 
 @cache
 def _exactly(coefficient: float) -> Any:
-    """Return a coefficient as the tableau means it, such as 1/6."""
+    """Return a tableau's coefficient as FLINT's rational, the quotient that its float rounds, such as 1/6."""
     return number(Fraction(coefficient).limit_denominator(_DENOMINATOR))
 
 
 def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Return phi_1 and phi_2 of FLINT's rationals."""
+    """Return phi_1 = (1 - h L/2)^-1 and phi_2 = phi_1/2 (N, N) in FLINT's rationals, for the linear core L and step
+    length h."""
     resolvent = fmpq_mat((identity(len(L)) - L * (number(h) / 2)).tolist()).inv()
     phi_1 = np.array([[resolvent[i, j] for j in range(len(L))] for i in range(len(L))], dtype=object)
     return phi_1, phi_1 / 2
 
 
 def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Return phi_1 and phi_2 as balls that hold the program's; infinite ones where these may differ from the
-    exponential's by more than `WITHIN`."""
+    """Return phi_1 = 1 + h L phi_2 and phi_2 (N, N) of exp(h L), as Arb's balls that hold the polynomials of the
+    program; infinite balls where these may differ from the exponential's by more than 2^-56."""
     X, known = L * number(h), number(WITHIN)
     halvings = _halvings(X)
     with ctx.workprec(BALLS):
@@ -267,7 +286,7 @@ def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
 
 
 def _phi_2(X: Array) -> Array:
-    """Return phi_2 of the exponential: a block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
+    """Return phi_2(X) = sum_k X^k/(k + 2)! in balls, the upper right block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
     n = len(X)
     wide = 0 * identity(3 * n)
     wide[:n, :n], wide[:n, n : 2 * n], wide[n : 2 * n, 2 * n :] = X, identity(n), identity(n)
@@ -276,14 +295,15 @@ def _phi_2(X: Array) -> Array:
 
 
 def _halvings(X: Array) -> int:
-    """Return how many halvings bring the row sums of |x_ij| to 1/2, in the best coordinates that a diagonal matrix
-    scales: there the largest sum is the spectral radius of |X|."""
+    """Return k such that the row sums of |X|/2^k are at most 1/2, in the coordinates scaled by a diagonal matrix
+    that are best for it: there the largest row sum is the spectral radius of |X|."""
     radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
     return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
 
 
 def _program_phi_2(X: Array, halvings: int) -> Array:
-    """Return the program's polynomial for phi_2. Each further halving multiplies the truncation error by 2^-14."""
+    """Return the program's phi_2(X) in balls: a Taylor polynomial of X/2^halvings, doubled `halvings` times. Each
+    further halving multiplies the truncation error by 2^-14."""
     one = _balls(identity(len(X)))
     X = _balls(X) / 2**halvings
     phi_2 = one
@@ -304,7 +324,9 @@ def _balls(M: Array) -> Array:
 
 
 def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 of a method that realises the core, and by it injects the end samples."""
+    """Return the step of length h >= 0 on the error system e of a method that realises its linear core L exactly or
+    nearly, X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), and reads samples at both ends;
+    `realisation` gives phi_1 and phi_2 of (L, h)."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
     unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
@@ -334,7 +356,8 @@ _GRID = 60  # bits after the point of the weights
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a method on an observer's error, at one theta and any length, and the search for proofs."""
+    """The steps of a method on an observer's `error`, at one `theta` and any length h, and the search for proofs
+    that they contract. `way` makes the `Inequality` of a step from h and the error system at theta."""
 
     error: Inclusion
     way: ErrorStep
@@ -342,7 +365,8 @@ class Steps:
 
     @cached_property
     def at(self) -> Callable[[Fraction], Inequality]:
-        """The function from a length h to its step; it caches the last ones, as each is used at several rates."""
+        """The function from a step length h to its `Inequality`; the last 16 results are cached, as each serves
+        several rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
@@ -350,12 +374,14 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Return whether floats find a proof, a condition for a search in rationals. Raises: `NoSolver`."""
+        """Return whether a solver finds weights, in floats, with which the step of length h contracts: cheaper than
+        a proof. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
     def weights(self, h: Fraction, alpha: Fraction) -> tuple[Array, Array] | None:
-        """Return weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2, if a solver finds any. Raises: `NoSolver`."""
+        """Return P (N, N) and the multipliers S, in floats, for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a
+        solver finds none. Raises: `NoSolver`."""
         if self.coordinates is None:
             return None
         form = self.at(h).falls(alpha)
@@ -364,8 +390,9 @@ class Steps:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """P^(-1/2) (N, N) of continuous time, near which a solver expects the P of a step; None where it finds none.
-        The solver starts near the P of the linear part, and then again near its own solution."""
+        """The matrix W = P^(-1/2) (N, N) of a V = e'P e that falls in continuous time, None where none is found. In
+        the coordinates W^-1 e a solver expects the P of a step near the unit matrix. Its first search is near the P
+        of the linear part, the second near its own first result."""
         W = self.error.coordinates
         for _ in range(_PASSES):
             weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
@@ -375,7 +402,8 @@ class Steps:
         return W
 
     def proved(self, h: Fraction) -> "Contracts | None":
-        """Return a proof with a rate close to the largest that the inequality gives, if any. Raises: `NoSolver`."""
+        """Return a proof that the step of length h contracts, with an alpha near the largest for which weights are
+        found; None where there is none. Raises: `NoSolver`."""
         if not self.may_contract(h):
             return None
         slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
@@ -389,14 +417,16 @@ class Steps:
         return None
 
     def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
-        """Return weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2, if any. Raises: `NoSolver`."""
+        """Return weights P and S in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2 for the step of length h;
+        None where none are found. Raises: `NoSolver`."""
         weights = self.weights(h, alpha)
         return weights and proved((self.at(h).falls(alpha),), *weights)
 
 
 @dataclass(frozen=True)
 class Contracts:
-    """A proof of one of the `steps`, of length `h`: |e+|_P^2 <= (1 - alpha h) |e|_P^2, by the `weights`."""
+    """A proof, by rational `weights` P and S, that one of the `steps`, of length `h`, contracts: |e+|_P^2 <= (1 -
+    alpha h) |e|_P^2."""
 
     steps: Steps
     h: Fraction
@@ -405,18 +435,21 @@ class Contracts:
 
     @property
     def step(self) -> Inequality:
-        """The step of that length."""
+        """The `Inequality` of the step of length h."""
         return self.steps.at(self.h)
 
     @property
     def rate(self) -> float:
-        """The rate r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
+        """The rate r (1/time) with |e|_P <= exp(-r t) |e(0)|_P at the samples: -log(1 - alpha h)/(2 h), rounded
+        down."""
         lost = self.alpha * self.h  # log1p keeps the digits of a short step
         return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
-    """Return a value from `start`, where `holds` is true, towards `end`, close to the last one where it is."""
+    """Return, by bisection on a logarithmic scale, a value between `start`, where `holds` is true, and `end`, at
+    which `holds` is true and beyond which, by a factor of `close`, a value is known at which it is not; `end` if it
+    is true there."""
     if holds(end):
         return end
     while not 1 / close < start / end < close:
@@ -426,13 +459,15 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
 
 
 def unstable(step: Inequality) -> Array | None:
-    """Return constant slopes d (m) in [-1, 1] at which errors do not decay; None where none of those tried is such."""
+    """Return constant slopes d (m) in [-1, 1] with which errors do not decay, e+ = T e with a spectral radius >= 1;
+    None where none of the corners that are tried has one."""
     radius, d = _frozen(step)
     return d if radius >= 1 else None
 
 
 def _frozen(step: Inequality) -> tuple[float, Array]:
-    """Return the largest spectral radius of a step over the constant slopes that are tried, and these slopes."""
+    """Return the largest spectral radius of T in e+ = T e over the tried corners d of constant slopes, and this
+    corner (m)."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
@@ -441,7 +476,7 @@ def _frozen(step: Inequality) -> tuple[float, Array]:
 
 @dataclass(frozen=True)
 class Piece:
-    """A proof by the same `weights` at every step length from `low` to `high`."""
+    """A proof, by one pair of `weights` P and S, that the steps of every length from `low` to `high` contract."""
 
     low: Fraction
     high: Fraction
@@ -449,8 +484,8 @@ class Piece:
 
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
-    """Return proofs of every step length above 0 up to the longest; none where a part is not proved, or where the form
-    is no polynomial in the length. Raises: `NoSolver`."""
+    """Return the pieces, in ascending order, that together prove contraction at every step length in (0, `longest`];
+    () where a part is not proved, or where the quadratic form is no polynomial in the length. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
     pending, pieces, tried = [(Fraction(0), longest)], [], 0
@@ -483,7 +518,8 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
 
 @lru_cache(maxsize=8)
 def _bernstein(degree: int) -> Array:
-    """Return the matrix (d + 1, d + 1) from a polynomial's values at k/d, k = 0, .., d, to Bernstein coefficients."""
+    """Return the matrix (d + 1, d + 1) that maps the values of a polynomial of degree d at k/d, k = 0, .., d, to its
+    Bernstein coefficients on [0, 1]."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
     return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

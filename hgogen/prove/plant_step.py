@@ -53,7 +53,8 @@ UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
 
 @dataclass(frozen=True)
 class PlantStep:
-    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None if unknown."""
+    """The plant z' = F(z, u) of a `form` over one step of length `h`, whose inputs u vary between samples at speeds
+    of at most `rates` (m), None where unknown."""
 
     form: Form
     h: Fraction
@@ -61,12 +62,13 @@ class PlantStep:
 
     @cached_property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """The flow F (n) in z, inputs and parameters, with parameters without a range at their values."""
+        """The right-hand side F = A z + b (n) in states, inputs and parameters; parameters without a range have
+        their values."""
         return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
 
     @property
     def nonlinear_part(self) -> tuple[sp.Expr, ...]:
-        """The b (n) of the form in the same symbols."""
+        """The b (n) of z' = A z + b; parameters without a range have their values."""
         return self._fixed(self.form.b)
 
     def _fixed(self, rows: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
@@ -74,51 +76,55 @@ class PlantStep:
 
     @cached_property
     def speeds(self) -> tuple[Fraction, ...]:
-        """The suprema sup|F_i| (n). Raises: `Unbounded`."""
+        """The suprema sup|F_i| (n) on the declared ranges. Raises: `Unbounded`."""
         return tuple(self.largest(row) for row in self.flow)
 
     @cached_property
     def stated_speeds(self) -> tuple[Fraction, ...]:
-        """The speeds as a certificate has them, a little larger where they are no numbers of the plant's."""
+        """The bounds of sup|F_i| (n) in a certificate: larger by 0.1 % than `speeds`, so that weaker arithmetic
+        proves them."""
         return tuple(map(loose, self.flow, self.speeds))
 
     @property
     def margins(self) -> tuple[Fraction, ...]:
-        """The distance by which the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
+        """The distances h sup|F_i| (n) by which the plant must keep clear of the ends of its ranges. Raises:
+        `Unbounded`."""
         return tuple(self.h * speed for speed in self.speeds)
 
     def output_rate(self, output: int) -> Fraction:
-        """Return sup|y'| of an output. Raises: `Unbounded`."""
+        """Return sup|y'| of an output, by its index from 0, on the declared ranges. Raises: `Unbounded`."""
         rate = self.rate(output)
         return loose(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """Return the largest change of y' if the rates of the states change by at most `most` (n). Raises:
-        `Unbounded`."""
+        """Return sum_i sup|dy/dz_i| most_i, the largest change of an output's y' where the rates z_i' change by at
+        most `most` (n). Raises: `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
         return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
 
     def rate(self, output: int) -> sp.Expr:
-        """Return y' of an output that reads no input. Raises: `Unbounded`."""
+        """Return y' = sum_i dy/dz_i F_i, an expression, of an output (index from 0) that contains no input. Raises:
+        `Unbounded`."""
         form, y = self.form, self.form.output[output]
         self.demand_no_input(y)
         return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
 
     def demand_no_input(self, y: sp.Expr) -> None:
-        """Demand that an output reads no input. Raises: `Unbounded`."""
+        """Demand that an output's expression y contains no input. Raises: `Unbounded`."""
         if y.free_symbols & {*self.form.system.inputs}:
             raise Unbounded(because("the output {y} reads an input", y=y))
 
     def along(self, expression: sp.Expr) -> sp.Expr:
-        """Return the time derivative of an expression of states and inputs."""
+        """Return the time derivative of an expression of states and inputs along z' = F; u' of an input is a symbol
+        "u'"."""
         inputs = self.form.system.inputs
         by = zip((*self.form.states, *inputs), (*self.flow, *map(_rate_of, inputs)), strict=True)
         return sum((sp.diff(expression, x) * rate for x, rate in by), sp.S(0))
 
     def change(self, most: Sequence[Fraction]) -> Rows:
-        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where
-        `most` (n) is. Raises: `Unbounded`."""
+        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates z = T(x), x the states of the plant as first
+        declared; 0 in columns j where `most` (n), the sizes of disturbances of x_j', is 0. Raises: `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = system.box_with(plant.states)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
@@ -130,13 +136,14 @@ class PlantStep:
 
     @property
     def _recast(self) -> dict[sp.Symbol, sp.Expr]:
-        """The states of the form's system in those of the plant as first declared; empty where they are the same."""
+        """The states of the form's system, each as an expression of the plant's states as first declared; {} where
+        they are equal."""
         origin = self.form.system.origin
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
     def by_parameters(self, most: Sequence[Fraction]) -> Rows:
-        """Return sup|dF_i/dp| (n, q) of the plant's parameters p, which differ from the program's by at most `most`
-        (q), 0 where `most` is. Raises: `Unbounded`."""
+        """Return sup|dF_i/dp_j| (n, q) in the parameters p, where the plant's differ from the program's by at most
+        `most` (q); 0 in columns where `most` is 0. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
         read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
@@ -154,16 +161,18 @@ class PlantStep:
 
     @cached_property
     def steepness(self) -> Rows:
-        """The suprema sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
+        """The suprema sup|dF_i/dz_j| (n, n) on the declared ranges. Raises: `Unbounded`."""
         return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
 
     def steep(self, rows: Iterable[sp.Expr]) -> Rows:
-        """Return the Lipschitz constants of rows in the states and the inputs (.., n + m). Raises: `Unbounded`."""
+        """Return Lipschitz constants (k, n + m) of k expressions `rows` in the n states and m inputs. Raises:
+        `Unbounded`."""
         names = (*self.form.states, *self.form.system.inputs)
         return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
 
     def steepest(self, row: sp.Expr, x: sp.Symbol) -> Fraction:
-        """Return sup|drow/dx|, at a kink from each side. Raises: `Unbounded` for a row that jumps."""
+        """Return sup|d row/dx| of an expression in one state or input, at a kink of both one-sided slopes. Raises:
+        `Unbounded` for an expression that jumps."""
         if not row.has(*JUMPS, *KINKS):
             slope = sp.diff(row, x)
             with suppress(Unbounded):
@@ -171,14 +180,17 @@ class PlantStep:
         return loose(row, steepness_in(row, x, self.form.box))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """Return |delta|/h (n) for disturbances in F of any course, of at most these sizes (n). Raises: `Unbounded`."""
+        """Return bounds (n) of |delta|/h, delta the difference over one step between x' = F + d and x' = F, for
+        disturbances |d_i| <= `most` (n) of any course: h |delta| <= integral of exp(s sup|dF/dx|) most. Raises:
+        `Unbounded`."""
         n = self.form.n
         M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
         return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
 
     def series(self, order: int, cell: Ranges) -> list[list[Any]]:
-        """Return the Taylor coefficients of the flow at any point of a cell."""
+        """Return for each state its Taylor coefficients in time (n, order), in balls that hold those of every
+        solution of z' = F from a point of `cell`, a part of the ranges."""
         first, input_rates, constant = self.balls(cell)
         states, inputs = [[ball] for ball in first], [list(pair) for pair in input_rates]
         for k in range(order - 1):
@@ -190,7 +202,8 @@ class PlantStep:
     def rates_of(
         self, states: list[list[Any]], inputs: list[list[Any]], constant: list[Any], order: int
     ) -> list[list[Any]]:
-        """Return F of series, below t^order."""
+        """Return the Taylor coefficients (n, order) of F along given Taylor coefficients of `states` and `inputs`
+        (each a list of balls), with `constant` parameters."""
         balls = Balls(0)
         values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
         rows = evaluate(self._tape, balls, values, order, 1)
@@ -202,13 +215,14 @@ class PlantStep:
 
     @cached_property
     def read(self) -> Ranges:
-        """The ranges of the symbols that the flow reads, without constants. Raises: `Unbounded`."""
+        """The ranges, by symbol, of the states, inputs and parameters that F contains and whose range is more than a
+        point. Raises: `Unbounded`."""
         names = sp.Matrix(self.flow).free_symbols
         return {x: (low, high) for x, (low, high) in self._ranges.items() if x in names and low < high}
 
     @cached_property
     def _ranges(self) -> Ranges:
-        """The ranges of states, inputs and parameters. Raises: `Unbounded`."""
+        """The exact ranges of all states, inputs and parameters, by symbol. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         for signal in (*form.states, *system.inputs):
             if not signal.bounded:
@@ -217,8 +231,8 @@ class PlantStep:
         return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
 
     def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Return the balls of states, of inputs with their rates, and of parameters; those in `cell` have its
-        ranges."""
+        """Return Arb's balls that hold the ranges: of the states, of the inputs in pairs with their rates, and of
+        the parameters. A symbol in `cell` has the range given there."""
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
@@ -227,7 +241,8 @@ class PlantStep:
 
     @property
     def input_rates(self) -> tuple[Fraction, ...]:
-        """The rates of the inputs, 0 for an input that the flow does not read. Raises: `Unbounded`."""
+        """The largest |u'| (m) of the inputs, 0 for one that F does not contain. Raises: `Unbounded` where one is
+        not known."""
         read, input_rates = sp.Matrix(self.flow).free_symbols, list[Fraction]()
         for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
             if rate is None and u in read:
@@ -237,7 +252,8 @@ class PlantStep:
         return tuple(input_rates)
 
     def largest(self, expression: sp.Expr) -> Fraction:
-        """Return the largest |expression| on the ranges; it may hold rates of inputs. Raises: `Unbounded`."""
+        """Return sup|expression| on the declared ranges of states, inputs, parameters and rates of inputs. Raises:
+        `Unbounded`."""
         rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.input_rates, strict=True)}
         return _largest(expression, {**box(signals(self.form)), **rates})
 
@@ -247,17 +263,18 @@ class Unbounded(ArithmeticError):
 
 
 def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return the product of rows with a column."""
+    """Return the product of a matrix, given by `rows`, with a column `sizes`."""
     return tuple(sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows)
 
 
 def _rate_of(u: sp.Symbol) -> sp.Symbol:
-    """Return the symbol of the rate of an input, a name that no signal has."""
+    """Return the symbol "u'" of the rate of an input u, a name that no signal has."""
     return sp.Symbol(f"{u}'", real=True)
 
 
 def loose(expression: sp.Expr, most: Fraction) -> Fraction:
-    """Return the supremum of an expression, a little larger, so that a weaker arithmetic also proves it."""
+    """Return `most`, a supremum of the expression, larger by 0.1 %, so that a weaker arithmetic proves it too; by
+    1e-9 for a number, unchanged for a symbol, whose range is exact."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
 
 
@@ -272,7 +289,8 @@ def _largest(expression: sp.Expr, where: Box) -> Fraction:
 
 
 def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
-    """Return the largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
+    """Return the largest slope, in the symbol p on the box `where`, of an expression that does not jump. Raises:
+    `Unbounded`."""
     try:
         known = lipschitz_bound((expression,), (p,), where, relative=0.005)
     except NoTape as error:
@@ -291,7 +309,8 @@ Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place: the place of
 
 
 def heads_of(form: Form) -> Heads | None:
-    """Return the first states of chains by the outputs that measure them; None where a slope is no number."""
+    """Return, by the index of each measured output, the index of the first state z_i of its chain and the slope
+    dy/dz_i; None where a slope contains parameters."""
     known, slopes = dict(fixed(form)), dict[int, tuple[int, Any]]()
     for j, head in heads(form).items():
         row = exact(sp.sympify(form.output[j]).xreplace(known))
@@ -303,8 +322,10 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """The sizes of the inputs: `samples` (p), `stages` (p, s), `deviation` (n) in units of the form's states, `fields`
-    (N) in units of e; empty for none."""
+    """The largest sizes of the inputs of an error e over one step, () for none: `samples` (p), errors of the samples
+    at both ends; `stages` (p, s), errors of an output at each stage; `deviation` (n), of the plant from a step of
+    the method over h, in units of the form's states; `fields` (N), errors of the program's memory over h, in units
+    of e."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
@@ -313,12 +334,12 @@ class Sizes:
 
     @property
     def largest(self) -> Fraction:
-        """The largest size, whatever its unit."""
+        """The largest of all these numbers, whatever their units."""
         stages = (x for row in self.stages for x in row)
         return max((*self.samples, *stages, *self.deviation, *self.fields), default=_ZERO)
 
     def over(self, size: Fraction) -> "Sizes":
-        """Return the sizes in units of a size > 0."""
+        """Return all sizes divided by `size` > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         samples, deviation, fields = (
             tuple(x / size for x in each) for each in (self.samples, self.deviation, self.fields)
@@ -326,7 +347,8 @@ class Sizes:
         return Sizes(samples, rows, deviation, fields)
 
     def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], heads: Heads) -> Inputs:
-        """Return the inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
+        """Return the terms that the inputs of nonzero size add to `step`, each scaled by its size; `scales` (N) as
+        `Inclusion.scales` gives them, `heads` as `heads_of`."""
         each = list[Inputs]()
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]
@@ -345,7 +367,8 @@ class Sizes:
 
 @dataclass(frozen=True)
 class ErrorInput:
-    """The `sizes` of inputs, and the facts from which they follow, as a certificate has them."""
+    """The `sizes` of one cause of errors, such as noise, and `follows`, the numbers from which a certificate derives
+    them."""
 
     sizes: Sizes
     follows: Evidence
@@ -353,8 +376,11 @@ class ErrorInput:
 
 @dataclass(frozen=True)
 class Share:
-    """The effect `what` of inputs of these `sizes`, by the `proofs` for their sizes over `unit`, by field. `follows`:
-    the declared numbers and suprema from which the sizes follow; empty where these are not written."""
+    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`.
+
+    `proofs`: by component of e, the proved bound of its error for inputs of the sizes over `unit`; `follows`: the
+    declared numbers and suprema from which the sizes are derived, {} where a certificate does not write them.
+    """
 
     what: str
     sizes: Sizes
@@ -363,12 +389,12 @@ class Share:
     follows: Evidence = field(default_factory=dict)
 
     def bound(self, field: int) -> Fraction:
-        """Return the largest error of a field under these inputs."""
+        """Return the largest error under these inputs of the state that component `field` of e estimates."""
         return self.unit * self.proofs[field].bound
 
     @property
     def written(self) -> Evidence:
-        """The share as a certificate has it."""
+        """The share with its sizes and proofs, under the keys of a certificate."""
         bounds = [{"field": k + 1, **one.written, "bound": self.bound(k)} for k, one in self.proofs.items()]
         sizes = {"samples": self.sizes.samples, "stages": self.sizes.stages, "fields": self.sizes.fields}
         known = {"inputs": self.what, "follows": self.follows, **sizes, "beside": self.sizes.deviation}
