@@ -69,9 +69,7 @@ class Carried:
 
     @cached_property
     def plant(self) -> System:
-        """The plant with the derivatives of inputs in `known` as inputs. Raises: `BadSystem` where another signal has
-        such a name.
-        """
+        """The plant with `known` as further inputs. Raises: `BadSystem` where another signal has such a name."""
         return replace(self.before, inputs=(*self.before.inputs, *self.known)) if self.known else self.before
 
     @cached_property
@@ -97,9 +95,7 @@ class Carried:
         return Check(id, claim, Verdict.PROVED, listed if names else because("none enters"))
 
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
-        """Return the inverse Psi of z = Phi(x, u, ..) as a mapping from each state x_i to an expression of z, or None
-        where none is found.
-        """
+        """Return Psi, the inverse of z = Phi(x, u, ..), as {x_i: expression of z}, or None where none is found."""
         plant = self.plant
         return inverse(self.images, plant.states, (*plant.inputs, *plant.parameters), plant.constants)
 
@@ -228,8 +224,8 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
 
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
-    """Return whether `det`, det dPhi/dx as written, is undefined at the point although every entry of dPhi/dx has a
-    value there.
+    """Return whether `det` = det dPhi/dx is undefined at the point although all entries of dPhi/dx have values
+    there.
     """
     at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
@@ -344,9 +340,7 @@ class OneToOne:
 
 
 def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
-    """Return the range of a determinant, an expression of the plant's signals and its inputs' derivatives, on the
-    plant's box.
-    """
+    """Return the range on the plant's box of a determinant of the plant's signals and its inputs' derivatives."""
     system, det = form.system, exact(determinant)
     known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
     every = box((*known, *system.signals), system.nominal)

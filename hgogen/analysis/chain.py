@@ -65,15 +65,11 @@ class Rows:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges without those of states with a single value, because dependence on a state is tested by varying
-        it.
-        """
+        """The ranges without states of a single value: dependence on a state is tested by varying the state."""
         return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
 
     def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-        """Return the symbols of `among` that the expression `row` is proved to vary with, and those for which this is
-        not decided.
-        """
+        """Return the symbols of `among` that the expression `row` surely varies with, and the undecided ones."""
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
@@ -82,9 +78,7 @@ class Rows:
 
 
 def of_plant(plant: System) -> Rows:
-    """Return a plant's equations on its box: constants have their values, and kinks and jumps whose side the box
-    decides are removed.
-    """
+    """Return a plant's equations with constants at their values, without kinks whose side the plant's box decides."""
     plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
 
@@ -113,9 +107,7 @@ class Link:
 
     @property
     def jumps(self) -> sp.Expr | None:
-        """A part of the row that may jump as `state` varies, such as a sign(), which the slope does not show; None
-        without one.
-        """
+        """A part of the row that may jump with `state`, such as sign(), which the slope does not show; or None."""
         rough = () if self.affine else (node for node in with_norms(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, key=str, default=None)
 
@@ -253,9 +245,7 @@ def _stop(
 
 
 def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
-    """Return the equation `row`, called `name`, as a link to the first of its new states `new`; the other new states
-    become its strays.
-    """
+    """Return the equation `row`, called `name`, as a link to the first of its `new` states; the others are strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
     slope = slope_of(clean, state)
@@ -408,9 +398,7 @@ def end_aligned(rows: Rows) -> Chains:
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
-    """Return a reason that names the first rate x_(i,j)' that may depend on a state x_(k,l) with l > j + n_k - n_i;
-    else `NONE`.
-    """
+    """Return a reason naming the first rate x_(i,j)' that may depend on x_(k,l), l > j + n_k - n_i; else `NONE`."""
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -473,9 +461,7 @@ def without_jumps(check: Check, link: Link) -> Check:
 
 
 def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
-    """Return the check `MAKER.structure`, that a plant's states form chains, with the verdict and reason of
-    `answer`.
-    """
+    """Return the check `MAKER.structure`, that a plant's states form chains, with verdict and reason of `answer`."""
     is_so, why = answer
     verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
     proofs = (ByForm(),) if is_so else ()
@@ -512,9 +498,7 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
 
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
-    """Return the refuted check `MAKER.connected` of a plant with states that affect no output; () for any other
-    plant.
-    """
+    """Return the refuted check `MAKER.connected` of a plant with states that affect no output; () for any other."""
     visible = reached(of_plant(plant))
     hidden = [x for x in plant.states if x not in visible]
     return (connected(maker, hidden),) if hidden else ()

@@ -121,9 +121,7 @@ def form_in(
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """Return A (n, n) and b (n) of flow = A x + b; A holds the state-free coefficients of the terms that are linear in
-    one state.
-    """
+    """Return A (n, n), b (n) of flow = A x + b; A: the state-free coefficients of terms linear in one state."""
     rows, n = tuple(flow), len(states)
     terms = [linear_terms(row, states) for row in rows]
     A = sp.ImmutableDenseMatrix(n, n, lambda i, j: terms[i][0].coeff(states[j]))
@@ -209,9 +207,7 @@ def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
 
 
 def signs_of(links: Iterable[Link], plant: System) -> list[int]:
-    """Return the sign, 1 or -1, of each z_i that makes the gains a_i of the links positive; 1 for an a_i whose sign
-    varies.
-    """
+    """Return the sign 1 or -1 of each z_i that makes the links' gains a_i positive; 1 for an a_i of both signs."""
     signs = [1]
     for link in links:
         signs.append(signs[-1] * (sign(link.gain, plant) or 1))

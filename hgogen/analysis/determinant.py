@@ -223,9 +223,7 @@ def alive(field: Field, product: Product) -> bool:
 
 
 def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
-    """Return whether the value of the polynomial at `balls`, one interval for each generator of its ring, excludes
-    0.
-    """
+    """Return whether the polynomial's value at `balls`, an interval for each generator of its ring, excludes 0."""
     total = flint.arb(0)
     for exponents, c in polynomial.terms():
         total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=flint.arb(c))
@@ -347,9 +345,7 @@ def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
 
 
 def _orders(sampled: np.ndarray) -> Iterator[Weights]:
-    """Yield signed permutation matrices L (n, n) for which all principal minors of L J are above 0 at the sampled
-    Jacobians J (k, n, n).
-    """
+    """Yield signed permutations L (n, n) for which L J has positive principal minors at all samples J (k, n, n)."""
     n = sampled.shape[-1]
     for order in permutations(range(n)):
         signs = np.sign([sampled[0, k, i] for i, k in enumerate(order)])
@@ -360,9 +356,7 @@ def _orders(sampled: np.ndarray) -> Iterator[Weights]:
 
 
 def _combined(sampled: np.ndarray) -> Iterator[Weights]:
-    """Yield matrices L (n, n) near the inverse of the first sampled Jacobian, rounded, if all principal minors of L J
-    are above 0 at the sampled Jacobians J (k, n, n).
-    """
+    """Yield a rounded inverse L of the first sample J if L J has positive principal minors at all J (k, n, n)."""
     n = sampled.shape[-1]
     if np.linalg.matrix_rank(sampled[0]) == n:
         inverse = np.linalg.inv(sampled[0])

@@ -70,9 +70,7 @@ class Fallback:
         return {j: y for j, y in enumerate(self.form.system.outputs) if y.name in self.form.fallback}
 
     def rate(self, i: int, b: Graph, whole: Graph) -> Graph:
-        """Return b_i, or its last valid value where the rate `whole` = A_i sat(z) + b_i is invalid (not finite or out
-        of its range).
-        """
+        """Return b_i, or its last valid value where the rate `whole` = A_i sat(z) + b_i is invalid."""
         return ca.if_else(self.rate_valid(i, whole), b, last_value(self.rates[i])) if i in self.rates else b
 
     def valid_gains(self, A: Graph) -> Graph:
@@ -84,9 +82,7 @@ class Fallback:
         return gains
 
     def output(self, j: int, h: Graph, whole: Graph) -> Graph:
-        """Return h_j, or its last valid value where `whole` = h_j(sat(z)) is invalid (not finite or out of its
-        range).
-        """
+        """Return h_j, or its last valid value where `whole` = h_j(sat(z)) is no number in its range."""
         return ca.if_else(self.output_valid(j, whole), h, last_value(self.outputs[j])) if j in self.outputs else h
 
     def rate_valid(self, i: int, whole: Graph) -> Graph:
@@ -102,9 +98,7 @@ class Fallback:
         return within(whole, ends)
 
     def slopes_valid(self, row: Graph) -> Graph:
-        """Return an SX: whether each derivative in `row` (1, n), a row of a Jacobian, is a finite number of valid
-        size.
-        """
+        """Return an SX: whether each derivative in `row` (1, n) of a Jacobian is finite and of valid size."""
         return reduce(ca.logic_and, (within(slope, (-self.largest, self.largest)) for slope in ca.horzsplit(row)))
 
 
@@ -177,9 +171,7 @@ def widened(low: float, high: float, share: float) -> tuple[float, float]:
 
 
 def either(test: Graph, yes: Graph, no: Graph) -> Graph:
-    """Return the matrix `yes` where the SX `test` is 1, elsewhere `no`; an entry that is equal in both has no
-    choice.
-    """
+    """Return the matrix `yes` where the SX `test` is 1, elsewhere `no`; an entry equal in both has no choice."""
     result = ca.densify(yes)
     for k in range(result.numel()):
         if not ca.is_equal(result[k], no[k]):
@@ -237,9 +229,7 @@ class Dynamics:
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
-        """Return the rate z' = A z + b (n), with the argument of b clamped to the box, or with the values of b
-        limited.
-        """
+        """Return the rate z' = A z + b (n), with the argument of b clamped to the box, or its value limited."""
         linear, nonlinear = self._graphs(self._argument(z), u)
         return linear @ z + self._limited(nonlinear)
 
@@ -265,9 +255,7 @@ class Dynamics:
         return self._graphs(self.saturated(z), u)
 
     def jacobian(self, z: Graph, u: Graph) -> Graph:
-        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u), with the row of A(u) alone for a rate that is
-        invalid there.
-        """
+        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u); A(u) alone in the row of an invalid rate."""
         whole = self._jacobian(z, u)
         if not self.fallback.rates:
             return whole
@@ -276,9 +264,7 @@ class Dynamics:
         return ca.vertcat(*rows)
 
     def rate_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return, by i, an SX for each rate z_i' with a fallback: whether its value and its derivatives at (sat(z), u)
-        are valid.
-        """
+        """Return SX by i: whether rate z_i' (with a fallback) and its derivatives are valid at (sat(z), u)."""
         fallback = self.fallback
         if not fallback.rates:
             return {}
@@ -322,9 +308,7 @@ class Dynamics:
         return ca.vertcat(*rows) if valid else slopes
 
     def output_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return, by j, an SX for each output y_j with a fallback: whether its value and its derivatives at sat(z) are
-        valid.
-        """
+        """Return SX by j: whether output y_j (with a fallback) and its derivatives are valid at sat(z)."""
         if not self.fallback.outputs:
             return {}
         fallback, slopes = self.fallback, self._slopes(self.form.output, z, u)
@@ -397,9 +381,7 @@ class Dynamics:
         return self._ranged(self._unranged(z, u))
 
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
-        """Return an SX for each state recovered as x_i = Psi_i(z, u): whether it leaves its range by more than `margin`
-        of its width.
-        """
+        """Return SX for each recovered state x_i = Psi_i(z, u): is it out of its range by `margin` of its width?"""
         raw = self._unranged(z, u)
         return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._recovered_states]
 
@@ -465,9 +447,7 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return A (n, n) and b (n) at z, already clamped: an invalid rate has its last valid b_i, and 0 for invalid
-        gains.
-        """
+        """Return A (n, n), b (n) at z, already clamped; an invalid rate has its last valid b_i, and gains 0."""
         linear, nonlinear = self._without_fallback(z, u)
         if not self.fallback.rates:
             return linear, nonlinear

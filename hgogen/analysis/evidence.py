@@ -36,7 +36,7 @@ _DIGITS = 12
 
 
 def text(form: Form, expression: sp.Expr) -> str:
-    """Return an expression of a form, or of its plant, as text."""
+    """Return an expression of a form's symbols, or of its plant's, as text for a certificate."""
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
         names |= {s.name for s in form.system.origin.plant.signals}
@@ -44,7 +44,7 @@ def text(form: Form, expression: sp.Expr) -> str:
 
 
 def spelled(expression: sp.Expr, names: set[str]) -> str:
-    """Return an expression of these names as text."""
+    """Return an expression whose symbols have these `names` as text for a certificate."""
     return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
 
 
@@ -74,7 +74,7 @@ def outward(value: float | Fraction, way: int) -> Fraction:
 
 
 def tree(bisection: Range | Proof, form: Form | None = None) -> str:
-    """Return the text of a bisection in the form's coordinates, or in the plant's without a form."""
+    """Return a proof by bisection of a box as text, with the names of the form's states, or of the plant's."""
     images = _mirrored(form) if form else {}
     names = [images.get(s, (s.name, False)) for s in bisection.variables]
     tokens: list[str] = []
@@ -92,7 +92,7 @@ def tree(bisection: Range | Proof, form: Form | None = None) -> str:
 
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    """Return the name of the form's state, and whether the sign changes, for each plant state that is one."""
+    """Return, for each plant state x_j with z_i = x_j or -x_j, the name of z_i and whether the sign changes."""
     names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
@@ -145,21 +145,23 @@ class ByForm:
 
 @dataclass(frozen=True)
 class Grounds:
-    """The grounds of a claim about an observer. `numbers`: its parameters by name (numbers, expressions of parameters,
-    sequences of them); `fact`: the proved fact, or None where the claim follows from another claim's fact."""
+    """The evidence of a claim about an observer. `numbers`: the observer's parameters by name (numbers, expressions of
+    parameters, sequences of them); `fact`: the proved fact, or None where the claim follows from the fact of another
+    claim.
+    """
 
     numbers: Mapping[str, Any] = field(hash=False)
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of the fact: none for a fact of another claim, None for a kind without evidence."""
+        """Return the evidence of `fact` and `numbers`; None for a kind of fact without evidence."""
         if self.fact is None:
             return {}
         return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None
 
 
 def texts(form: Form, value: Any) -> dict[str, Any] | None:
-    """Return the evidence of a value in texts, as a certificate holds it; None where it, or a value in it, has none."""
+    """Return the evidence of a proof `value` as texts for a certificate; None where a part of it has no evidence."""
     parts = value.evidence(form)
     if parts is None:
         return None
@@ -177,7 +179,7 @@ LOOSE = 2.0**-10  # relative excess of a Lipschitz bound over the proof's, so th
 
 
 def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
-    """Return the evidence of finite bounds low <= expression <= high on the form's box, or the plant's box `where`."""
+    """Return the evidence of finite bounds low <= expression <= high on the form's box, or on the box `where`."""
     low, high = bounds.low, bounds.high
     if isinstance(bounds, Range) and not bounds.defined:
         return None
@@ -194,7 +196,9 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
-    """Return the evidence of a bound of the rows' Jacobian in the spectral norm, the same for permuted states."""
+    """Return the evidence of a bound of the spectral norm of dr/dx, r = `rows` as expressions of the form's states.
+    `wider`: the share by which a certificate's bound is larger.
+    """
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
@@ -203,13 +207,13 @@ def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9
 
 
 def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
-    """Return the ranges of the named states, inputs and parameters of a form."""
+    """Return the ranges of the states, inputs and parameters of a form that occur in `names`."""
     every = form.box
     return {s: every[s] for s in sorted(names, key=str)}
 
 
 def point(place: Mapping[sp.Symbol, Fraction], names: Iterable[sp.Symbol]) -> Mapping[str, str]:
-    """Return the coordinates of a point by these names, as texts."""
+    """Return the coordinates of the point `place` whose symbols are in `names`, as texts by name."""
     return {s.name: str(place[s]) for s in names if s in place}
 
 
@@ -219,12 +223,12 @@ def _sides(where: Sides) -> dict[str, list[str | None]]:
 
 @dataclass(frozen=True)
 class Slopes:
-    """A `proof` of a bound of the slope of rows in the plant's states."""
+    """A `proof` of a bound of |db/dx|, the Jacobian of b in the plant's states."""
 
     proof: Proof = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the bound of the same rows in the form's coordinates."""
+        """Return the evidence of the bound of |db/dz|, b as expressions of the form's states z."""
         back = dict(zip(form.system.states, form.from_form, strict=True))
         return steep(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
 
@@ -241,7 +245,7 @@ class Steep:
     wider: float = 1e-9
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the bound of dc/dw in scaled coordinates of integrators."""
+        """Return the evidence of the bound of |S dc/dw S^-1|, w the scaled coordinates of integrators."""
         slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
         return slope and {"units": self.units, "scale": self.scale, **slope}
 
@@ -256,7 +260,7 @@ class NotCertifiable(BadArgument):
 
 
 class OtherNumbers(BadArgument):
-    """An observer whose proofs are about other numbers than those that its rules read."""
+    """A certificate for an observer whose proofs hold for other gains than those the certificate states."""
 
     text = (
         "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
@@ -299,11 +303,11 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Return the observer's name, and the numbers that a proof of it is about; None where the certificate names no
+    """Return the observer's name, and the gains that a proof of it depends on; None where the certificate names no
     observer.
 
-    A claim about a bank's member is no claim about the bank. Numbers that no rule reads are left out, since nothing is
-    verified with them. Raises: `OtherNumbers`.
+    A claim about a member of a bank of observers is no claim about the bank. Gains that no rule of the checker uses are
+    left out, since nothing is verified with them. Raises: `OtherNumbers`.
     """
     if not name:
         return None
@@ -328,7 +332,7 @@ def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
-    """Return the certificate's `model`, computed without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
+    """Return the digest `model` of a certificate, without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
     content = sealed({**head(form, checks, observer), "claims": []})
     try:
         return read(json.dumps(content)).model

@@ -49,12 +49,14 @@ _OF_PRODUCTS = 500  # mu need not be the least
 
 @dataclass(frozen=True)
 class Gain:
-    """The place of a gain: (i) of a_i in a single chain, (i, j) of a_(i,j) in chain i."""
+    """The gain a_i of z_(i-1)' = a_i z_i + .. by its indices `at`: (i) in a single chain, (i, j) of a_(i,j) in chain
+    i.
+    """
 
     at: tuple[int, ...]
 
     def of(self, form: Form) -> sp.Expr:
-        """Return the gain, exactly."""
+        """Return the gain a_i of the form, with exact numbers."""
         chain, index = self.at if len(self.at) == 2 else (1, *self.at)
         return exact(sp.sympify(form.gains[chain - 1][index - 1]))
 
@@ -66,15 +68,15 @@ class Bounded(Gain):
     proof: Proof = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the range of the gain."""
+        """Return the proved range of the gain a on the box."""
         return enclosure(form, self.of(form), self.proof)
 
 
 class NotPositive(Gain):
-    """The evidence that a gain is zero, negative or undefined somewhere."""
+    """The evidence against a gain a > 0: it is zero, negative or undefined at a point of the box."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the point, exactly; None where only a point next to a zero is known."""
+        """Return the exact point where a is not positive; None where only a point next to a zero is known."""
         a = self.of(form)
         where = sides(form, a.free_symbols)
         sign = nonzero(a, where)
@@ -97,7 +99,7 @@ def sign(a: sp.Expr, system: System) -> int:
 
 
 def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
-    """Return the check that 0 < a_m <= a <= a_M. `name`: the name of a in reports.
+    """Return the check `id` that 0 < a_m <= a <= a_M on the box. `name`: the name of a in reports.
 
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
     and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
@@ -125,7 +127,7 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
-    """Return the check with its proof and the tightest known range, once the sign is proved."""
+    """Return the check proved by `first`, a proved sign of a, with the tightest known range of a as its claim."""
     extent = first.range if first.exact else bound(a, system.box)
     low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == math.inf:
@@ -142,7 +144,7 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
 
 
 def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:
-    """Return the unknown check: for a missing range, else for the `reason`."""
+    """Return the check as unknown: because one of the `signals` has no range, else for the `reason`."""
     return _unranged(check, signals) or replace(check, reason=because("no point refutes it, {reason}", reason=reason))
 
 
@@ -154,13 +156,13 @@ def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
-    """Return a with constants at their values and exact numbers, and the signals that it then varies with."""
+    """Return a with constants at their exact values, and the signals that it then depends on."""
     a = exact(settled(a, system.constants))
     return a, tuple(s for s in system.signals if s in a.free_symbols)
 
 
 def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
-    """Return the fix, and the consequence for a user who accepts the claim all the same."""
+    """Return the remedy for the claim about `name`, and what follows for a user who accepts it although refuted."""
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
     names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))
@@ -174,21 +176,21 @@ def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, s
 
 @dataclass(frozen=True)
 class Slope:
-    """The slope dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
+    """The slope dh/dz_1 of the output h for `index` 1, else dF_(index-1)/dz_index of the rate z_i' = F_i."""
 
     index: int
 
     def of(self, form: Form) -> sp.Expr:
-        """Return the slope, exactly."""
+        """Return the slope of the form's equation, with exact numbers."""
         rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
         return slope_of(exact(sp.sympify(rate)), form.states[self.index - 1])
 
 
 class AwayFromZero(Slope):
-    """The evidence that a slope is away from zero on the box of states, inputs and parameters."""
+    """The evidence that a slope s has 0 < m <= |s| on the box of states, inputs and parameters."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the range of the slope."""
+        """Return the proved range of the slope."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         bounds = bound(dF, where)
@@ -210,7 +212,8 @@ class Vanishing(Slope):
 
 
 def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
-    """Return the check that 0 < m <= |slope| on the box, a parameter without a range at its value.
+    """Return the check `id` that 0 < m <= |slope| on the box, a parameter without a range at its value. `name`: the
+    name of the slope in reports.
 
     proved: by outward-rounded intervals and bisection, with the margin m. refuted: with a point where it is zero or
     undefined, or between two of its signs. unknown: with the number of boxes tried, or the missing ranges.
@@ -237,12 +240,14 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
 
 @dataclass(frozen=True)
 class Offset:
-    """The evidence that the known offset in the output of the chain number `chain` has a value."""
+    """The evidence that c_i in y_i = a_(i,1) z_(i,1) + c_i, i = `chain`, is finite on the box of inputs and
+    parameters.
+    """
 
     chain: int
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the range of the offset."""
+        """Return the proved range of c_i."""
         z = form.states[form.heads[self.chain - 1]]
         c = exact(sp.sympify(form.output[self.chain - 1])).subs(z, 0)
         return enclosure(form, c, bound(c, sides(form, c.free_symbols)))
@@ -279,7 +284,7 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
 
 
 def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
-    """Return the check that the nonlinear part is bounded: proved with the bound mu of a_1 .. a_i b_i, or unknown.
+    """Return the check `id` that |a_1 .. a_i b_i| <= mu on the box: proved with the bound mu, or unknown.
 
     A theorem on x_i' = x_(i+1), x_n' = phi is about the phi of the chain of integrators, c_i = a_1 .. a_i b_i, and not
     about b_n. It needs no slope of phi, so the plant as it is written has to be checked here: a form makes x + 1 of (u
@@ -354,7 +359,7 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 
 
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
-    """Return the verdict, reason and fix of rows for whose slope neither a bound nor its absence is proved."""
+    """Return the verdict, reason and fix where neither a bound of the slopes of `rows` nor its absence is proved."""
     around = system.box
     nodes = {node for row in map(with_norms, rows) for node in row.atoms(*JUMPS)}
     jumps = sorted((node for node in nodes if node.has(*system.states)), key=str)
@@ -408,7 +413,7 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
 
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
-    """Return the proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
+    """Return the proof of a bound of |d rows/d states| on the box of the states, or the reason why none is proved."""
     around = form.system.box_with(states)
     try:
         steepest = lipschitz_bound(rows, states, around, boxes=boxes)

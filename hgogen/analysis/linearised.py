@@ -46,19 +46,20 @@ class NoDeterminant(BadArgument):
 def jacobians_on_box(
     dynamics: Dynamics, samples: int = 64, affine: bool = False, edge: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return F (k, n, n) and dh/dz (k, p, n) in the middle, at corners and at random points of the box of states and
-    inputs. `affine`: F is A(u, z) alone; `edge`: the distance of the corners from the ends, as a share of each range.
+    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at the k points of a sample of the box of states and
+    inputs where both are finite: its middle, corners and random points. A signal without a range is at its nominal
+    value, or 0.
 
-    Where a signal has no range the sample is its nominal value, or 0.
-
-    Points where one of them is not finite are left out. Raises: `Singular` where none is left.
+    `samples`: the number of corners and of random points; `affine`: F is A(u, z) alone; `edge`: the distance of the
+    corners from the ends, as a share of each range. Raises: `Singular` where no point is left.
     """
     return jacobians_at(dynamics, _points(dynamics, samples, edge), affine)
 
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return F (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input, where all entries
-    are finite. Raises: `Singular` where there is no such point."""
+    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input,
+    where all entries are finite; `affine`: F is A(u, z) alone. Raises: `Singular` where there is no such point.
+    """
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
     if not finite.any():
@@ -68,8 +69,9 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
 
 
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
-    """Return F (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m + q) with the
-    values of the q parameters that have a range. An entry without a finite value is not finite."""
+    """Return F = d(A z + b)/dz (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m +
+    q) with the values of the q parameters that have a range. An entry may be infinite or NaN.
+    """
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
@@ -100,7 +102,7 @@ def _variables(dynamics: Dynamics) -> tuple[Graph, Graph]:
 
 
 def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
-    """Return the middle of the box, corners and random points, (1 + 2 samples, n + m)."""
+    """Return points (1 + 2 samples, n + m) of the box of states and inputs: its middle, corners and random points."""
     signals = [*dynamics.form.states, *dynamics.form.system.inputs]
     rng = np.random.default_rng(1)
     corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
@@ -126,10 +128,10 @@ def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.n
 
 @lru_cache(maxsize=32)
 def evaluated(form: Form) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows whose derivatives by the states may not be finite on the box. An
-    observer that evaluates them at the estimate needs these checks; the form has those of the values of rows.
+    """Return the checks `singular.NAME` of equations (rate or output NAME) whose derivatives by the states may not be
+    finite on the box. An observer that evaluates these derivatives at its estimate needs the checks.
 
-    Tested are the derivatives of the form's equations as they are written, and at sample points the program's.
+    Tested are the derivatives of the form's equations as they are written, and at sample points those of the program.
     """
     dynamics, sampled = Dynamics(replace(form, fallback=())), {}
     points = _points(dynamics, 64)
@@ -162,7 +164,9 @@ class NoLinearisation(HgogenError):
 
 @dataclass(frozen=True)
 class Linear:
-    """A scaled linearisation at N points: df/dx (N, n, n) and dh/dx (N, p, n) in half ranges."""
+    """A linearisation at N points, scaled by half the ranges of states (S) and outputs (R): A = S^-1 df/dx S (N, n, n),
+    C = R^-1 dh/dx S (N, p, n).
+    """
 
     A: np.ndarray
     C: np.ndarray
@@ -186,7 +190,9 @@ def pace(plant: System) -> Pace:
 
 
 def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
-    """Return the points of the box (N, n + m) where the model has a value, its linearisation there, and its pace."""
+    """Return sample points (x, u) (N, n + m) of the box where the plant has a value, its linearisation there, and its
+    pace.
+    """
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
@@ -204,12 +210,12 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
 
 
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
-    """Return the linearisation at x (N, n), u (N, m)."""
+    """Return the scaled linearisation of the plant at x (N, n), u (N, m)."""
     return _linearised(plant, x, u)[1]
 
 
 def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
-    """Return f (N, n), and the linearisation, at x (N, n), u (N, m)."""
+    """Return f (N, n), and the scaled linearisation, at x (N, n), u (N, m)."""
     f, y, F, H = (np.array(part) for part in _functions(plant)(x.T, u.T))
     S = np.array([_half(s) for s in plant.states])
     n, count = len(plant.states), len(x)
@@ -229,8 +235,10 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
 def slopes(
     pairs: Sequence[tuple[sp.Expr, Signal]], signals: tuple[Signal, ...], nominal: Mapping[sp.Symbol, Any]
 ) -> np.ndarray:
-    """Return the derivatives of expressions by their signals at the sample points (N, k) where all have a value.
-    Raises: `NoLinearisation` where a signal has no range, or there is no such point; `NoGraph`."""
+    """Return the derivatives (N, k) of the k pairs, each an expression and the signal that it is differentiated by, at
+    the N sample points where all have a value. `nominal`: values of the other symbols. Raises: `NoLinearisation` where
+    a signal has no range, or there is no such point; `NoGraph`.
+    """
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}
@@ -268,7 +276,7 @@ def _half(signal: Signal) -> float:
 
 
 def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
-    """Return the middle of the box, and points of the additive recurrence of Roberts (2018), which fill it evenly."""
+    """Return points of the box (N, k): its middle, and those of Roberts' additive recurrence (2018), evenly spread."""
     k = len(signals)
     phi = 1.5
     for _ in range(60):  # the root of phi^(k+1) = phi + 1

@@ -62,7 +62,9 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
-    """Return symbols with the sign of each signal's range, or `fixed` value, so that sqrt(w^2) can become w."""
+    """Return a symbol for each signal with the sign of its range, or of its `fixed` value, so that sqrt(w^2) can become
+    w.
+    """
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
     dummies = {}
     for s, (low, high) in ends.items():
@@ -79,10 +81,11 @@ def inverse(
     known: Sequence[Signal],
     fixed: Mapping[Signal, float] = EMPTY,
 ) -> dict[sp.Symbol, sp.Expr] | None:
-    """Return each state as an expression of z, inputs and parameters; None where the search finds no inverse.
+    """Return the inverse x = Psi(z, u) of z = Phi(x, u): an expression of z, inputs and parameters for each state; or
+    None.
 
-    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
-    values of those that never change.
+    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may depend on; `fixed`:
+    the values of those that never change.
     """
     plain = stand_ins((*states, *known), fixed)
     forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
@@ -114,7 +117,9 @@ def tidy(expression: sp.Expr) -> sp.Expr:
 def _next(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return the solution of the first row that reads only one unknown state and can be solved for it."""
+    """Return {x: expression} from the first equation z_i = `rows`[z_i] with one unknown state x that can be solved.
+    `remaining`: the unknown states; `forward`: z to Phi, to test the solution.
+    """
     for z, row in rows.items():
         read = [x for x in remaining if x in row.free_symbols]
         if len(read) == 1:
@@ -127,7 +132,9 @@ def _next(
 def _linear(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return the remaining states together, where the numerators of the remaining rows are linear in them."""
+    """Return all `remaining` states by solving the equations z_i = `rows`[z_i] together, if they are linear in
+    these.
+    """
     numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(remaining)]
     try:
         matrix, right = sp.linear_eq_to_matrix(numerators, remaining)
@@ -177,7 +184,7 @@ def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
 
 
 def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    """Return whether the candidate, an expression of z, is x where z = Phi(x)."""
+    """Return whether x = `candidate`, an expression of z, holds identically for z = Phi(x), the mapping `forward`."""
     error = tidy(candidate.xreplace(dict(forward)) - x)
     if error == 0 or size([error]) > _LIMIT:
         return bool(error == 0)
@@ -193,7 +200,7 @@ def _holds(
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """Return whether no ball at a sample point excludes Psi(Phi(x)) = x, as a second test of the candidate."""
+    """Return whether Psi(Phi(x)) = x, Psi = `candidate`, Phi = `images`, holds within balls at all sample points."""
     errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     try:
@@ -209,19 +216,19 @@ def _holds(
 
 @dataclass(frozen=True)
 class Sided:
-    """The `rows` of Psi with denominators of fixed sign where that sign is proved. `finite`: for each row, whether it
-    is proved to be a number on the whole box of z; where it is not, an observer has to test it."""
+    """The inverse map x = Psi(z), `rows` (n), with each denominator of proved sign clamped to that sign. `finite` (n):
+    whether Psi_i is proved to be a number on the whole box of z; where it is not, an observer has to test it.
+    """
 
     rows: tuple[sp.Expr, ...]
     finite: tuple[bool, ...]
 
 
 def sided(form: Form) -> Sided:
-    """Return the form's `from_form`, x as expressions of z, with each denominator of a proved sign clamped to that
-    sign.
+    """Return the form's inverse map x = Psi(z), with each denominator of a proved sign clamped to that sign.
 
-    The least size of a denominator on the image is proved by outward-rounded intervals. The clamp is at half of it,
-    which leaves room for rounding.
+    The least size of a denominator on the image of the plant's box is proved by outward-rounded intervals. The clamp is
+    at half of it, which leaves room for rounding.
     """
     plant = form.system
     around, ranges, images = form.box, plant.box, dict(zip(form.states, form.to_form, strict=True))
@@ -245,7 +252,7 @@ def _denominators(row: sp.Expr) -> list[sp.Expr]:
 
 
 def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
-    """Return half of a bound away from 0, with the sign of the denominator on the ranges; 0 where none is proved."""
+    """Return half of a proved bound of the denominator away from 0, with its sign; 0 where no bound is proved."""
     sign = nonzero(denominator, ranges, boxes=_SIDED, refute=False)
     if sign.verdict is not Verdict.PROVED:
         return sp.S.Zero
@@ -253,7 +260,7 @@ def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
 
 
 def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
-    """Return the row with each denominator d of `leasts` as max(d, least), or min(d, least) where least < 0."""
+    """Return `row` with each denominator d in `leasts` as max(d, least), or min(d, least) where least < 0."""
     powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative and p.base in leasts)
     changed = {}
     for p in powers:
@@ -267,7 +274,7 @@ def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Exp
 
 
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
-    """Return the rate of each state, of each input, and of the input's derivatives up to the order `orders` - 1."""
+    """Return, by symbol, the rates of the states, x' = f, and of the inputs, u' .., u^(k)' for k below `orders`."""
     changes = {x: exact(row) for x, row in zip(plant.states, plant.flow, strict=True)}  # no product of floats is exact
     for u in plant.inputs:
         changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
@@ -290,21 +297,21 @@ def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: 
 
 
 def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:
-    """Return the derivatives of the plant's inputs, up to the given order, that the expressions read."""
+    """Return the derivatives of the plant's inputs, up to the order `orders`, that occur in the expressions."""
     read = set().union(*(e.free_symbols for e in expressions))
     known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
 
 
 def without_rates(plant: System) -> System:
-    """Return the plant without the derivatives of its inputs that only a form has added."""
+    """Return the plant without the inputs that are derivatives of others and were added by a form."""
     read = set().union(*(sp.sympify(e).free_symbols for e in (*plant.flow, *plant.output)))
     known = derived(plant.inputs)
     return replace(plant, inputs=tuple(u for u in plant.inputs if u in read or u.name not in known))
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
-    """Return the reason that names the alphabetically first function with jumps or kinks; `NONE` without one."""
+    """Return a reason that names the first function with jumps or kinks, such as |x|; `NONE` without one."""
     node = min((node for e in expressions for node in e.atoms(*JUMPS, *KINKS)), key=str, default=None)
     return NONE if node is None else because("{part} has no derivative somewhere", part=node)
 

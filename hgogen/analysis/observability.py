@@ -61,7 +61,8 @@ _SPARE = 4  # equations more than coefficients
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A vector field that changes no output. `field`: its components other than zero, by unknown.
+    """A vector field v on states and parameters along which no output changes. `field`: v's nonzero components, by
+    unknown.
 
     `proved`: exactly, by SymPy; otherwise it holds at every random point that was tried.
     """
@@ -79,7 +80,9 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class _Sample:
-    """The unknowns' values and the independent rows of the observability matrix at one point; the prime or 0."""
+    """The `values` of states and parameters at a random point, and the independent `rows` of the observability matrix
+    there; `prime`: the modulus of these numbers, 0 for real ones.
+    """
 
     values: tuple[Any, ...]
     rows: tuple[tuple[Any, ...], ...]
@@ -97,10 +100,11 @@ def symmetries(
     order: int,
     places: Places = (),
 ) -> tuple[Symmetry, ...]:
-    """Return independent symmetries with polynomial components of degree 1, else 2, that move the `hidden` unknowns.
+    """Return independent vector fields that change no output and move `hidden` unknowns, with components of degree 1,
+    else 2.
 
-    `order`: the order of the derivatives that attain the rank; `places`: real points are drawn near them. There may be
-    fewer symmetries than the deficiency of the rank, where the search finds no more.
+    `order`: the order of the outputs' derivatives that attains the rank; `places`: real points are drawn near them.
+    There may be fewer symmetries than the deficiency of the rank, where the search finds no more.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
     plant, unknowns = plant_of(flow, output, states, inputs, parameters, places)
@@ -125,7 +129,9 @@ def symmetries(
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
-    """Return terms (component, the unknowns of its monomial): scalings and translations, then of degree 1 and 2."""
+    """Return lists of terms (component, unknowns of its monomial) of a field: scalings and shifts, then degrees 1,
+    2.
+    """
     at = [unknowns.index(s) for s in hidden]
     yield [(i, m) for i in at for m in ((), (i,))]
     every = range(len(unknowns))
@@ -134,7 +140,9 @@ def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Itera
 
 
 def _enough(plant: Plant, order: int, samples: list[_Sample], hidden: int, terms: int) -> list[_Sample]:
-    """Return samples with more equations than terms, all modulo one prime; an observable unknown gives no equation."""
+    """Return samples of the observability matrix, all modulo one prime, with more equations than `terms` unknown
+    coefficients, where `hidden` unknowns give equations.
+    """
     samples = list(samples)
     each = max(len(samples[0].rows) - (plant.wide - hidden), 1)
     k = len(samples)
@@ -159,7 +167,7 @@ def _sample(plant: Plant, order: int, k: int) -> _Sample:
 def _fields(
     samples: Sequence[_Sample], terms: Sequence[tuple[int, tuple[int, ...]]], unknowns: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Return a basis of the fields with these terms that all the rows of all the samples annihilate."""
+    """Return a basis of the vector fields v, sums of `terms`, with row . v = 0 for all rows of all samples."""
     prime = samples[0].prime
     with flint.ctx.workprec(FEW_BITS):
         equations = [
@@ -185,7 +193,9 @@ def _fields(
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """Return the vector as small fractions, its first nonzero entry scaled to 1; None where they are not small."""
+    """Return a vector modulo a prime (0: real) as small fractions, scaled to a first nonzero entry 1; None if not
+    small.
+    """
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
@@ -210,7 +220,7 @@ def _number(a: Any) -> Fraction | None:
 
 
 def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
-    """Return the simplest fields that are independent at a point, scalings and translations first."""
+    """Return the simplest vector fields that are linearly independent at a point, scalings and translations first."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
     point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
@@ -230,7 +240,9 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """Return for each field v whether L_v h = 0 and [f, v] in the span of such fields are proved exactly."""
+    """Return for each field v whether L_v h = 0 and [f, v] in the span of such fields are proved; f `rates`, h
+    `output`.
+    """
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -275,7 +287,7 @@ def _letter(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> sp.Symbol:
 
 
 def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """Return "x -> c x, k -> k/c", with "z -> z + log(c)" where a component is constant; or ""."""
+    """Return the scaling that a vector field generates, "x -> c x, k -> k/c", "z -> z + log(c)" included; or ""."""
     powers = {s: v / s for s, v in field if not v.is_Rational}
     if not powers or not all(power.is_Rational for power in powers.values()):
         return ""
@@ -293,7 +305,7 @@ def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
 
 
 def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """Return "x -> x + c v" where v reads no unknown of the field, or ""."""
+    """Return the translation "x -> x + c v" along a vector field v that is free of the moved unknowns, or ""."""
     changed = {s for s, _ in field}
     if any(v.free_symbols & changed for _, v in field):
         return ""
@@ -335,7 +347,7 @@ class Answer(Encoded):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict of the claim that all is observable on this branch."""
+        """The verdict of the claim that all states and asked parameters are observable on this branch."""
         if not self.rank.unobservable:
             return Verdict.GENERIC
         return Verdict.REFUTED if self.hidden else Verdict.UNKNOWN
@@ -376,7 +388,7 @@ class Answer(Encoded):
 
     @property
     def unseen(self) -> tuple[Reason, ...]:
-        """The unknowns that are not observable on this branch, and those not known to be, in words."""
+        """The unobservable unknowns on this branch, and those not known to be observable, in words."""
         place = because(" where {condition}", condition=self.condition) if self.where else NONE
         are = "is" if len(self.hidden) == 1 else "are"
         hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
@@ -439,7 +451,7 @@ class Observability(Encoded):
 
     @property
     def unobservable(self) -> tuple[sp.Symbol, ...]:
-        """The states that are not."""
+        """The states that are not individually observable, parameters known."""
         return self.known.rank.unobservable
 
     @property
@@ -491,7 +503,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 
 
 def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
-    """Return the number of branches with an answer, and of those that were left out."""
+    """Return a sentence: the number of branches examined, by random points in which ranges, and how many left out."""
     if not reached.branching:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
@@ -504,7 +516,7 @@ def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: i
 
 @dataclass(frozen=True)
 class _Question:
-    """The question about a branch of a plant, with unknown `parameters`."""
+    """The question which states and `parameters` are observable on a `branch` of a plant with kinks or jumps."""
 
     plant: System
     branch: Branch
@@ -517,7 +529,7 @@ class _Question:
         return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
 
     def ranks(self) -> Ranks | None:
-        """Return the ranks on the branch; None where no point decides them."""
+        """The ranks of d(y, y', ..)/dx on the branch; None where no random point decides them."""
         try:
             return ranks(*self.rows, places=self.branch.places)
         except NowhereDefined:
@@ -530,7 +542,7 @@ class _Question:
         return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
-        """Return the answer on the branch; without `proofs`, without a search for symmetries."""
+        """Return the answer on the branch from the rank; `proofs`: whether symmetries are searched."""
         hidden = rank.unobservable
         if not hidden or not proofs:
             return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())
@@ -545,7 +557,9 @@ class _Question:
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """Return for each observable unknown the order from which its unit vector is in the row space."""
+        """Return for each observable unknown the order of y', y'', .. from which its unit vector is in the row
+        space.
+        """
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
@@ -606,7 +620,7 @@ class _Question:
 
 
 def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
-    """Return the answer on the branch where most is observable, with those of other branches that hide unknowns."""
+    """Return the answer on the branch with the highest rank, with the answers of branches that hide unknowns."""
     best, rank = max(ranked, key=lambda pair: pair[1].rank)
     blind = [(question, other) for question, other in ranked if other.unobservable and question is not best]
     elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]
