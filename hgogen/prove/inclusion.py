@@ -58,13 +58,9 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 
 @dataclass(frozen=True)
 class Layout:
-    """The components e_k of an estimator's error, one for each scalar of its memory, e_k = s_i(k) (error of state
-    i(k))/theta^p(k).
-
-    `index` (N): i(k) from 0, the state of the form in whose unit e_k is scaled; `power` (N): p(k); `fed` (N):
-    whether the rate of scalar k contains the nonlinear term b_i(k), so that it estimates a state and is no filter;
-    `picks` (n): for each state the k from which b reads its estimate.
-    """
+    """The order of an estimator's errors e_k = s_i(k) (error of state i(k))/theta^p(k). `index` (N): i(k) from 0;
+    `power` (N): p(k); `fed` (N): whether the rate of e_k contains b_i(k), so that it belongs to an estimate of a
+    state and not to a filter; `picks` (n): for each state the k from which b reads its estimate."""
 
     index: tuple[int, ...]
     power: tuple[int, ...]
@@ -74,14 +70,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """An uncertain number d in [`low`, `high`] that adds `onto` d (`reads`'e + `takes`'v)/theta^`degree` to e', with
-    `onto` and `reads` (N), `takes` (p) at theta = 1, v the errors of the samples.
-
-    `entry`: (i, j) where d is db_i/dz_j in the units of the errors, and `range` its proved range; None for other
-    slopes. `endless`: 1 where d may be any number from `low` = `high` up, -1 from there down, else 0
-    (`error_models`). `realised`: the value of d in the linear core that a method realises, 1 for a saturation that
-    passes all, 0 for a slope of b; None where that core varies.
-    """
+    """An uncertain d in [`low`, `high`] that adds `onto` d (`reads`'e + `takes`'v)/theta^`degree` to e', with `onto`
+    and `reads` (N), `takes` (p) at theta = 1, v the errors of samples. `entry`: (i, j) where d is db_i/dz_j in the
+    units of e, and `range` its proof, else None. `endless`: 1 for a d of any size from `low` = `high` up, -1 down,
+    else 0. `realised`: the value of d in the linear core that a method realises, 1 for an open saturation, 0 for b;
+    None where the core varies."""
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -113,16 +106,15 @@ def field_row(field: int, count: int) -> tuple[Fraction, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """The error of an observer as a linear differential inclusion with uncertain slopes d_l in their ranges:
+    """The error of an observer, a linear differential inclusion with slopes d_l anywhere in their ranges:
 
         e' = theta (N e + B diag(theta^-late) v) + sum_l theta^-degree_l onto_l d_l (reads_l'e + takes_l'diag(..) v)
 
     `N` (N, N); `B` (N, p), for errors v of samples; the `slopes`; the `layout` of e; `units` (n), the factors s_i of
-    e for chains of integrators; `scale` (n), factors from the form's states to e, which may contain parameters;
-    `numbers`: arguments of the observer other than theta; `core_evidence`: what a certificate needs of N; `late`
-    (p): powers of theta of the first state of each output's chain; `hull`: points of [-1, 1]^m whose convex hull
-    contains the varying slopes, each range mapped to [-1, 1], () for independent slopes; `chained`: whether the
-    program's memory holds w = z times units, not z.
+    e on a chain of integrators; `scale` (n), factors from the form's states to e, with parameters; `numbers`: the
+    observer's arguments without theta; `core_evidence` of N; `late` (p): powers of theta; `hull`: points of [-1,
+    1]^m whose convex hull contains the varying slopes, () for independent ones; `chained`: whether the program's
+    memory holds integrators.
     """
 
     N: Array

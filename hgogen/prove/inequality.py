@@ -96,13 +96,9 @@ class Inputs:
 @dataclass(frozen=True, eq=False)
 class Inequality:
     """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose slopes obey p_i = diag(d_i) Q_i v, |d_ij|
-    <= 1.
-
-    Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N + s
-    m), all Q_i in one column; `stages` (s, p): the terms that an error of each output's sample at each stage adds,
-    empty for continuous time; `nodes` (s): the times of the stages over h, from 0 to 1; `degree`: the degree in h of
-    the quadratic form of `falls`, 0 where it is no polynomial.
-    """
+    <= 1. Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N
+    + s m), all Q_i; `stages` (s, p): the terms of an error of each output's sample at each stage; `nodes` (s): the
+    times of the stages over h; `degree` in h of the form that `falls` returns, 0 where it is no polynomial."""
 
     h: Fraction
     slopes: int

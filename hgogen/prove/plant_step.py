@@ -376,11 +376,9 @@ class ErrorInput:
 
 @dataclass(frozen=True)
 class Share:
-    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`.
-
-    `proofs`: by component of e, the proved bound of its error for inputs of the sizes over `unit`; `follows`: the
-    declared numbers and suprema from which the sizes are derived, {} where a certificate does not write them.
-    """
+    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`. `proofs`: by
+    component of e, the proved bound for inputs of the sizes over `unit`; `follows`: the declared numbers and suprema
+    from which the sizes are derived, {} where a certificate does not write them."""
 
     what: str
     sizes: Sizes

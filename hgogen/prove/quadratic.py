@@ -36,7 +36,8 @@ _NIL, _TENTH = 1e-12, 0.1  # of the largest reading: one of rounding errors, and
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N), and a `constant` term (N, N), None for zero."""
+    """The quadratic form sum over `pairs` (X, Y) of X'P Y + Y'P X, plus Q'S Q - Z'S Z + `constant`, as a function of
+    P (n, n) and a diagonal S (k): X, Y (n, N), `Q`, `Z` (k, N), `constant` (N, N), None for 0."""
 
     pairs: tuple[tuple[Array, Array], ...]
     Q: Array
@@ -54,7 +55,7 @@ class Quadratic:
         return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
-        """Return the value in integers over common denominators, which takes a tenth of the time."""
+        """Return the value at rational P and S, computed in integers over common denominators, ten times as fast."""
         parts = []
         for X, Y in self.pairs:
             half, below = _product(X.T, P, Y)
@@ -64,8 +65,8 @@ class Quadratic:
         return _array(fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
-        """Return the form of v and of inputs (q). The inputs add `onto` to the X v and Y v of each pair, and `reads`
-        (k, q) to Q v; the last q multipliers belong to the inputs themselves."""
+        """Return the form in (v, w), w (q) inputs that add `onto` (x, y) (n, q) to each X v and Y v and `reads` (k,
+        q) to Q v, less sum_k lambda_k w_k^2; the lambda_k are the last q entries of its S."""
         q, size = reads.shape[1], self.size
         one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
@@ -74,18 +75,19 @@ class Quadratic:
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]), constant)
 
     def over(self, pace: Any) -> "Quadratic":
-        """Return the form divided by `pace` > 0, with its multipliers: it is negative where the original is."""
+        """Return the form whose Y are divided by `pace` > 0; with S divided by it too, it is negative where this
+        form is."""
         constant = None if self.constant is None else self.constant / pace
         return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z, constant)
 
     @property
     def size(self) -> int:
-        """The number N of columns."""
+        """The number N of rows and columns of the form."""
         return int(self.pairs[0][0].shape[1])
 
     @property
     def floats(self) -> "Quadratic":
-        """The form in floats."""
+        """The form with its matrices in floats."""
         pairs = tuple((floats(X), floats(Y)) for X, Y in self.pairs)
         return Quadratic(
             pairs, floats(self.Q), floats(self.Z), None if self.constant is None else floats(self.constant)
@@ -94,24 +96,25 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of a proof: `P` (n, n) symmetric and `S` (k), rational, with which a form is negative."""
+    """Rational weights with which a quadratic form is negative: `P` (n, n), symmetric, and multipliers `S` (k) >= 0."""
 
     P: Matrix
     S: tuple[Fraction, ...]
 
     @classmethod
     def of(cls, P: Array, S: Array) -> "Weights":
-        """Return the weights from FLINT's rationals."""
+        """Return the weights from arrays of FLINT's rationals."""
         return cls(fractions(P), tuple(map(fraction, S)))
 
     @property
     def written(self) -> dict[str, Any]:
-        """The weights as a certificate has them."""
+        """Both weights under the keys "P" and "S" of a certificate."""
         return {"P": self.P, "S": self.S}
 
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-    """Return rational weights near those in floats that are proved to make exact forms negative, if any."""
+    """Return rational weights near `P`, `S` (floats) with which all exact `forms` are proved negative; None for no
+    such."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(forms, *exactly):
@@ -126,10 +129,11 @@ def confirmed(
     most: Fraction | None = None,
     margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
-    """Return weights of FLINT's rationals that make exact forms negative; None where none are confirmed.
+    """Return P and S, in FLINT's rationals, that make all exact `forms` negative; None where none are confirmed.
 
-    `by_margin` searches weights in floats with each of the `margins`: a smaller one helps if the forms have no room for
-    it, a larger one if the solver uses all of it. The last q of S sum up to at most `most`, if that is given.
+    `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller one helps where
+    the forms have no room for it, a larger one where the solver uses all of it. The last `q` of S sum up to at most
+    `most`.
     """
     for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
@@ -144,7 +148,8 @@ def confirmed(
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The forms of floats `originals` in coordinates x of e = `W` x, each multiplied relation in units of `g` (k)."""
+    """The `originals`, forms in floats, in new coordinates: e = `W` x, and each multiplied input in units of `g`
+    (k)."""
 
     originals: Sequence[Quadratic]
     W: Array
@@ -152,8 +157,8 @@ class View:
 
     @classmethod
     def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["View", float]:
-        """Return the view of forms in their own unit of time, with each relation balanced between input and reading,
-        and the number of these units in one unit of time."""
+        """Return the view of `forms` in a unit of time in which x changes at a speed near 1, g by `even`, and the
+        number of these units in one unit of time."""
         fast = pace(forms[0], W)
         slow = [form.over(fast) for form in forms]
         return cls(slow, W, even(slow[0], W)), fast
@@ -177,7 +182,7 @@ class View:
         return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
-        """Return the weights for e from those for x."""
+        """Return P and S for e, from P and S for x."""
         back = self._inverse.T @ P @ self._inverse
         return (back + back.T) / 2, S / self.g**2  # symmetric after rounding
 
@@ -193,7 +198,7 @@ def lyapunov(N: Array, W: Array | None = None) -> Array | None:
 
 
 def balance(N: Array) -> Array:
-    """Return units d (n) that make the rows and columns of N, in e over d, equally long (Osborne 1960)."""
+    """Return scales d (n) such that in diag(d)^-1 N diag(d) each row is as long as its column (Osborne 1960)."""
     d = np.ones(len(N))
     for _ in range(_SWEEPS):
         for i in range(len(N)):
@@ -204,15 +209,15 @@ def balance(N: Array) -> Array:
 
 
 def pace(form: Quadratic, W: Array) -> float:
-    """Return the speed of x, e = W x, in a form of floats: the factor to its own unit of time."""
+    """Return the norm of W^-1 Y W of the first pair of a form in floats, e = `W` x: the speed at which x changes."""
     n = len(W)
     fast = float(np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, :n] @ W))
     return fast if 0 < fast < math.inf else 1.0
 
 
 def even(form: Quadratic, W: Array) -> Array:
-    """Return the g (k) that make each relation's input to x as large as its reading of x. Readings below a small share
-    of the largest are raised to it. A reading of rounding errors alone counts as a tenth of the largest."""
+    """Return units g (k) of the multiplied inputs in which each acts on x, e = `W` x, as much as x acts on it by its
+    row of Q. Rows of Q W below 1e-6 of the longest count as 1e-6, rows of rounding errors alone as a tenth."""
     n = len(W)
     columns = np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(form.Q[:, :n] @ W, axis=1)
@@ -222,15 +227,15 @@ def even(form: Quadratic, W: Array) -> Array:
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
-    """Return whether all forms of floats are negative, with a margin for rounding to a grid, in coordinates x of e =
-    `W` x, in which P is near the unit matrix."""
+    """Return whether all `forms` (floats) are negative at P and S, P > 0, by a margin of 1e-8 for rounding to a
+    grid, in coordinates e = `W` x in which P is near the unit matrix."""
     values, P = _valued(forms, P, S, W)
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
 def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
-    """Return the largest share of the way from `forms` `towards` others at which the forms are `negative`, 0 where they
-    are not at the start. Their values are affine in it."""
+    """Return the largest r such that (1 - r) F + r T is negative at P and S, for each F of `forms` and T of
+    `towards`, in coordinates e = `W` x; 0 where an F is not."""
     values, _ = _valued((*forms, *towards), P, S, W)
     first, last = np.split(values, 2)
     try:
@@ -242,7 +247,7 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 
 
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
-    """Return the values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
+    """Return the matrices (k, N, N) of `forms` (floats) at P and S, and P, in coordinates x of e = W x."""
     if W is not None:
         view, fast = View.paced(forms, W)
         forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
@@ -250,8 +255,8 @@ def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> 
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Return whether P > 0, S >= 0 and all forms are negative, in exact arithmetic or their balls; P, S of FLINT's
-    rationals."""
+    """Return whether P > 0, S >= 0 and all `forms` are negative at these, in exact arithmetic or Arb's balls; P and
+    S are FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
     with ctx.workprec(BALLS):
@@ -259,7 +264,7 @@ def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
 
 
 def extent(P: Array, c: Array) -> Fraction:
-    """Return c P^-1 c', the largest |c e|^2 where |e|_P <= 1; of FLINT's rationals."""
+    """Return c P^-1 c', the largest |c e|^2 where e'P e <= 1, for a row c (n), in FLINT's rationals."""
     row = fmpq_mat([c.tolist()])
     return fraction((row * fmpq_mat(P.tolist()).solve(row.transpose()))[0, 0])
 
@@ -271,28 +276,28 @@ def inverse_root(P: Array) -> Array:
 
 
 def floats(M: Array) -> Array:
-    """Return an array of rationals, balls or floats as floats."""
+    """Return an array of rationals or balls as an array of floats."""
     if M.dtype == float:
         return M
     return np.array([float(arb(value)) if value else 0.0 for value in M.ravel().tolist()]).reshape(M.shape)
 
 
 def on_grid(values: Array, bits: int) -> Array:
-    """Return floats rounded to so many bits after the point, as FLINT's rationals."""
+    """Return an array of floats rounded to `bits` bits after the binary point, as FLINT's rationals."""
     step = fmpq(1, 2**bits)
     rounded = np.array([round(value * 2**bits) * step for value in values.ravel().tolist()], dtype=object)
     return rounded.reshape(values.shape)
 
 
 def rational(values: Any) -> Array:
-    """Return fractions, floats without rounding, or integers as an array of FLINT's rationals."""
+    """Return an array of FLINT's rationals with exactly these values: fractions, floats or integers."""
     array = np.array(values, dtype=object)
     exactly = [fmpq(*each.as_integer_ratio()) for each in array.ravel().tolist()]
     return np.array(exactly, dtype=object).reshape(array.shape)
 
 
 def fractions(M: Array) -> Matrix:
-    """Return a matrix of FLINT's rationals as fractions."""
+    """Return a matrix of FLINT's rationals as tuples of `Fraction`."""
     return tuple(tuple(map(fraction, row)) for row in M)
 
 
@@ -304,7 +309,7 @@ def identity(n: int) -> Array:
 
 
 def times(A: Array, B: Array) -> Array:
-    """Return A B, of FLINT's rationals."""
+    """Return the product A B of matrices of FLINT's rationals."""
     whole, below = _product(A, B)
     return _array(fmpq_mat(whole) / below)
 
@@ -320,5 +325,5 @@ def _product(*factors: Array) -> tuple[Any, Any]:
 
 
 def stacked(rows: Sequence[Array], size: int) -> Array:
-    """Return rows (size) of FLINT's rationals as a matrix, (0, size) for no rows."""
+    """Return the matrix (k, size), in FLINT's rationals, of k `rows`; (0, size) for none."""
     return np.array([list(row) for row in rows], dtype=object).reshape(len(rows), size)

@@ -69,8 +69,8 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 
 @dataclass(frozen=True)
 class InputBound:
-    """A proof that |c e| <= `bound` for inputs of at most 1: by the `weights`, whose last S are the lambda, at
-    `alpha`."""
+    """A proof that |c e| <= `bound` for ever, for inputs of at most 1: |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k
+    lambda_k v_k^2, sum_k lambda_k <= `alpha`; `weights`: P, and S, whose last entries are the lambda_k."""
 
     alpha: Fraction
     weights: Weights
@@ -78,22 +78,23 @@ class InputBound:
 
     @property
     def written(self) -> dict[str, Any]:
-        """The bound as a certificate has it."""
+        """The bound under the keys "alpha", "P", "S" and "bound" of a certificate."""
         return {"alpha": self.alpha, **self.weights.written, "bound": self.bound}
 
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
-    """Return a small proved bound of |c e|, c (N) of FLINT's rationals; None where none is proved. Raises: `NoSolver`.
+    """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course:
+    the noise inequality with sum_k lambda_k <= alpha, then |c e|^2 <= c P^-1 c'. None where none is proved.
 
-    `bounded` gives the forms at an alpha, with the multipliers of `q` inputs last. alpha is searched in floats up to
-    `most`; the least bound with a proof is returned. `W`: coordinates x of e = W x, near which P is expected.
+    `bounded(alpha)` gives the forms, the lambda_k the last multipliers; alpha is searched up to `most`. `W`:
+    coordinates e = W x, near which P is expected. Raises: `NoSolver`.
     """
     if W is None:
         return None
     tried, coordinates = dict[Fraction, float](), W
 
     def bound(share: Fraction) -> float:
-        """Return a bound by the weights that `bound_at` tries first, in floats; a large number where there is none."""
+        """Return a bound of |c e| at alpha = share * most, in floats; 1e30 where none is found."""
         alpha = share * most
         forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
         weights = weights_in_floats(forms, row, float(alpha), coordinates, q, MARGINS[0])
@@ -107,13 +108,14 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
 
 
 def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
-    """Return a bound of |c e| for a contracting step with these inputs. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N), under `inputs` of at most 1 at each call, for the step that contracts
+    by `proof`: `input_bound` with `Inequality.driven`. Raises: `NoSolver`."""
     step, q = proof.step, inputs.D.shape[1]
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
 
 def _search_shares(bound: Callable[[Fraction], float]) -> None:
-    """Try shares of the rate upwards while the bound falls, else downwards."""
+    """Evaluate `bound` at shares of the largest alpha, from 0.4 upwards while it falls, else downwards."""
     least = bound(_SHARES[_FIRST])
     for way in (_SHARES[_FIRST + 1 :], _SHARES[:_FIRST][::-1]):
         before = least
@@ -127,7 +129,8 @@ def _search_shares(bound: Callable[[Fraction], float]) -> None:
 
 
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    """Return a proved bound of |c e| at this alpha, if any. Arguments as of `input_bound`. Raises: `NoSolver`."""
+    """Return a proved bound of |c e| at this `alpha`, or None; the other arguments as of `input_bound`. Raises:
+    `NoSolver`."""
     forms = bounded(alpha)
     arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
@@ -137,7 +140,8 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """Return an unproved bound in floats, and coordinates (N, N) in which its P is the unit matrix."""
+    """Return an unproved bound of |c e| at this `alpha`, and the W = P^(-1/2) (N, N) of its P, in floats, or None;
+    the other arguments as of `input_bound`."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
@@ -148,11 +152,11 @@ def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fractio
 def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
-    """Return P and S in floats with a small largest c P^-1 c' over the `rows` c (r, n), from a search that starts in
-    coordinates x of e = W x. Raises: `NoSolver`."""
+    """Return P and S, in floats, that make the `forms` negative with sum_k lambda_k <= alpha (the last q of S), and
+    max c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
-        """Return the solution in these coordinates, with the inputs in a unit in which x is near 1."""
+        """Return the solution in the coordinates e = W x, inputs in a unit in which x is near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
         view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
         return shortest(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
@@ -165,17 +169,19 @@ def weights_in_floats(
 
 @dataclass(frozen=True)
 class Confined:
-    """A proof by the `weights` that |c e| <= `bounds`, by the place of c, for errors that begin in a box."""
+    """A proof, by the `weights` P and S, that errors which begin in a box have |c e| <= `bounds` for ever, by the
+    key of c."""
 
     weights: Weights
     bounds: Mapping[int, Fraction]
 
 
 def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
-    """Return a proof with a small largest |c e|, for errors that begin between the `corners` (k, N) of a box, one of
-    each two that are opposite; None where none is found. Raises: `NoSolver`.
+    """Return a proof with a small largest |c e| over the `rows` c (N), by key, for the step that contracts by
+    `proof` from errors in the box with these `corners` (k, N), one of each opposite pair; None for none. Raises:
+    `NoSolver`.
 
-    Each c (N) of the `rows` is in the unit in which its bound counts; all are of FLINT's rationals.
+    Each c is in the unit in which its bound counts; all numbers are FLINT's rationals.
     """
     form, W = proof.step.falls(NOW), proof.steps.coordinates
     if W is None:
@@ -183,7 +189,7 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
     in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
 
     def sought_in(W: Array, margin: float) -> Solution | None:
-        """Return the solution in these coordinates, with corners near 1."""
+        """Return the solution in the coordinates e = W x, corners in a unit in which they are near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = norm_limits(in_floats, begins / far)
@@ -194,7 +200,8 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
 
 
 def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
-    """Return the peaks of |c e|: the root of c P^-1 c' times the largest |e(0)|_P^2."""
+    """Return, by the key of each c of `rows`, sqrt(c P^-1 c' max e(0)'P e(0)) over the `corners` e(0): the largest
+    |c e|."""
     begins = fraction(max(corner @ P @ corner for corner in corners))
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
@@ -204,15 +211,15 @@ def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """A system `e` of the error with inputs v (q), and the counted output matrix `C` (r, N); of FLINT's rationals."""
+    """An error system `e` with inputs v (q) and the output `C` e (r), of which the L2 gain is bounded; `C` (r, N)."""
 
     e: Uncertain
     C: Array
 
     @property
     def form(self) -> Quadratic:
-        """The form that proves V' <= -|C e|^2 + sum_k lambda_k v_k^2 where it is negative; the last q multipliers are
-        lambda."""
+        """The quadratic form that proves V' <= -|C e|^2 + sum_k lambda_k v_k^2, V = e'P e, where it is negative: the
+        bounded real lemma. The lambda_k are its last q multipliers."""
         form = pushed(self.e, NOW)
         counted, square = 0 * identity(form.size), self.C.T @ self.C
         counted[: len(square), : len(square)] = square
@@ -220,7 +227,7 @@ class Driven:
 
     @property
     def peak_response(self) -> float:
-        """The largest gain from v to C e over a grid of frequencies, with each slope at the middle of its range."""
+        """The largest |C (i omega - M)^-1 B| over 401 frequencies, each slope at the middle of its range, in floats."""
         M, B, C = map(floats, (self.e.M, self.e.B, self.C))
         at = 1j * _TIMES[:, None, None] * np.linalg.norm(M, 2) * np.eye(len(M))
         return float(
@@ -230,17 +237,19 @@ class Driven:
 
 @dataclass(frozen=True)
 class L2Bound:
-    """A proof that the L2 gain is at most `mu`: by the `weights`, of which the last of S are the lambda."""
+    """A proof that the L2 gain is at most `mu`: V' <= -|C e|^2 + sum_k lambda_k v_k^2, lambda_k <= mu^2, by the
+    `weights` P and S, whose last entries are the lambda_k."""
 
     weights: Weights
     mu: Fraction
 
 
 def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
-    """Return a small proved bound of the L2 gain for all of the systems; None where none is proved. Raises: `NoSolver`.
+    """Return a small proved bound mu of the L2 gain, by one V for all systems `each`; None for none. Raises:
+    `NoSolver`.
 
-    `W` (N, N): coordinates x of e = W x, in which P is expected near the unit matrix; `growing` (N, N), of rationals: D
-    of a term -r D e with r >= 0 of any size, which demands D'P + P D >= 0.
+    `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N), in
+    rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0.
     """
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
     k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.peak_response for one in each)
@@ -269,23 +278,23 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 
 
 def error_inclusion(observer: Observer) -> Inclusion | Nothing:
-    """Return the inclusion of the error of an observer of a constant injection, or why there is none."""
+    """Return the error e' = .. of an observer with a constant injection, or `Nothing` for other observers."""
     known: Inclusion | Nothing | None = observer.error
     why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
     return Nothing(because(why)) if known is None else known
 
 
 def theta_of(observer: Observer) -> Fraction:
-    """Return the declared theta."""
+    """Return the declared value of the observer's gain theta."""
     (theta,) = (gain.initial[0] for gain in observer.gains if gain.name == "theta")
     return Fraction(theta)
 
 
 @asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
-    """Return, by the names of a state of the form and of an output, the largest error of the state for noise of at most
-    1 in the output, in continuous time, at the declared gains of an observer of a constant injection; or why that is
-    not known. Raises: `NoSolver`."""
+    """Return, by (state, output), the largest error of a state of the form in the end, in continuous time, for noise
+    of at most 1 in the output, at the declared gains of an observer with a constant injection; or the reason why it
+    is not known. Raises: `NoSolver`."""
     error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error
@@ -297,14 +306,15 @@ def noise_bounds(observer: Observer) -> Bounds | Nothing:
 
 
 def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
-    """Return bounds by the places of a state and an output as bounds by their names."""
+    """Return bounds by (state, output) names, from `known` bounds by their indices."""
     outputs = names_of(form.system.outputs)
     return {(form.names[i], outputs[j]): bound for (i, j), bound in known.items()}
 
 
 def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
-    """Return, by state of the form and by output, the proved bound of the effect of noise of at most 1, in their units,
-    on an error that `falls`; or why there is none. Raises: `NoSolver`."""
+    """Return, by (state, output) indices, the proved bound of the state's error under noise of at most 1 in the
+    output, in continuous time, for an error that decays by `falls`; or the reason why there is none. Raises:
+    `NoSolver`."""
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
         return NO_SCALES
@@ -328,11 +338,12 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
 def joint_bound_in_floats(
     error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
 ) -> float:
-    """Return the largest |c z| over the `rows` c (r, n), z the errors of the form's states, under noise of all outputs
-    of at most these `sizes` (p); infinite where no bound is found. It is unproved, in floats.
+    """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of
+    at most `sizes` (p) in the outputs together, in continuous time; infinite where none is found. Raises:
+    `NoSolver`.
 
-    One Lyapunov function bounds all rows, at the best of some rates near `alpha`. If noise alone moves the error faster
-    than `fastest` (1/time) in its norm, the bound grows by the same factor. Raises: `NoSolver`.
+    One V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error faster than
+    `fastest` (1/time) in the norm of V, the bound is multiplied by the ratio.
     """
     scales = error.scales(falls.theta)
     assert scales is not None
@@ -349,7 +360,7 @@ def joint_bound_in_floats(
 
 
 def _rescaled(e: Uncertain, pace: Any) -> Uncertain:
-    """Return the system in a time `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
+    """Return the system e in a unit of time 1/`pace` as long: e' divided by `pace`, so that rates are near 1."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)
 
 
