@@ -57,18 +57,20 @@ LARGE = 12  # states beyond which straight-line code is always too long, and slo
 
 @dataclass(frozen=True)
 class FilterStep:
-    """A step of a filter at a clock: z, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
+    """One predict step of length h of a Riccati observer `part` as SX graphs: the prediction of z, the Jacobian F at
+    mid-step, and Phi = I + hF + (hF)^2/2."""
 
     part: Riccati
     clock: Clock
 
     @property
     def z(self) -> Graph:
-        """The symbols of z (n)."""
+        """The SX symbols of the estimated state z (n)."""
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
     def stages(self, z: Graph | None = None) -> Stages:
-        """The Runge-Kutta step of z, or of another state (n)."""
+        """Return the stages and the result of a classical Runge-Kutta step of z' = f(z, u), from `z` (n), by default
+        the estimate."""
         start = {"z": self.z if z is None else z}
         return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
 
@@ -77,23 +79,26 @@ class FilterStep:
         return self._routine("flow", lambda *at: {"dz": self.part.flow(*at)})
 
     def jacobian(self, stages: Stages) -> Graph:
-        """F (n, n) at the third stage's argument and the signals at mid-step."""
+        """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage in `stages`, and the input at half
+        of the step."""
         jacobian = self._routine("jacobian", lambda *at: {"F": self.part.jacobian(*at)})
         return jacobian(stages.arguments[2]["z"], 0.5)["F"]
 
     def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
-        """A routine of z and of the signals at a fraction of the step."""
+        """Return `body` as a shared subroutine, a function of z and of the fraction c in [0, 1] of the step at which u
+        and y are evaluated."""
         sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
         call = routine(name, sizes, lambda at: body(*({**at, **self.clock.constants}[key] for key in _READ)))
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, F: Graph) -> Graph:
-        """Return the sparse Phi = I + hF + (hF)^2/2 of a matrix F."""
+        """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX."""
         h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def weights(self) -> Graph:
-        """Return h theta^(1+g) weights, the diagonal weights of h Q_theta in its factors (k)."""
+        """Return h theta^(1+g) w (k), SX, where Q_theta = theta^(1+g) W diag(w) W' is the scaled process noise and h
+        the step."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
 
     def row(self, output: int) -> Graph:
@@ -101,12 +106,14 @@ class FilterStep:
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Graph:
-        """The variance r = R_theta/h of an output, h its sampling period."""
+        """Return r = R_theta/h of an output, the variance of one sample as an SX scalar; h is the output's sampling
+        period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
     def common(self) -> dict[str, Any]:
-        """The status bit of a factored covariance; with forgetting, exp(rho h) and the roots of (1 - exp(-rho h)) S_0.
-        Both use the same rounded exp, so that S tends to S_0 for any small rho h."""
+        """Return keyword arguments of `Pieces` for any factored P: the status bit of its limit and, with forgetting at
+        the rate rho, exp(rho h) and the roots of (1 - exp(-rho h)) S_0, S_0 the prior. Both use the same rounded exp,
+        so that S = P^-1 tends to S_0 for any small rho h."""
         part = self.part
         always = {"bits": (part.limited,), "uses_output": part.measured_state is not None}
         if part.forgetting is None:
@@ -126,8 +133,8 @@ class FilterStep:
         }
 
     def smallest(self, values: np.ndarray) -> np.ndarray:
-        """The lower limits of the D_i (n): a small fraction of the smallest of P(0) = `values`, the noise of one step,
-        and the variance of one sample."""
+        """Return the lower limits (n) of the D_i of P = L D L': a small fraction of the smallest of D(0) = `values`
+        (n), the process noise of one step, and the variance of one sample."""
         part, clock = self.part, self.clock
         noise, variances = part.nominal
         natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
@@ -136,7 +143,8 @@ class FilterStep:
         return np.maximum(SMALLEST * natural, TINY)
 
     def diagonal(self, values: np.ndarray) -> Field:
-        """The field of D (n) with these initial values."""
+        """Return the memory field of D (n) of P = L D L', with the initial `values` (n) and its lower and upper
+        limits."""
         return Field(
             "D",
             tuple(float(value) for value in values),
@@ -147,11 +155,12 @@ class FilterStep:
 
 
 def largest(part: Riccati) -> np.ndarray:
-    """The upper limits of the P_ii (n): their cap, or with forgetting 2 (1 + 2 mu/rho) cap_i at the smallest rho.
+    """Return the upper limits (n) of the P_ii: their cap, or with forgetting at a rate rho, 2 (1 + 2 mu/rho) cap_i at
+    the smallest rho.
 
-    mu is 0 or the largest logarithmic norm of F in units of sqrt(cap) at points of the box. By S' = -rho
-    (S - S_0) - F'S - S F + .., S_0^-1/2 S S_0^-1/2 stays above rho/(rho + 2 mu). The factor 2 allows for Q_0 and for mu
-    between the points.
+    mu is 0 or the largest logarithmic norm of F in units of sqrt(cap) at points of the box. By S' = -rho (S - S_0) -
+    F'S - S F + .., S_0^-1/2 S S_0^-1/2 stays above rho/(rho + 2 mu). The factor 2 allows for Q_0 and for mu between the
+    points.
     """
     if part.forgetting is None:
         return part.cap
@@ -162,7 +171,8 @@ def largest(part: Riccati) -> np.ndarray:
 
 
 class Unrolled(FilterStep, ABC):
-    """A filter step as straight-line code; a subclass defines the factors of P."""
+    """A step of a Riccati filter as straight-line code, predict and then a scalar update for each sample; a subclass
+    defines the factors of P that are stored."""
 
     name: str  # P in terms of its factors
     rule = ""  # the name of the rule, where the method has none
@@ -170,32 +180,35 @@ class Unrolled(FilterStep, ABC):
     @property
     @abstractmethod
     def fields(self) -> tuple[Field, ...]:
-        """The memory of the factors."""
+        """The memory fields of the factors of P."""
 
     @property
     @abstractmethod
     def covariance(self) -> Graph:
-        """P (n, n)."""
+        """The covariance P (n, n) in terms of the stored factors, SX."""
 
     @property
     @abstractmethod
     def variances(self) -> list[Graph]:
-        """The P_ii."""
+        """The diagonal entries P_ii of the covariance, n SX scalars."""
 
     @abstractmethod
     def scaled(self, scale: Graph) -> Writes:
-        """The factors of P with its rows and columns scaled (n)."""
+        """Return the writes of the factors of diag(s) P diag(s), with s = `scale` (n)."""
 
     @abstractmethod
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """The factors after a scalar measurement with a row (1, n) and a variance, and the gain (n)."""
+        """Return the writes of the factors of P after a scalar measurement y = c z with c = `row` (1, n) and variance
+        `r`, and its gain K (n)."""
 
     @abstractmethod
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """The factors of growth Phi P Phi' + h Q_theta, and the intermediate values that get a name."""
+        """Return the writes of the factors of growth Phi P Phi' + h Q_theta, Phi = `transition` (n, n) and growth = 1
+        for None, and the intermediate values that get a name in the code."""
 
     def pieces(self) -> Pieces:
-        """Memory and statements: predict, then one scalar update for each output."""
+        """Return the memory fields and the statements of the filter: predict, then one scalar update for each
+        output."""
         return Pieces(
             fields=(self.part.z, *self.fields),
             covariance=self.covariance,
@@ -206,7 +219,8 @@ class Unrolled(FilterStep, ABC):
         )
 
     def prediction(self) -> Program:
-        """z and the factors over a step."""
+        """Return the statements that advance z by a Runge-Kutta step, and the factors to those of Phi P Phi' + h
+        Q_theta."""
         stages = self.stages()
         Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
         factors, names = self.time_update(Phi, sym("derived", "growth") if forgets else None)
@@ -221,8 +235,9 @@ class Unrolled(FilterStep, ABC):
         return (Block(title, writes, {**stages.names, **entries, **names}, notes=notes),)
 
     def bounded(self) -> Program:
-        """Limit P after a step. With forgetting the prior S_0 is added; otherwise, where a P_ii exceeds its cap, P is
-        scaled by the congruence min(1, cap_i/P_ii). Without guards there is no cap."""
+        """Return the statements that limit P after a prediction. With forgetting the prior S_0 is added to P^-1;
+        otherwise, where a P_ii exceeds its cap, P is scaled by the congruence s_i = min(1, cap_i/P_ii). Without guards
+        there is no cap."""
         part, variances = self.part, self.variances
         if part.forgetting is not None:
             rows = map(ca.sparsify, ca.vertsplit(ca.diag(sym("derived", "prior", part.dynamics.n))))
@@ -241,37 +256,37 @@ class Unrolled(FilterStep, ABC):
         )
 
     def correction(self, output: int) -> Program:
-        """The update by a sample of an output."""
+        """Return the statements that correct z and P by the sample of the output with index `output`."""
         factors, gain = self.sample_update(self.row(output), self.variance(output))
         return self.corrected(gain, sym("work", "e"), factors)
 
     def corrected(
         self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
     ) -> Program:
-        """The statements that add a gain (n) times an error to z and write the factors of P."""
+        """Return the statements z <- z + gain error, `gain` (n), and the writes `factors` of the factors of P."""
         z = {Place("state", self.part.z.name): self.z + gain * error}
         return (Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))}),)
 
 
 class UnitTriangular(Unrolled):
-    """P = L D L', L packed by columns."""
+    """A Riccati filter on P = L D L', L unit lower triangular and packed by columns, D diagonal (Thornton, Bierman)."""
 
     name = "L D L'"
 
     @property
     def symbols(self) -> tuple[Graph, Graph]:
-        """L (n, n) and the diagonal of D (n) in the state."""
+        """The SX symbols of the stored factors: L (n, n) and the diagonal of D (n)."""
         n = self.part.dynamics.n
         return unpack_lower(sym("state", "L", n * (n - 1) // 2), n, 1), sym("state", "D", n)
 
     @staticmethod
     def writes(L: Graph, d: Graph) -> Writes:
-        """The writes of L and D to the state."""
+        """Return the writes of L (n, n) and of the diagonal `d` (n) of D to the state."""
         return ({Place("state", "L"): ca.densify(pack(L, 1))} if d.numel() > 1 else {}) | {Place("state", "D"): d}
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields of L, for more than one state, and of D."""
+        """The memory fields of L, for more than one state, and of D."""
         n, deviation = self.part.dynamics.n, np.sqrt(self.part.cap)
         start, values = factor(self.part.covariance)
         ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
@@ -281,28 +296,30 @@ class UnitTriangular(Unrolled):
 
     @property
     def covariance(self) -> Graph:
-        """P (n, n)."""
+        """P = L D L' (n, n), SX."""
         L, d = self.symbols
         return L @ ca.diag(d) @ L.T
 
     @property
     def variances(self) -> list[Graph]:
-        """The P_ii."""
+        """The diagonal entries P_ii = sum_j L_ij^2 D_j, n SX scalars."""
         L, d = self.symbols
         return [ca.dot(L[i, :].T ** 2, d) for i in range(self.part.dynamics.n)]
 
     def scaled(self, scale: Graph) -> Writes:
-        """The factors of P with its rows and columns scaled (n)."""
+        """Return the writes of L, D of diag(s) P diag(s), with s = `scale` (n)."""
         L, d = self.symbols
         return self.writes(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """The update of Bierman."""
+        """Return the writes of L, D after Bierman's update by y = c z, c = `row` (1, n), of variance `r`, and the gain
+        (n)."""
         *factors, gain = measurement_update(*self.symbols, row, r)
         return self.writes(*factors), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """The update of Thornton."""
+        """Return the writes of L, D of growth Phi P Phi' + h Q_theta by Thornton's update, and the intermediate values
+        with names."""
         L, d = self.symbols
         d = d if growth is None else growth * d
         L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
@@ -313,15 +330,17 @@ _COLUMNS, _D = Place("column", "v"), Place("state", "D")
 
 
 class Looped(FilterStep):
-    """A filter step with L as the columns of a group and matrix operations as kernels; Q and P(0) must be diagonal."""
+    """A Riccati filter on P = L D L' for many states: the columns of L in an array of structures, the matrix operations
+    as loops of library functions; Q and P(0) must be diagonal."""
 
     @property
     def matrices(self) -> dict[str, np.ndarray]:
-        """Q and P(0), by the names of their arguments."""
+        """Q and P(0) (n, n), by the names of the user's arguments, "Q" and "covariance"."""
         return {"Q": self.part.nominal[0], "covariance": self.part.covariance}
 
     def pieces(self) -> Pieces:
-        """Memory and statements. Raises: `BadGain` where Q or P(0) is not diagonal."""
+        """Return the memory fields and the statements of the filter. Raises: `BadGain` where Q or P(0) is not
+        diagonal."""
         n = self.part.dynamics.n
         for name, matrix in self.matrices.items():
             if not is_diagonal(matrix):
@@ -336,7 +355,8 @@ class Looped(FilterStep):
         )
 
     def prediction(self) -> Program:
-        """z, and the columns of L and D, over a step."""
+        """Return the statements that advance z by a Runge-Kutta step, and L, D to the factors of Phi P Phi' + h
+        Q_theta."""
         part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.dt
         stages = self.stages()
         F = ca.sparsify(self.jacobian(stages))
@@ -370,7 +390,7 @@ class Looped(FilterStep):
         )
 
     def bounded(self) -> Program:
-        """The statements that limit variances beyond their caps or not finite, and reset lost entries of L to 0."""
+        """Return the statements that limit each P_ii beyond its cap or not finite, and reset lost entries of L to 0."""
         n, limited = self.part.dynamics.n, Place("work", "limited")
         v = sym("column", "v", n)
         restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
@@ -383,7 +403,7 @@ class Looped(FilterStep):
         return (limits, limit, When(limited, (raised, Loop("column", n, (restart,)))))
 
     def correction(self, output: int) -> Program:
-        """The update by a sample of an output."""
+        """Return the statements that correct z and P by the sample of the output with index `output`."""
         n, c = self.part.dynamics.n, self.row(output)
         row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.variance(output)}
         arguments = ((_D, n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
@@ -396,7 +416,8 @@ class Looped(FilterStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """A sparse matrix whose entries are stored in memory unless they are constants, and the writes of these entries."""
+    """Return `matrix` with each entry that is no constant replaced by a symbol of the work array `name`, and the writes
+    of these entries."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:
@@ -414,7 +435,8 @@ class _Candidate:
 
     @cached_property
     def longest(self) -> int:
-        """The number of operations in its longest section."""
+        """The number of operations in the longest section, predict or one output's update, of this candidate
+        program."""
         return max(map(written, (self.pieces.predict, *self.pieces.update)))
 
     def __str__(self) -> str:
@@ -424,8 +446,9 @@ class _Candidate:
 
 
 def chosen(part: Riccati, clock: Clock) -> Pieces:
-    """Return the pieces of the shorter program, or of the faster one if it is not too long, and why. Where
-    straight-line code is short, the loops are not generated for comparison."""
+    """Return the filter's program, in straight-line code or in loops: the shorter one, or the faster one if it is not
+    too long; `choice` of the pieces names the reason. Where straight-line code is short, no loops are generated for
+    comparison."""
     n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
     if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")

@@ -70,8 +70,9 @@ class BadPoles(HgogenError):
 
 @dataclass(eq=False)
 class OutsideParabola(HgogenError):
-    """Poles of A - L C for which a filtered output injection is unstable: `poles` are those outside S, `eigenvalue` the
-    worst eigenvalue of M, `ratio` is alpha^2/beta; any ratio above `least` admits the poles."""
+    """Poles mu of A - L C, `poles`, outside S = {alpha^2 Re mu + beta (Im mu)^2 < 0}, for which a filtered output
+    injection is unstable: `eigenvalue` is its worst, `ratio` is alpha^2/beta; any ratio above `least` admits the
+    poles."""
 
     poles: tuple[complex, ...]
     eigenvalue: complex
@@ -96,8 +97,8 @@ def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
 
 
 def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
-    """Return p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs. Raises:
-    `BadPoles`."""
+    """Return p_1..p_n (n) of s^n + p_1 s^(n-1) + .. = (s - s_1)..(s - s_n) for n poles s_i in the open left half plane,
+    complex ones in pairs. Raises: `BadPoles`."""
     values = numbers(poles)
     if len(values) != n:
         raise BadPoles(values, f"there are {len(values)}, the form has {n} states; give one for each")
@@ -115,13 +116,14 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """Return the exact (Im mu)^2/(-Re mu), Re mu < 0: mu is in S where alpha^2/beta is above it."""
+    """Return the exact (Im mu)^2/(-Re mu) of a pole mu, Re mu < 0: alpha^2 Re mu + beta (Im mu)^2 < 0 for alpha^2/beta
+    above it."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 
 def demand_parabola(poles: Iterable[complex], alpha: float, beta: float) -> None:
-    """Demand that poles in the open left half plane lie in S, in exact arithmetic; alpha, beta > 0. Raises:
-    `OutsideParabola`."""
+    """Demand alpha^2 Re mu + beta (Im mu)^2 < 0 for all poles mu, Re mu < 0, in exact arithmetic; alpha, beta > 0.
+    Raises: `OutsideParabola`."""
     ratio = Fraction(alpha) ** 2 / Fraction(beta)
     outside = {complex(pole): least_ratio(complex(pole)) for pole in poles}
     outside = {pole: least for pole, least in outside.items() if least >= ratio}
@@ -131,14 +133,14 @@ def demand_parabola(poles: Iterable[complex], alpha: float, beta: float) -> None
 
 
 def filtered_spectrum(poles: Iterable[complex], alpha: float, beta: float) -> np.ndarray:
-    """The eigenvalues (2 n) of M whose A - L C has the n `poles`, by Lemma 1: both roots s of s (s + alpha) = beta mu,
-    symmetric about -alpha/2."""
+    """Return the 2 n eigenvalues of the error of a filtered output injection whose A - L C has the n `poles` mu, by
+    Lemma 1: both roots s of s (s + alpha) = beta mu."""
     root = np.sqrt(alpha * alpha / 4 + beta * np.array([complex(pole) for pole in poles]))
     return np.concatenate([-alpha / 2 + root, -alpha / 2 - root])
 
 
 def filtered_core(L: np.ndarray, alpha: float, beta: float) -> np.ndarray:
-    """M (2 n, 2 n) of the gains L (n)."""
+    """Return M = [[A, diag L], [-beta C'C, -alpha I + beta A']] (2 n, 2 n) of the gains L (n), A the shift."""
     n = len(L)
     shift = np.diag(np.ones(n - 1), 1)
     below = np.zeros((n, n))
@@ -147,7 +149,7 @@ def filtered_core(L: np.ndarray, alpha: float, beta: float) -> np.ndarray:
 
 
 def parabola_advice(L: np.ndarray, alpha: float, beta: float) -> str:
-    """Advice on gains L (n) whose M is not Hurwitz."""
+    """Return advice on gains L (n) for which M of `filtered_core` is not Hurwitz."""
     poles = np.roots([1.0, *L]).astype(complex)
     unstable = poles[poles.real >= 0]
     if unstable.size:
@@ -161,8 +163,8 @@ _REAL = 1e-20  # the imaginary part of a real root at most, as a share of the la
 
 
 def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
-    """Return k (n - 1, 2) from `gains` or from `poles` (2n - 2); by default (2, (n - i)/i) with all poles at -1.
-    Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`."""
+    """Return the low-power gains k (n - 1, 2) from `gains` or 2n - 2 `poles`; by default (2, (n - i)/i), all poles at
+    -1. Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`."""
     if gains is not None and poles is not None:
         raise BadGain(observer, "takes gains or poles, not both; leave one out")
     if poles is not None:
@@ -180,8 +182,8 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """Return the gains k (n - 1, 2) of 2n - 2 poles; if there are several, those with the slowest last pair. Raises:
-    `BadPoles`, also where the search finds no positive gains for the poles."""
+    """Return the low-power gains k (n - 1, 2) of 2n - 2 poles; of several solutions the one with the slowest last pair.
+    Raises: `BadPoles`, also where the search finds no positive gains for the poles."""
     listed = numbers(poles if isinstance(poles, Sequence | np.ndarray) else (poles,))
     if len(listed) != 2 * n - 2:
         raise BadPoles(listed, f"there are {len(listed)}, {n} states have {2 * n - 2} in low power")
@@ -205,7 +207,7 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def _divided(polynomial: list[Any], root: Any) -> list[Any]:
-    """Return the quotient by s - root, by Horner's scheme."""
+    """Return the coefficients of the quotient polynomial/(s - root), by Horner's scheme."""
     quotient = polynomial[:1]
     for coefficient in polynomial[1:-1]:
         quotient.append(coefficient + root * quotient[-1])
@@ -213,19 +215,20 @@ def _divided(polynomial: list[Any], root: Any) -> list[Any]:
 
 
 def errors(first: Graph, p: Graph, q: Graph) -> Graph:
-    """The errors e (m): `first`, then q_(i-1) - p_i."""
+    """Return the errors e (m) of the low-power pairs (p_i, q_i): e_1 = `first` = y - p_1, e_i = q_(i-1) - p_i."""
     return ca.vertcat(first, *(q[i - 1] - p[i] for i in range(1, q.numel())))
 
 
 def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
-    """Return the injection terms of p' (m) and of q' (m) by the errors e (m)."""
+    """Return the injection terms theta k_i1 e_i of p' (m) and theta^2 k_i2 e_i of q' (m), k (m, 2), errors e (m)."""
     return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)
 
 
 @dataclass(frozen=True)
 class Column:
-    """The place of an entry: its `row` (0..n-1), its `chain` (0..q-1), the `power` of theta that scales it, and its
-    printed `index`: (j), (i, j), or (i, j, k) for row j of chain i and the output of chain k."""
+    """The position of an entry of a gain matrix K (n, q): its `row` (0..n-1), its `chain` (0..q-1), the `power` of
+    theta that scales it, and its printed `index`: (j), (i, j), or (i, j, k) for row j of chain i and the output of
+    chain k."""
 
     row: int
     chain: int
@@ -234,8 +237,8 @@ class Column:
 
 
 def columns(form: Form, count: int) -> tuple[Column, ...]:
-    """Return the places of `count` entries, row by row: n act each on the output of their own chain, n q on every
-    output."""
+    """Return the positions in K (n, q) of `count` entries, row by row: n entries act each on the output of their own
+    chain, n q entries on every output."""
     powers, heads = exponents(form), [form.heads[k] for k in form.leads]
     rows = [(i, j) for i, size in enumerate(form.blocks[k] for k in form.leads) for j in range(size)]
     chainwise, several = count == form.n, len(heads) > 1
@@ -248,7 +251,7 @@ def columns(form: Form, count: int) -> tuple[Column, ...]:
 
 
 def as_matrix(form: Form, entries: Sequence[Any]) -> np.ndarray:
-    """Return the entries as an object matrix (n, q), 0 elsewhere."""
+    """Return K (n, q) with these entries, row by row, as an object matrix; 0 off the own chain for n entries."""
     K = np.zeros((form.n, len(form.leads)), dtype=object)
     for place, value in zip(columns(form, len(entries)), entries, strict=True):
         K[place.row, place.chain] = value
@@ -260,7 +263,8 @@ _CHAIN_INDEX = 2  # numbers in the index of an entry that acts on its own chain
 
 @dataclass(frozen=True)
 class ScaledGain:
-    """The gain `name` with the entries `values` at their `places`; reports call it by its `meaning`."""
+    """The gain K_theta of z' = A z + b + K_theta (y - C z): its `name`, the `values` K_ik of its entries, expressions
+    of parameters, their `places` in the matrix (n, q), and its `meaning` in reports."""
 
     name: str
     values: tuple[sp.Expr, ...]
@@ -275,12 +279,13 @@ class ScaledGain:
 
     @property
     def coupled(self) -> bool:
-        """Whether rows act on outputs of other chains as well."""
+        """Whether a row of K acts on outputs of other chains as well."""
         return any(len(place.index) > _CHAIN_INDEX for place in self.places)
 
     @property
     def field(self) -> Field:
-        """The derived value, with the entries theta K_1, theta^2 K_2, ..; chain by chain if there are several."""
+        """The field of the derived gain, whose entries are theta K_1, theta^2 K_2, ..; chain by chain if there are
+        several."""
         labels = []
         for place in self.places:
             powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")
@@ -289,7 +294,7 @@ class ScaledGain:
         return Field(self.name, (0.0,) * len(self.values), labels=tuple(labels), meaning=self.meaning)
 
     def tuned(self, form: Form) -> Block:
-        """Return the block that computes the gain from theta and the parameters, SX of their places."""
+        """Return the block that computes the entries of K_theta from theta and the symbols of the parameters."""
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Graph] = to_casadi([k.subs(constants) for k in self.values], parameters)
@@ -300,7 +305,7 @@ class ScaledGain:
         return Block(self.meaning, {Place("derived", self.name): ca.vertcat(*powered)})
 
     def onto(self, e: Graph, n: int) -> Graph:
-        """Return the gain times the error (q) of each chain's output: (n)."""
+        """Return K_theta e (n), SX, for the errors e (q) of the chains' outputs."""
         entries: Sequence[Graph] = ca.vertsplit(sym("derived", self.name, len(self.values)))
         rows: list[Graph] = [0] * n
         for place, row in groupby(zip(self.places, entries, strict=True), lambda pair: pair[0].row):

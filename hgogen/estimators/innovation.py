@@ -74,31 +74,32 @@ class BadWindow(HgogenError):
 
 
 class BadWindowSize(BadArgument):
-    """A window, a number of predictors or a method that is not admissible."""
+    """An inadmissible length of an innovation's window, number of predictors, weight or method."""
 
 
 @runtime_checkable
 class Innovation(Protocol):
-    """A way to compute I_d into the place `state.innovation`."""
+    """A rule that computes the innovation I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted from z(t-d),
+    into the state's field `innovation`."""
 
     @property
     def d(self) -> float:
-        """Length of the window."""
+        """Length d of the window (s)."""
         ...
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """The hypothesis that the computed value is the integral of the theorem."""
+        """The hypothesis, with its verdict, that the computed value is the integral I_d of the convergence theorem."""
         ...
 
     def part(self, dynamics: Dynamics, z: Field) -> "Predictors":
-        """The part that computes the innovation, for the observer state of field `z`."""
+        """Return the part of the observer that computes I_d, for the estimated state in the field `z`."""
         ...
 
 
 @dataclass(frozen=True)
 class Predictor:
-    """The open-loop model over one step and its output error."""
+    """The model z' = f(z, u) without correction, integrated by a Runge-Kutta `tableau`; `z`: the field of its state."""
 
     dynamics: Dynamics
     z: Field
@@ -106,13 +107,14 @@ class Predictor:
 
     @property
     def lengths(self) -> Lengths:
-        """The step lengths at which the tableau follows the model's decay."""
+        """The step lengths at which the tableau's errors decay where the model's do, over points of the box."""
         limits = decay_limits(jacobians_on_box(self.dynamics, POINTS)[0], self.tableau.polynomial)
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def stepped(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """Return z one step later without correction, before `clamped` limits it to the box of the observer's state."""
+        """Return z (n) after a step `dt` of z' = f(z, u), u a function of the fraction of the step; not yet clamped to
+        a box."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -122,16 +124,16 @@ class Predictor:
 
 @dataclass(frozen=True, eq=False)
 class Predictors(Part):
-    """Copies of the model without correction as a part of an observer. `build` makes its pieces for every method, since
-    the predictors have their own method."""
+    """Copies of the model without correction as a part of an observer. `build` returns its memory and statements for
+    any method of the observer, since a predictor has its own."""
 
     predictor: Predictor
     build: Callable[[Predictor, Clock], Pieces]
 
 
 def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
-    """Return the elements clamped to the field's box, and the initial value where one is not a number or absurd.
-    Elements that are `still`, constant in the model, are inside and not clamped."""
+    """Return `value` (n) clamped to the field's box, with the initial value for an element that is no number or absurd.
+    Elements `still`, by index, are constant in the model and not clamped."""
     elements = []
     for i, end in enumerate(field.box_within(HUGE)):
         inside = clamp(value[i], *end)
@@ -141,14 +143,16 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
 
 
 def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
-    """Return whether an element that is not `still` is outside the field's box, or lost."""
+    """Return whether an element of `value` (n), other than those with indices `still`, is outside the field's box, or
+    lost."""
     moving = [i for i in range(value.numel()) if i not in still]
     ends = field.box_within(HUGE)
     return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """Return the number of samples d/dt, which must be a whole multiple of `shares`. Raises: `BadWindow`."""
+    """Return d/dt, the number of samples in a window d, a whole multiple of `shares`. Raises: `BadWindow` if it is
+    none."""
     count = round(d / dt)
     if count < 1 or count % shares or abs(count * dt - d) > 1e-9 * d:
         raise BadWindow(d, dt, shares)
@@ -156,8 +160,8 @@ def samples(d: float, dt: float, shares: int = 1) -> int:
 
 
 def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]:
-    """Return the weights in the order of the outputs. Raises: `BadNames`; `BadWindowSize` for another number of
-    them."""
+    """Return the `weights` of the squared output errors in the order of the outputs. Raises: `BadNames`;
+    `BadWindowSize` for another number of weights."""
     ordered = tuple(by_output("weights", weights, dynamics.form)) if weights else ()
     if ordered and len(ordered) != dynamics.outputs:
         reason = f"must have one number for each of {dynamics.outputs} outputs"
@@ -166,7 +170,8 @@ def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]
 
 
 def summed(weights: tuple[float, ...], squares: Graph) -> Graph:
-    """Return the weighted sum over outputs (p), with an upper limit so that it is always finite."""
+    """Return sum_j weights_j squares_j over the outputs (p), all weights 1 for (); limited, so that it is always
+    finite."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), MOST)
     return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), MOST)
@@ -180,7 +185,8 @@ _RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
 
 @dataclass(frozen=True)
 class Window:
-    """The innovation of the paper: `d` (s), the `tableau` that integrates the model, `weights` of the squares."""
+    """I_d = integral over [t-d, t] of |y - yhat|^2 by simulating the model again from z(t-d) at each sample: `d` (s),
+    the `tableau` that integrates the model, `weights` of the outputs' squares."""
 
     d: float
     tableau: Tableau
@@ -188,7 +194,7 @@ class Window:
     hypothesis: Hypothesis = WINDOW
 
     def part(self, dynamics: Dynamics, z: Field) -> Predictors:
-        """A ring of N + 1 samples in the group `past`."""
+        """Return the part that stores the last d/dt + 1 samples in a ring buffer, and simulates the model over them."""
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:
@@ -268,11 +274,12 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """The stored input, which the replay of the next sample uses as the previous one; empty without inputs."""
+        """Return the write of the stored input as the previous input of the next simulated step; empty without
+        inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
-        """The writes of one model step, and of the sum with its squared output error."""
+        """Return the writes of one simulated model step, and of the sum increased by its squared output error."""
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         z = sym("work", "zw", self.n)
@@ -291,8 +298,8 @@ _RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
 
 @dataclass(frozen=True)
 class Staggered:
-    """The innovation by staggered copies: `d` (s), `predictors` M, the `tableau` that integrates them, `weights` of the
-    outputs' squares."""
+    """I_d = integral over [t-d, t] of |y - yhat|^2 by M + 1 copies of the model, one restarted every d/M: `d` (s),
+    `predictors` M, the `tableau` that integrates the copies, `weights` of the outputs' squares."""
 
     d: float
     predictors: int
@@ -301,7 +308,7 @@ class Staggered:
     hypothesis: Hypothesis = STAGGERED
 
     def part(self, dynamics: Dynamics, z: Field) -> Predictors:
-        """M + 1 copies of the model in the group `predictor`."""
+        """Return the part with M + 1 copies of the model in an array of structures."""
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:
@@ -314,7 +321,8 @@ class Staggered:
 
 @dataclass(frozen=True)
 class _Copies:
-    """M + 1 predictors at a clock: `count` samples in the window, which M `shares` divide."""
+    """M + 1 copies of the model, M = `shares`, one restarted every `count`/M samples; `count` = d/dt samples in the
+    window."""
 
     predictor: Predictor
     clock: Clock
@@ -333,7 +341,7 @@ class _Copies:
 
     @property
     def most(self) -> int:
-        """The number of samples at which a predictor's count saturates."""
+        """The number of valid samples at which the count of a copy saturates."""
         return self.members * self.period + 1
 
     @property
@@ -342,12 +350,12 @@ class _Copies:
 
     @property
     def total(self) -> Graph:
-        """The sum of each output (p)."""
+        """The sums dt (y_j - yhat_j)^2 of a copy of the model for each output (p), SX."""
         return sym("predictor", "sum", self.clock.outputs)
 
     @property
     def valid(self) -> Graph:
-        """The number of samples in the sum of each output (p)."""
+        """The numbers of valid samples in a copy's sums, for each output (p), SX."""
         return sym("predictor", "samples", self.clock.outputs)
 
     @property
@@ -386,7 +394,7 @@ class _Copies:
         )
 
     def _accumulate(self, output: int) -> Program:
-        """The statements that add the sample of an output to every predictor's sum."""
+        """Return the statements that add dt (y - yhat)^2 of the output with index `output` to the sum of every copy."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
         error = sym("work", "reading") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
@@ -397,7 +405,7 @@ class _Copies:
         return (Loop("predictor", self.members, (add, tally)),)
 
     def _adapt(self) -> Program:
-        """The statements that read the innovation from the oldest predictor, and restart it when it is due."""
+        """Return the statements that set I_d to the sum of the oldest copy, and restart this copy when it is due."""
         numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
         wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # samples of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
@@ -436,8 +444,8 @@ def staggered(d: float, predictors: int = 4, method: Any = None, weights: float 
 
 
 def window(d: float, method: Any = None, weights: float | Values | None = None) -> Window:
-    """Innovation as the paper defines it, with the model simulated again over the window `d` (s) at every sample;
-    `weights` as in `staggered`."""
+    """Innovation I_d as the paper defines it, with the model simulated again over the window `d` (s) at every sample,
+    by default with Heun's method; `weights` of each output's square, by name or in their order, 1 by default."""
     _positive(d)
     return Window(float(d), _tableau(method), _weights(weights))
 
@@ -456,7 +464,7 @@ def _tableau(method: Any) -> Tableau:
 
 
 def _weights(declared: Any) -> Weights:
-    """The weights of the outputs; () for all 1."""
+    """Return the declared weights of the outputs' squares as numbers, by name or in order; () for all 1."""
     if declared is None:
         return ()
     values = list(declared.values()) if isinstance(declared, Mapping) else declared

@@ -72,15 +72,15 @@ _SHARES = (
 
 @dataclass(frozen=True)
 class Persistent:
-    """A proof that an input is regularly persistent: rank n at the time `at` (s); `inputs` by name, with their `period`
-    where one varies."""
+    """A proof that inputs u(t) are regularly persistent: the rows N_0 = C, N_(k+1) = N_k A + N_k' have rank n at the
+    time `at` (s). `inputs`: u(t) by name, with their `period` (s) where one varies."""
 
     inputs: Mapping[str, sp.Expr] = field(hash=False)
     at: sp.Expr = sp.S.Zero
     period: sp.Expr | None = None
 
     def evidence(self, form: Form) -> Evidence:
-        """The inputs as functions of time, and a time at which the rank is n."""
+        """Return the inputs as texts of functions of t, and the time of rank n, for a certificate."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         return {"inputs": inputs, "at": spelled(self.at, set()), **period}
@@ -148,7 +148,8 @@ def _periodic(
     C: sp.Matrix,
     period: Any,
 ) -> Check:
-    """Return the check for inputs that vary, with A(t) and C(t). Raises: `TooLarge`."""
+    """Return the check for inputs that vary with time, made by `answer`; A(t) (n, n), C(t) (p, n). Raises:
+    `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
@@ -176,8 +177,8 @@ def _periodic(
 
 
 def seconds(period: Any) -> float | None:
-    """Return a declared period in the model's time unit; None where none is declared, or it is not positive. Raises:
-    `BadGain` for an expression of anything but the time."""
+    """Return the number that the declared `period` is, in the model's time unit; None where none is declared, or it is
+    not positive. Raises: `BadGain` for an expression of anything but the time."""
     length = None if period is None else _expression("period", period)
     return float(length) if length is not None and length.is_positive and length.is_finite else None
 
@@ -197,7 +198,8 @@ def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
 
 
 def _expression(name: str, value: Any) -> sp.Expr:
-    """Return a number, a text or an expression as an exact expression of the time alone. Raises: `BadGain`."""
+    """Return `value`, a number, a text or an expression, as an exact expression of time alone; `name`: of the argument
+    in an error. Raises: `BadGain`."""
     try:
         expression = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
     except (BadExpression, sp.SympifyError) as error:
@@ -208,7 +210,8 @@ def _expression(name: str, value: Any) -> sp.Expr:
 
 
 def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
-    """Return A (n, n) and C (p, n) with waveforms instead of the inputs, and fixed parameters at their values."""
+    """Return A (n, n) and C (p, n) of a state-affine form with the `waveforms` u(t), by name, in place of its
+    inputs."""
     system = form.system
     values = {u: waveforms[u.name] for u in system.inputs if u.name in waveforms}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -217,8 +220,9 @@ def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix,
 
 
 def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
-    """Return a part of the plant that may be infinite for these inputs and states in their ranges at some time; None
-    without one. A and C may not contain it: a/b is 1 for a = b = sin t, but the plant is undefined at t = 0."""
+    """Return a subexpression of the plant that may be infinite at some time for the inputs u(t) = `waveforms` and
+    states in their ranges; None without one. A and C may not contain it: a/b is 1 for a = b = sin t, but the plant is
+    undefined at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -227,8 +231,8 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
 
 
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
-    """Return why an input, or an entry of A and C for inputs in their ranges, may be infinite in a period, else
-    `NONE`."""
+    """Return why an input u(t), or an entry of A and C for inputs in their ranges, may be infinite in a period of
+    `length` (s), else `NONE`."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
     rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
     loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
@@ -241,7 +245,8 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
 
 
 def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """Return why a constant input is no real number, is clamped, or makes A, C infinite; `NONE` otherwise."""
+    """Return why a value in `constants`, by input, is no real number, is clamped to a range, or makes A, C infinite;
+    else `NONE`."""
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
@@ -262,7 +267,7 @@ def _finite(e: sp.Expr, around: Box) -> bool:
 
 
 def _within(value: sp.Expr, low: Any, high: Any) -> bool:
-    """Return whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
+    """Return whether a constant is in [low, high]: exactly for a rational, else strictly by rigorous bounds."""
     if value.is_Rational:
         return bool(low <= Fraction(value) <= high)
     extent = bound(value, {})
@@ -270,14 +275,15 @@ def _within(value: sp.Expr, low: Any, high: Any) -> bool:
 
 
 def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
-    """Return whether each clamped input is strictly inside its range at that time, and therefore around it."""
+    """Return whether each input with a range is strictly inside its range at the time `when` (s), and so around it."""
     extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
     ranges = box(extents)
     return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in extents.items())
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:
-    """Return the stacked N_0 = C, N_(k+1) = N_k A + N_k' of matrices of `rate` times the time (s)."""
+    """Return the stacked rows N_0 = C, N_(k+1) = N_k A + N_k', k < `count`; A, C are matrices of rate t, t the time
+    (s)."""
     rows = [C]
     for _ in range(count - 1):
         rows.append(rows[-1] * A + rate * rows[-1].diff(t))
@@ -285,13 +291,15 @@ def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> s
 
 
 def _size(rows: sp.Matrix) -> sp.Expr:
-    """Return the sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
+    """Return det(N'N) of N = `rows` (m, n), the sum of squares of its n x n minors: 0 where the rank of N is below
+    n."""
     square = rows if rows.rows == rows.cols else rows.T * rows
     return determinant(square.tolist()).value
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
-    """Return whether the rows of matrices of `rate` times the time (s) are proved to have rank n for all parameters."""
+    """Return whether N_0 = C, N_(k+1) = N_k A + N_k' are proved to have rank n at the time `when` for all
+    parameters."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
         return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
@@ -321,19 +329,20 @@ _BALLS = Balls(0)
 
 @dataclass(frozen=True)
 class WindowGramian:
-    """The transition matrix `Phi` over an interval and its Gramian `W` (n, n), as matrices of balls."""
+    """Phi over an interval, Phi' = A Phi, and W = integral Phi'C'C Phi (n, n) over it, as matrices of Arb's balls."""
 
     Phi: Any
     W: Any
 
     def then(self, after: "WindowGramian") -> "WindowGramian":
-        """Return the values of this interval followed by the interval `after`."""
+        """Return (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1): Phi and W over this interval 1 followed by the interval 2,
+        `after`."""
         return WindowGramian(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
 
 
 class Course:
-    """The course of A (n, n) and C (p, n), expressions of the time and of parameters between their `ends`. Raises:
-    `NoTape` for an expression without a series."""
+    """A(t) (n, n) and C(t) (p, n), expressions of the time and of parameters in the intervals `ends`, with series in
+    balls. Raises: `NoTape` for an expression without a series."""
 
     def __init__(self, A: sp.Matrix, C: sp.Matrix, time: sp.Symbol, ends: Sequence[tuple[sp.Symbol, Any, Any]]) -> None:
         self.n, self.p = A.rows, C.rows
@@ -341,7 +350,7 @@ class Course:
         self._constants = [between(Fraction(low), Fraction(high)) for _, low, high in ends]
 
     def piece(self, begin: Fraction, length: Fraction) -> WindowGramian:
-        """Return the values on that piece of that length (s). Raises: `Undecided`, `ZeroDivisionError`."""
+        """Return Phi and W over [begin, begin + length] (s). Raises: `Undecided`, `ZeroDivisionError`."""
         h, order = flint.arb(number(length)), ORDER + 1
         A, C = self._series(flint.arb(number(begin)), order)
         Phi = [flint.arb_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])]
@@ -355,12 +364,13 @@ class Course:
         return WindowGramian(end, sum(terms, _around(self.n, gramian_error)))
 
     def steepest(self, begin: Fraction, length: Fraction) -> Any:
-        """Return a bound of the largest eigenvalue of |A + A'|/2 on the piece, a ball."""
+        """Return a bound a >= |A + A'|/2, a ball, on the times [begin, begin + length] (s)."""
         (A,), _ = self._series(between(begin, begin + length), 1)
         return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
     def _remainders(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
-        """Return the remainders of the two series at the end of the piece, balls whose upper ends are the bounds."""
+        """Return the remainders of the Taylor series of Phi and Phi'C'C Phi at begin + length, balls whose upper ends
+        are bounds."""
         h, order = flint.arb(number(length)), ORDER + 2
         A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
@@ -372,7 +382,7 @@ class Course:
         return phi[-1] * h ** (ORDER + 1), rate * h ** (ORDER + 2) * (1 / flint.arb(ORDER + 2))
 
     def _series(self, time: Any, order: int) -> tuple[list[Any], list[Any]]:
-        """Return the Taylor coefficients of A and C below the order, at a ball of times."""
+        """Return the Taylor coefficients 0 .. order - 1 of A and of C at `time`, a ball."""
         values = [_BALLS.series([time, 1], order), *(_BALLS.series([value], order) for value in self._constants)]
         rows = [_BALLS.coefficients(row, order) for row, _ in evaluate(self._plant, _BALLS, values, order, 1)]
         square = self.n * self.n
@@ -384,7 +394,7 @@ class Course:
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    """Return the coefficient k of the product of two series."""
+    """Return sum_i a_i b_(k-i), the coefficient k of the product of two power series `a` and `b`."""
     total = a[0] * b[k]
     for i in range(1, k + 1):
         total = total + a[i] * b[k - i]
@@ -402,17 +412,18 @@ def _norm(M: Any) -> Any:
 
 
 def _around(n: int, size: Any) -> Any:
-    """Return a matrix of balls with the centre 0."""
+    """Return an (n, n) matrix of balls with centre 0 and the upper end of the ball `size` as radius."""
     return flint.arb_mat(n, n, [flint.arb(0, size.abs_upper())] * (n * n))
 
 
 @dataclass(frozen=True)
 class GramianBound:
-    """The lower `bound` e of the Gramian over every window of m + 1 pieces, m = 2^`level`, each `piece` (s) long, that
-    begins in one of the first `starts` pieces.
+    """The lower `bound` e of all eigenvalues of the Gramian W over every window of m + 1 pieces, m = 2^`level`, each
+    `piece` (s) long, that begins in one of the first `starts` pieces; W = D (integral Phi'C'R^-1 C Phi) D, D the
+    half-widths of the ranges.
 
-    For constant A and C a window has m pieces and begins at any time, and `starts` is 0. `inputs` by name, with their
-    `period` where one varies; `R` (p) and `weights` (p): s_j with s_j^2 R_j <= 1.
+    For constant A and C a window has m pieces and begins at any time, and `starts` is 0. `inputs` u(t) by name, with
+    their `period` (s) where one varies; `R` (p) and `weights` (p): s_j with s_j^2 R_j <= 1.
     """
 
     inputs: Mapping[str, sp.Expr] = field(hash=False)
@@ -426,11 +437,11 @@ class GramianBound:
 
     @property
     def window(self) -> Fraction:
-        """d (s)."""
+        """The length (s) of a window."""
         return self.piece * ((1 << self.level) + bool(self.starts))
 
     def evidence(self, form: Form) -> Evidence:
-        """The whole claim, from which a checker computes the windows again."""
+        """Return all fields as numbers and texts for a certificate, from which a checker computes W again."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         pieces = {"piece": self.piece, "level": Fraction(self.level), "starts": Fraction(self.starts)}
@@ -440,11 +451,11 @@ class GramianBound:
 def gramian_bound(
     id: ClaimId, form: Form, persistence: Check, R: Sequence[float], length: float | None, memory: float
 ) -> Check:
-    """Return the check of a Gramian bound for every window of the inputs of a check of persistence, for all parameter
-    values.
+    """Return the check, for all parameter values, of a lower bound on the eigenvalues of the observability Gramian over
+    every window of the inputs that the check `persistence` proves persistent.
 
-    `R` (p): of the outputs; `length` (s) of a window, by default the inputs' period, or `memory` (s) where A and C are
-    constant.
+    `R` (p): noise of the outputs; `length` (s) of a window, by default the inputs' period, or `memory` (s) where A and
+    C are constant.
     """
     claim: Sentence | str = "every window of the input's course shows every state by a known share of its range"
     inputs = next((one for one in persistence.proofs if isinstance(one, Persistent)), None)
@@ -498,7 +509,8 @@ def _period(inputs: Persistent) -> float | None:
 
 
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
-    """Return why an observer, which clamps inputs to their ranges, may change the inputs; `NONE` if it does not."""
+    """Return why an observer, which clamps inputs to their ranges, may change u(t) up to the time `end`; else
+    `NONE`."""
     for u in form.system.inputs:
         if u.bounded and u.name in inputs.inputs:
             extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})
@@ -509,8 +521,8 @@ def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
 
 
 def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterator[Fraction]:
-    """Yield a lower bound of the smallest eigenvalue for each window that begins in one of the `starts` pieces; a
-    single one, for any window, where A and C are constant and `starts` is 0."""
+    """Yield a lower bound of the smallest eigenvalue of W for each window that begins in one of the `starts` pieces;
+    one bound, for any window, where A and C are constant and `starts` is 0."""
     if not starts:
         window = course.piece(Fraction(0), piece)
         for _ in range(level):
@@ -526,8 +538,8 @@ def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterat
 
 
 def _smallest(window: WindowGramian) -> Fraction:
-    """Return a lower bound of the smallest eigenvalue of W: that of the balls' centres, less the largest sum of
-    radii."""
+    """Return a lower bound of the smallest eigenvalue of W: that of the matrix of its balls' centres, less the largest
+    row sum of radii."""
     n = range(window.W.nrows())
     balls = [[(window.W[i, j] + window.W[j, i]) / 2 for j in n] for i in n]
     if not all(ball.is_finite() for row in balls for ball in row):

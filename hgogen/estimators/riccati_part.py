@@ -171,20 +171,20 @@ class Riccati(Part):
         return scaling(self.dynamics.form, self.theta.scaled)
 
     def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """The prediction's rate f (n)."""
+        """Return the rate f (n) of the prediction z' = f(z, u), SX."""
         if self.measured_state is None:
             return self.dynamics.flow(z, u)
         A, b = self.dynamics.affine(self.measured_state(z, u, y, valid), u)
         return A @ z + b
 
     def jacobian(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """The matrix F (n, n) of the Riccati equation, SX."""
+        """Return the matrix F (n, n) of the Riccati equation P' = F P + P F' + .., SX."""
         if self.measured_state is None:
             return self.dynamics.jacobian(z, u)
         return self.dynamics.affine(self.measured_state(z, u, y, valid), u)[0]
 
     def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
+        """Return F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
         return jacobians_on_box(self.dynamics, samples, affine=self.measured_state is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
@@ -199,12 +199,13 @@ class Riccati(Part):
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
     def noise(self) -> Graph:
-        """The process noise Q_theta (n, n), SX."""
+        """Return the process noise Q_theta (n, n) of the Riccati equation, SX."""
         factor = self.scaled_factor()
         return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
 
     def scaled_factor(self) -> Graph:
-        """The factor Delta^-1 G (n, k) of the process noise, SX."""
+        """Return the factor Delta^-1 G (n, k) of the process noise Q_theta = theta^(1+g) Delta^-1 G diag(w) G'
+        Delta^-1, SX."""
         return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
 
     def spread(self) -> Graph:
@@ -214,21 +215,23 @@ class Riccati(Part):
 
 @dataclass(frozen=True, eq=False)
 class Around(Part):
-    """A Riccati observer `plain` with its own rule for a step instead of the method's."""
+    """A Riccati observer `plain` whose step has a rule of its own in place of the method's."""
 
     plain: Riccati
 
 
 @dataclass(frozen=True, eq=False)
 class AtSamples(Around):
-    """A filter, described by `name`, that predicts and corrects as `build` defines, whatever the method."""
+    """A Kalman filter `name` on the Riccati observer `plain` that predicts and corrects at samples; `build` returns its
+    memory and statements, whatever the method."""
 
     name: str
     build: Callable[[Clock], Pieces]
 
 
 def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
-    """Return the places of a lower triangle (n, n), column by column, from the diagonal or the `first` one below it."""
+    """Return the entries (i, j) of a lower triangle (n, n) by columns: with its diagonal, or from the `first` one below
+    it."""
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
 
@@ -281,7 +284,8 @@ SYMMETRIC: Mapping[View, str] = {"information": "S", "covariance": "P"}  # the f
 
 
 def riccati_ode(part: Riccati, view: View) -> Ode:
-    """Return the differential equation of z and S, or of z and P; an invalid output has the weight 0."""
+    """Return z' and S', or z' and P', of the Riccati observer as a differential equation; an invalid output has the
+    weight 0."""
     name, prior = SYMMETRIC[view], ca.diag(ca.SX(ca.DM(1 / part.cap)))
 
     def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -308,7 +312,8 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
 
 
 def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
-    """Return L, unit lower triangular, and the diagonal of D, of a symmetric matrix (n, n) = L D L', SX or numbers."""
+    """Return L, unit lower triangular, and the diagonal d (n) of S = L diag(d) L', S symmetric (n, n), SX or
+    numbers."""
     n = S.shape[0]
     L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
     for j in range(n):
@@ -389,12 +394,13 @@ SHARE = 0.5
 
 
 def prior_status(part: Riccati, variance: list[Graph]) -> Block:
-    """Return the block that sets the status where the sum of P_ii S_0ii, with P_ii = `variance`, exceeds `SHARE`."""
+    """Return the block that sets the status bit where sum_i P_ii S_0ii exceeds `SHARE`; P_ii = `variance`, S_0 the
+    prior."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
 def symmetric_covariance(part: Riccati, view: View) -> tuple[Graph, Block]:
-    """Return P (n, n) as an SX of the symmetric S or P that a method integrates, and the block of `prior_status`."""
+    """Return P (n, n) in terms of the stored S = P^-1 or P, by `view`, SX, and the block of `prior_status`."""
     n = part.dynamics.n
     matrix = unpack(sym("state", SYMMETRIC[view], n * (n + 1) // 2), n)
     if view == "covariance":
@@ -417,7 +423,7 @@ LIMITED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner about a Q that is not
+    """A Riccati observer: its `part`, its `gains` Q and R, and `equations`, banner lines about a Q that is not
     diagonal."""
 
     part: Riccati
@@ -434,8 +440,8 @@ def extended(
     theta: Theta | None = None,
     tangent: bool = True,
 ) -> Extended:
-    """Return the filter of the arguments of `observers.riccati`; theta is 1 by default. `tangent`: whether outputs are
-    extended by their tangents outside of the box, consistently with their Jacobians.
+    """Return the Riccati observer of the arguments of `observers.riccati`, `covariance` = P(0); theta is 1 by default.
+    `tangent`: whether outputs are extended by their tangents outside of the box, consistently with their Jacobians.
 
     Raises: `BadGain`, `BadNames`.
     """

@@ -62,7 +62,7 @@ LARGEST = 7  # states; more would need too much flash as straight-line code
 
 
 def triangle(stack: Graph) -> Graph:
-    """Return the lower triangular SX matrix S (n, n), positive diagonal, with S S' = stack stack' (n, k), and the
+    """Return the lower triangular SX matrix S (n, n), positive diagonal, with S S' = A A', A = `stack` (n, k), and the
     intermediate values that get a name."""
     n = stack.shape[0]
     rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Graph]()
@@ -80,7 +80,8 @@ def triangle(stack: Graph) -> Graph:
 
 
 def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
-    """Return S after one scalar measurement of variance r whose row c (1, n) has f = S'c' (n), and the gain (n)."""
+    """Return S after a scalar measurement, with S S' = P, of variance r and row c (1, n), f = S'c' (n), and the gain
+    (n)."""
     n, after = S.shape[0], ca.SX(S)
     alpha, b = r, ca.SX(n, 1)
     for j in reversed(range(n)):
@@ -96,12 +97,12 @@ def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
 
 
 class SquareRoot(Unrolled):
-    """P = S S', S packed by columns."""
+    """A Riccati filter on P = S S', S lower triangular and packed by columns (Carlson), up to 7 states."""
 
     name = "S S'"
 
     def pieces(self) -> Pieces:
-        """Memory and statements. Raises: `BadGain` for more than 7 states."""
+        """Return memory fields and statements of the filter. Raises: `BadGain` for more than 7 states."""
         n = self.part.dynamics.n
         if n > LARGEST:
             raise BadGain(
@@ -111,7 +112,7 @@ class SquareRoot(Unrolled):
 
     @property
     def root(self) -> Graph:
-        """S (n, n) in the state."""
+        """The SX symbols of the stored S (n, n)."""
         n = self.part.dynamics.n
         return unpack_lower(sym("state", "root", n * (n + 1) // 2), n)
 
@@ -122,7 +123,7 @@ class SquareRoot(Unrolled):
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The field of S, with the root of the smallest D as lower limit of its diagonal."""
+        """The memory field of S; each S_ii is at least the root of the smallest D_i of P = L D L'."""
         n, deviation = self.part.dynamics.n, np.sqrt(largest(self.part))
         start = np.linalg.cholesky(self.part.covariance)
         floor = np.sqrt(self.smallest(factor(self.part.covariance)[1]))
@@ -133,47 +134,49 @@ class SquareRoot(Unrolled):
 
     @property
     def covariance(self) -> Graph:
-        """P (n, n)."""
+        """P = S S' (n, n), SX."""
         return self.root @ self.root.T
 
     @property
     def variances(self) -> list[Graph]:
-        """The P_ii."""
+        """The diagonal entries P_ii = sum_j S_ij^2, n SX scalars."""
         S = self.root
         return [ca.dot(S[i, :], S[i, :]) for i in range(self.part.dynamics.n)]
 
     def scaled(self, scale: Graph) -> Writes:
-        """The factor of P with its rows and columns scaled (n)."""
+        """Return the write of S of diag(s) P diag(s), with s = `scale` (n)."""
         return self.writes(ca.diag(scale) @ self.root)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """The update of Carlson."""
+        """Return the write of S after Carlson's update by y = c z, c = `row` (1, n), of variance `r`, and the gain
+        (n)."""
         S, gain = carlson(self.root, self.root.T @ row.T, r)
         return self.writes(S), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """The triangle of the stack."""
+        """Return the write of S of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and the intermediate values with
+        names."""
         S = self.root if growth is None else ca.sqrt(growth) * self.root
         S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
         return self.writes(S), names
 
     def noise_factor(self) -> Graph:
-        """sqrt(h) W (n, k), with W W' = Q_theta."""
+        """Return sqrt(h) W (n, k), where W W' = Q_theta is the process noise and h the step, SX."""
         return self.part.scaled_factor() @ ca.diag(ca.sqrt(self.weights()))
 
     def linear(self, output: int) -> bool:
-        """Whether an output is linear in the state: its row c is free of the state."""
+        """Return whether the output with index `output` is linear in z: its row c = dh/dz is free of z."""
         return not ca.depends_on(self.row(output), self.z)
 
     def output(self, z: Graph, output: int) -> Graph:
-        """The output at z, SX scalar."""
+        """Return h_j(z) of the output j = `output` as an SX scalar."""
         return self.part.dynamics.output(z, self.clock.u_now)[output]
 
 
 @dataclass(frozen=True)
 class Transformed:
-    """The sums of a map's values at the sigma points: `middle` m(z) (k), `slopes` the a_i and `curvatures` the b_i (k,
-    n), reduced for a negative weight of d d', `drift` d (k)."""
+    """Sums of a map m at sigma points z +- g s_i: `middle` m(z) (k), `slopes` a_i = (m(z + g s_i) - m(z - g s_i))/2g
+    and `curvatures` b_i = (m(z + g s_i) + m(z - g s_i) - 2 m(z))/2g (k, n), `drift` d = sum b_i/g (k)."""
 
     middle: Graph
     slopes: Graph
@@ -183,20 +186,20 @@ class Transformed:
 
 @dataclass(frozen=True)
 class Unscented(SquareRoot):
-    """A Kalman filter by sigma points: `reach` g > 0, the distance of a point from the estimate in standard deviations,
-    and `more` beta - alpha^2 >= -g^2/n, the weight of d d'."""
+    """The unscented Kalman filter, sigma points z +- g s_i, s_i the columns of S: `reach` g > 0, and `more` = beta -
+    alpha^2 >= -g^2/n, the weight of d d' in the covariance."""
 
     reach: float
     more: float
     rule = RULE
 
     def points(self) -> tuple[list[Graph], list[Graph]]:
-        """z + g s_i and z - g s_i."""
+        """Return the sigma points z + g s_i and z - g s_i, i = 1..n, s_i the columns of S."""
         steps = [self.reach * self.root[:, i] for i in range(self.part.dynamics.n)]
         return [self.z + step for step in steps], [self.z - step for step in steps]
 
     def transformed(self, middle: Graph, above: list[Graph], below: list[Graph]) -> Transformed:
-        """Return the sums of a map from its values at z (`middle`) and at the points on both sides."""
+        """Return the sums of a map m, from m(z) = `middle`, m(z + g s_i) = `above` and m(z - g s_i) = `below`."""
         pairs = list(zip(above, below, strict=True))
         half = 1 / (2 * self.reach)
         slopes = ca.horzcat(*(half * (up - down) for up, down in pairs))
@@ -209,7 +212,8 @@ class Unscented(SquareRoot):
         return Transformed(middle, slopes, curvatures, drift)
 
     def prediction(self) -> Program:
-        """The statements that advance each point, and then compute z and S from all points."""
+        """Return the statements that advance each sigma point by a Runge-Kutta step, and compute z and S from all
+        points."""
         n, sides = self.part.dynamics.n, {"above": "z + g s_", "below": "z - g s_"}
         points = {"middle": ("z", self.z)}
         for (side, title), drawn in zip(sides.items(), self.points(), strict=True):
@@ -227,7 +231,8 @@ class Unscented(SquareRoot):
         return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
 
     def correction(self, output: int) -> Program:
-        """The update by a sample of an output; a nonlinear output is evaluated at the points."""
+        """Return the update by a sample of the output with this index; a nonlinear output is evaluated at the sigma
+        points."""
         r, e = self.variance(output), sym("work", "e")
         if self.linear(output):
             f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"
@@ -248,20 +253,20 @@ class Iterated(SquareRoot):
     rule = RULE
 
     def scaled_row(self, w: Graph, output: int) -> Graph:
-        """f = S'c' (n) at z + S w."""
+        """Return f = S'c' (n), c = dh/dz of an output at z + S w."""
         slope = self.part.dynamics.output_jacobian(self.z + self.root @ w, self.clock.u_now)
         return self.root.T @ slope[output, :].T
 
     def error(self, w: Graph, output: int) -> Graph:
-        """Return y - h(z + S w), with y - h(z) the innovation."""
+        """Return y - h(z + S w) of an output, SX scalar."""
         return sym("work", "e") + self.output(self.z, output) - self.output(self.z + self.root @ w, output)
 
     def cost(self, w: Graph, output: int) -> Graph:
-        """J(w)."""
+        """Return the cost J(w) = |w|^2 + (y - h(z + S w))^2/r of a sample of an output of variance r, SX scalar."""
         return ca.sumsqr(w) + self.error(w, output) ** 2 / self.variance(output)
 
     def correction(self, output: int) -> Program:
-        """The passes, each a separate block, then z and S; for a linear output the scalar update."""
+        """Return the Gauss-Newton passes as blocks, then z and S; for a linear output the scalar update."""
         if self.linear(output):
             return super().correction(output)
         n, root = self.part.dynamics.n, self.root

@@ -92,10 +92,11 @@ PUSH = 1e-9  # of the output: an error that opens a dead zone
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """The matrices M (k, N, N) of the error at `points` (k, n + m) of the form's state and the input.
+    """The error equation e' = M e linearised at fixed points of the box: M (k, N, N) at `points` (k, n + m) of the
+    form's state and the input, e the error of the estimator's N fields.
 
-    `core` (N, N) is the linear core, 0 where there is none; `blind` (k, N, N) is M without samples, that of the model;
-    `names` are the coordinates of a point.
+    `core` (N, N) is the part of M that is linear in fields and measurement, 0 where there is none; `blind` (k, N, N) is
+    M without samples, that of the model; `names` are the coordinates of a point.
     """
 
     M: Array
@@ -105,13 +106,14 @@ class Frozen:
     names: tuple[str, ...]
 
     def at(self, index: int) -> str:
-        """Return the text of a point."""
+        """Return the text "x1 = .., u = .." of the point with this index."""
         return ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, self.points[index], strict=True))
 
 
 @lru_cache(maxsize=16)
 def frozen(part: Ode, observer: Observer) -> Frozen:
-    """Return the matrices at fixed points of the box, without the points at which M is not finite."""
+    """Return the error matrices M of an estimator `part` at `box_points`, without the points at which M is not
+    finite."""
     form, points = observer.form, box_points(observer.form)
     M, blind = errors_at(part, observer)(points)
     finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
@@ -122,7 +124,8 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
 
 @lru_cache(maxsize=16)
 def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, Array]]:
-    """Return `Frozen.M` and `Frozen.blind` (k, N, N) as a function of points (k, n + m)."""
+    """Return a function of points (k, n + m) of state and input; its value is the pair M, M without samples (k, N, N)
+    of the error equation e' = M e."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
     values = {field.name: sym("state", field.name, field.size) for field in moving}
     x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
@@ -175,7 +178,7 @@ def box_points(form: Form) -> Array:
 
 
 def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
-    """Return the graphs with parameters, gains and the values derived from them replaced by numbers."""
+    """Return the SX graphs with numbers in place of parameters, gains and values derived from them."""
     values = nominal(observer)
     symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in values]
     numbers = [ca.SX(float(values[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
@@ -198,19 +201,21 @@ HALVINGS = 12  # of the interval in which `refused` lies
 
 
 class ErrorMap(Protocol):
-    """A method as the map of frozen errors for the linear core (N, N) and M (k, N, N), with a common scaling."""
+    """A numerical method as the map e <- T(h) e of frozen errors e' = M e, M (k, N, N), whose part `core` (N, N) the
+    method may integrate exactly; core and M are scaled by one diagonal matrix."""
 
     @property
     def exact(self) -> bool:
-        """Whether the core limits no step, so that only the model's own motion requires a short one."""
+        """Whether the method integrates the linear core exactly, so that only the model's own motion requires a short
+        step."""
         ...
 
     def transition(self, core: Array, M: Array, h: float) -> Array:
-        """T(h) (k, N, N)."""
+        """Return T(h) (k, N, N), the map of the errors e' = M e over a step of length h."""
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
-        """The smallest h for each stable M (k) from which on T(h) has an eigenvalue beyond 1, else inf."""
+        """Return, for each stable M (k), the smallest h from which on T(h) has an eigenvalue beyond 1, else inf."""
         ...
 
     def __hash__(self) -> int:
@@ -219,8 +224,8 @@ class ErrorMap(Protocol):
 
 
 def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Limit, rule: str = "") -> Lengths:
-    """Return the step lengths of a part of the observer; `core`: the limit of its linear core alone, `rule` as in
-    `Lengths`. The costly `take` is computed only for a step `dt` that may exceed it."""
+    """Return the step lengths, advised and refused, of an estimator `part`; `core`: the limit of its linear error core
+    alone, `rule`: a text of `Lengths`. The costly `take` is computed only for a step `dt` that may exceed it."""
     errors, limits = _judged(part, observer), _limits(part, observer, method)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
@@ -234,7 +239,7 @@ def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Li
 
 @lru_cache(maxsize=16)
 def _judged(part: Ode, observer: Observer) -> Frozen:
-    """Return the stable errors in balanced coordinates."""
+    """Return the frozen errors of the part at the points where M is stable, in coordinates that balance M."""
     errors = frozen(part, observer)
     decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])
@@ -262,8 +267,8 @@ def stable(M: Array) -> Array:
 
 
 def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
-    """Return `ErrorMap.refused`, by increasing step lengths, for the M that is the first to become unstable; inf for
-    others."""
+    """Return limits (k): for the M whose T(h) is the first to have an eigenvalue beyond 1 as h increases, that h; inf
+    for all others."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
     if not fastest:
         return limits
@@ -284,8 +289,8 @@ def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
 
 
 def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> float:
-    """Return `take` for stable, balanced M (k, N, N), at least SHARE times DEEPEST of `refused`; inf without a
-    limit."""
+    """Return the largest step `take` up to which errors of the stable, balanced M (k, N, N) grow by at most GROWTH
+    times as much as in continuous time; at least SHARE times DEEPEST of the step `refused`, inf without a limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
@@ -300,7 +305,7 @@ def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> 
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """Return the step length at which the search for `take` begins, which resolves every M."""
+    """Return the step length at which the search for the advised one begins, short enough for every eigenvalue of M."""
     fastest = _fastest(M)
     return DEEPEST * refused if math.isfinite(refused) else FINE / fastest if fastest else math.inf
 
@@ -314,11 +319,12 @@ def _fastest(M: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """The closed loops of a filter: F, N = C'R^-1 C, Q and rho S_0 (k, n, n), in coordinates in which the steady P of h
-    -> 0 is 1.
+    """The closed loops F - P N of a filter at k points: F, N = C'R^-1 C, Q and the prior rho S_0 (k, n, n), in
+    coordinates in which the steady P of h -> 0 is 1.
 
     `starts` (s, k, n, n): the initial values of P. With L = `back` (k, n, n), L P L' is the covariance in units of the
-    state, `cap` (n) its cap, possibly inf. `most` (k): the admissible growth of an error relative to continuous time.
+    state, `cap` (n) its cap, possibly inf. `most` (k): the admissible growth of an error relative to continuous
+    time.
     """
 
     F: Array
@@ -333,20 +339,22 @@ class Loops:
 
     @property
     def continuous(self) -> Array:
-        """F - P N (k, n, n)."""
+        """The closed loop F - P N at the steady P = 1 (k, n, n)."""
         return np.asarray(self.F - self.N)
 
     def transition(self, h: float) -> Array:
-        """T(h) (k, n, n)."""
+        """Return T(h) (k, n, n), the error's map over predict and correct with the steady covariance of step h."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return self._transition(h, P)
 
     def largest_shares(self, h: float) -> Array:
-        """Return the largest P_ii/cap_i (k) from every start until P is steady, after 1, 2, 3, 4, 6, 8, .. steps."""
+        """Return the largest P_ii/cap_i at each point (k), over all initial P and the steps 1, 2, 3, 4, 6, 8, .. until
+        P is steady, for steps of length h."""
         return self._largest_shares(list(_doubled(*self._step(h))))
 
     def _largest_shares(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
-        """Return `largest_shares`, up to the step after which no P_ii/cap_i can exceed `enough`.
+        """Return the largest P_ii/cap_i (k) as `largest_shares`, from the maps `doubled` of 1, 2, 4, .. steps; the
+        search ends once no later P_ii/cap_i can exceed `enough`.
 
         If P <= c P_s with c >= 1 and the steady P_s, no later P exceeds c P_s, because the step of c P is at most c
         times the step of P. c is at most the trace of P_s^-1 P.
@@ -368,13 +376,14 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Return whether no error grows without bound at a point (k), both with the steady P and with the capped P."""
+        """Return, for each point (k), whether T(h) has no eigenvalue beyond 1, both with the steady P and with the
+        capped P."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """Return the largest h up to which no error grows much, and P reaches its cap only where it does for h -> 0.
-        The value does not depend on `end`; it is inf where it lies beyond `end`."""
+        """Return the largest h up to which no error grows by more than `most`, and P reaches its cap only where it does
+        for h -> 0; inf where that h is beyond `end`."""
         model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
         fastest = max(model, loop)
         if not fastest or FINE / fastest > end:
@@ -394,8 +403,8 @@ class Loops:
         return longest(grows, start, end, coarse_end)
 
     def refused(self, start: float) -> float:
-        """Return the largest h above `start` with decaying errors at one F at least; inf if all h have them, or
-        none."""
+        """Return the largest h above `start` at which errors decay at one point at least; inf if errors decay for all
+        h, or already not at `start`."""
         fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
 
         def lost(h: float) -> bool:
@@ -405,13 +414,14 @@ class Loops:
         return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
 
     def _step(self, h: float) -> tuple[Array, Array, Array]:
-        """Return A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, with P before a sample."""
+        """Return A, G, H (k, n, n) of the covariance step P <- H + A' P (1 + G P)^-1 A of length h, P before a
+        sample."""
         grown = math.exp(min(self.rho * h, 100.0))  # the exponent at which nothing of the past is left
         Phi = polynomial(h * self.F, HEUN.polynomial)
         return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
 
     def _transition(self, h: float, P: Array) -> Array:
-        """Return T(h) from P before a sample."""
+        """Return the error's map T(h) (k, n, n) over predict and correct, with the covariance P before the sample."""
         one, information, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
         corrected = one - _solved(one + P @ (information + forgotten), P @ information)
         return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
@@ -431,7 +441,7 @@ class Loops:
 
 
 def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """Return the step lengths of the closed loop, which hold for every factored covariance.
+    """Return the step lengths of a predict-and-correct filter by its closed loop, equal for every factorisation of P.
 
     `take`: up to it no error grows much at a point of the box and the motion of the model is resolved, inf where it is
     above `dt`. `refused`: above it errors decay at no point of the box, inf where dt <= `take`.
@@ -458,8 +468,8 @@ def together(every: Sequence[Loops]) -> Loops:
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loops:
-    """Return the closed loops at F (k, n, n), C (k, p, n) with a steady covariance at a theta. P starts at P(0), and at
-    its steady value at the theta `start`."""
+    """Return the closed loops of a filter at F (k, n, n), C (k, p, n) and a theta, at the points with a steady
+    covariance. P starts at P(0), and at its steady value for theta = `start`."""
     Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
@@ -490,7 +500,8 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loop
 
 
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
-    """Return the steady P (k, n, n) of h -> 0."""
+    """Return the steady P (k, n, n) of the Riccati equation P' = F P + P F' + rho (P - P S_0 P) + Q_theta - P C'
+    R_theta^-1 C P at each F, C."""
     (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
     if rho:
         C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))
@@ -510,8 +521,8 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the maps of 1, 2, 4, .. steps (k, n, n), until H is the steady P; without one, H becomes large or
-    infinite."""
+    """Yield A, G, H (k, n, n) of the maps P <- H + A' P (1 + G P)^-1 A over 1, 2, 4, .. steps, until H is the steady P;
+    without a steady P, H becomes large or infinite."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):
         yield A, G, H

@@ -201,8 +201,8 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 
 def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
-    """Return the theorem with the hypotheses of the form: chains of several outputs, and coordinates other than those
-    of the filter; `definite`: whether Q is positive definite."""
+    """Return `theorem` with the hypotheses that `form` adds: on the chains of several outputs, and on coordinates other
+    than the plant's states. `definite`: whether Q is positive definite."""
     if not definite:
         ranked = (_OF_LOWER_RANK if each is _DEFINITE else each for each in theorem.hypotheses)
         theorem = replace(theorem, hypotheses=tuple(ranked))
@@ -217,7 +217,8 @@ def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """mu = x^2 (3 - 2 x), x = (I - gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]: C1, satisfies (6) exactly."""
+    """The growth fraction mu(I) of the adaptive law as a smoothstep of the innovation I: mu = x^2 (3 - 2 x), x = (I -
+    gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]. C1; exactly 0 below `gamma_0`, 1 above `gamma_1` (y^2 s)."""
 
     gamma_0: float
     gamma_1: float
@@ -226,7 +227,7 @@ class Smoothstep:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The two thresholds gamma_0 and gamma_1."""
+        """The tunable gains of mu: the thresholds gamma_0 and gamma_1 of the innovation (y^2 s)."""
         top = 1e6 * self.gamma_1
         return (
             gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
@@ -234,7 +235,7 @@ class Smoothstep:
         )
 
     def fraction(self, innovation: Graph) -> Graph:
-        """The SX scalar mu(I)."""
+        """Return mu(I) in [0, 1] as an SX scalar, for the innovation I as an SX scalar."""
         low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
         return x * x * (3 - 2 * x)
@@ -242,7 +243,8 @@ class Smoothstep:
 
 @dataclass(frozen=True)
 class Logistic:
-    """mu = 1/(1 + exp(-slope (I - centre))): the paper's sigmoid, never exactly 0 or 1."""
+    """The growth fraction mu(I) = 1/(1 + exp(-slope (I - centre))) of the adaptive law: the paper's sigmoid of the
+    innovation I, never exactly 0 or 1."""
 
     centre: float
     slope: float
@@ -251,20 +253,22 @@ class Logistic:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The centre and the slope."""
+        """The tunable gains of mu: `centre` (y^2 s) and `slope` (1/(y^2 s)) of the sigmoid."""
         return (
             gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
             gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
         )
 
     def fraction(self, innovation: Graph) -> Graph:
-        """Return the SX scalar mu(I); the exponent is clamped to +-80, where exp is finite in single precision."""
+        """Return mu(I) as an SX scalar, for the innovation I; its exponent is clamped to +-80, where exp is finite in
+        single precision."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
 
 def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
-    """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
+    """Growth fraction mu for `adaptive`: 0 for an innovation below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s), a C1
+    smoothstep between. Raises: `BadGain`."""
     positive("gamma_0", gamma_0)
     positive("gamma_1", gamma_1)
     if not gamma_0 < gamma_1:
@@ -273,40 +277,43 @@ def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
 
 
 def logistic(centre: float, slope: float) -> Logistic:
-    """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
+    """Growth fraction mu(I) = 1/(1 + exp(-slope (I - centre))) for `adaptive`, I the innovation; `centre` (y^2 s) and
+    `slope` (1/(y^2 s)) are positive. Raises: `BadGain`."""
     positive("centre", centre)
     positive("slope", slope)
     return Logistic(float(centre), float(slope))
 
 
 class Theta(ABC):
-    """A high-gain parameter; by default it is constant and no part changes it."""
+    """The high-gain parameter theta of a Riccati observer; by default constant."""
 
     scaled: Scaled  # the noises that theta scales
     traces: tuple[str, ...] = ()  # scalar fields of the state to log
 
     @property
     def value(self) -> Graph:
-        """The gain theta as an SX scalar; for a varying theta the place `state.theta`."""
+        """Theta as an SX scalar; for a varying theta the symbol of the state's field `theta`."""
         return sym("state", "theta")
 
     @property
     @abstractmethod
     def peak(self) -> float:
-        """The largest value of theta."""
+        """The largest value that theta can have."""
 
     @property
     def late(self) -> float:
-        """The value of theta while a large error lasts."""
+        """The value of theta after a large estimation error has lasted for long."""
         return self.peak
 
     @property
     def error_free(self) -> float | None:
-        """The value without errors, if theta can rise from it to its peak again, else None."""
+        """The value that theta reaches while the estimation error is 0, if theta can rise from there to its peak again,
+        else None."""
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Return the values of theta (d) a time dt (d) later at the fastest rise that its law permits."""
+        """Return the values of theta (d) after times `dt` (d), from the values `theta` (d), at the fastest rise that
+        its law permits."""
         return theta
 
     @property
@@ -316,15 +323,16 @@ class Theta(ABC):
 
     @abstractmethod
     def law(self, unit: str) -> str:
-        """The law of theta for the banner; `unit`: the unit of time."""
+        """The equation of theta(t) as text for the banner of the generated code; `unit`: the text of the unit of
+        time."""
 
     @property
     @abstractmethod
     def theorem(self) -> Theorem:
-        """The theorem of the Riccati observer with this theta."""
+        """The convergence theorem of the Riccati observer with this law of theta."""
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The parts that change theta, for the observer state of field `z`."""
+        """Return the parts of the observer that change theta; `z`: the field of the estimated state."""
         return ()
 
 
@@ -337,34 +345,36 @@ class Constant(Theta):
 
     @property
     def peak(self) -> float:
-        """The largest value, which is theta."""
+        """The largest value of theta, here the constant itself."""
         return self.theta
 
     @property
     def value(self) -> Graph:
-        """The constant 1, or the gain."""
+        """Theta as an SX scalar: the number 1, or the symbol of the gain `theta`."""
         return ca.SX(1) if self.theta == 1 else sym("gain", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The gain theta, unless it is 1; step lengths are computed at its nominal value only, which is its largest."""
+        """The gain theta, or none where theta is 1. Its range ends at the nominal value, the only one for which step
+        lengths are computed."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
 
     def law(self, unit: str) -> str:
-        """The law for the banner."""
+        """The text "theta constant" for the banner, or for theta = 1 that the observer is an extended Kalman filter."""
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
     @property
     def theorem(self) -> Theorem:
-        """The theorem of the extended Kalman filter, or of the high-gain one."""
+        """The convergence theorem: local, of the extended Kalman filter, for theta = 1, else global, of the high-gain
+        one."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
 
 @dataclass(frozen=True)
 class Decaying(Theta):
-    """A decaying theta, with the law of the module."""
+    """The theta that decays by theta(t) = 1 + (theta_0 - 1) exp(-rate t), `rate` in 1/s."""
 
     theta_0: float
     rate: float
@@ -372,31 +382,32 @@ class Decaying(Theta):
     traces: tuple[str, ...] = ("theta",)
 
     def law(self, unit: str) -> str:
-        """The law for the banner."""
+        """The equation of theta(t) as text for the banner."""
         return "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
 
     @property
     def theorem(self) -> Theorem:
-        """The slides' theorem, with its hypothesis on the scaling."""
+        """The theorem of Busvelle's slides on a decaying theta, with its hypothesis on the noises that theta scales."""
         return DECAYING.under(SCALED_AS[self.scaled])
 
     @property
     def peak(self) -> float:
-        """The largest value, theta_0."""
+        """The largest value of theta, theta_0."""
         return self.theta_0
 
     @property
     def late(self) -> float:
-        """The value while a large error lasts, 1."""
+        """The value of theta after a large error has lasted for long, 1."""
         return 1.0
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The rate, whose range excludes 0; theta_0 is the initial value of the state."""
+        """The gain `rate` (1/s), whose range excludes 0; theta_0 is no gain but the first value of the state's
+        theta."""
         return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The exact decay as a jump."""
+        """Return the part that multiplies theta - 1 by exp(-rate dt) at each step."""
         return (Jump(self._pieces, {"theta": -sym("gain", "rate") * (self.value - 1)}),)
 
     def _pieces(self, clock: Clock) -> Pieces:
@@ -412,7 +423,8 @@ class Decaying(Theta):
 
 @dataclass(frozen=True)
 class Adaptive(Theta):
-    """An adaptive theta, with the law of the module."""
+    """The theta that follows theta' = mu(I) F_0(theta) + rate (1 - mu(I)) (1 - theta), I the innovation, F_0 =
+    theta^2/rise_time for theta <= theta_1, else (theta - 2 theta_1)^2/rise_time; `rate` (1/s), `rise_time` (s)."""
 
     theta_1: float
     rise_time: float
@@ -423,7 +435,7 @@ class Adaptive(Theta):
     traces: tuple[str, ...] = ("theta", "innovation")
 
     def law(self, unit: str) -> str:
-        """The law for the banner."""
+        """The differential equation of theta, mu and the innovation's window as text for the banner."""
         return (
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
@@ -433,29 +445,29 @@ class Adaptive(Theta):
 
     @property
     def theorem(self) -> Theorem:
-        """Theorem 5, with its hypotheses on mu and on the innovation."""
+        """Theorem 5 of Boizot, Busvelle, Gauthier 2010, with its hypotheses on mu and on the innovation."""
         return ADAPTIVE.under(self.mu.hypothesis, self.innovation.hypothesis)
 
     @property
     def peak(self) -> float:
-        """The largest value, 2 theta_1."""
+        """The largest value of theta, 2 theta_1."""
         return 2 * self.theta_1
 
     @property
     def error_free(self) -> float:
-        """The value without errors, 1."""
+        """The value that theta reaches while the estimation error is 0: 1."""
         return 1.0
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Return the values after a time dt by the exact sub-flow at mu = 1."""
+        """Return the values of theta (d) after times `dt` (d) under theta' = F_0(theta), solved in closed form."""
         return np.array(_risen()(theta[None], dt[None] / self.rise_time, self.theta_1)).ravel()
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The gains theta_1, rise_time, rate and those of mu.
+        """The gains theta_1, rise_time, rate, and the two of the growth fraction mu.
 
-        The default method computes step lengths at theta = 1, at twice the nominal theta_1, the largest value, and at
-        their geometric mean; an explicit one at both ends and along the fastest rise.
+        The default method computes step lengths at theta = 1, at theta = 2 theta_1, the largest value, and at their
+        geometric mean; an explicit Runge-Kutta method at both ends and along the fastest rise.
         """
         return (
             gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
@@ -465,7 +477,7 @@ class Adaptive(Theta):
         )
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The part of the innovation, then the law."""
+        """Return two parts of the observer: one computes the innovation I, the other advances theta by its law."""
         theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.fraction(sym("state", "innovation"))
         growth = ca.if_else(theta <= theta_1, theta, theta - 2 * theta_1) ** 2 / sym("gain", "rise_time")
         law = mu * growth + sym("gain", "rate") * (1 - mu) * (1 - theta)
@@ -494,8 +506,8 @@ class Adaptive(Theta):
 
 
 def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
-    """Return the exact theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2
-    theta_1 - theta)^2. `room` is the time to theta_1, 0 above it."""
+    """Return theta after the scaled time s = t/rise_time, in closed form, under theta' = theta^2 up to theta_1, then
+    theta' = (2 theta_1 - theta)^2; SX scalars."""
     room = ca.fmax(1 / theta - 1 / theta_1, 0)
     below = 1 / ca.fmax(1 / theta - s, 1 / theta_1)
     gap = 2 * theta_1 - ca.fmax(theta, theta_1)
@@ -514,7 +526,8 @@ def _theta_field(initial: float, peak: float) -> Field:
 
 
 def constant(theta: float = 1.0, *, scaled: Scaled = "both") -> Constant:
-    """A constant theta >= 1; `scaled` as in `decaying`, without an effect on the gain. Raises: `BadGain`."""
+    """A constant theta >= 1 of the observer `riccati`. `scaled`: the noises that theta scales, "process" or "both"; the
+    observer's gain is equal for either. Raises: `BadGain`."""
     _at_least("theta", theta, 1.0)
     _demand_scaling(scaled)
     return Constant(float(theta), scaled)
@@ -543,7 +556,7 @@ def adaptive(
     rise_time: float = 0.1,
     rate: float = 1.0,
 ) -> Adaptive:
-    """A theta that follows the innovation between 1 and 2 theta_1.
+    """A theta that rises towards 2 theta_1 while the innovation is large, and decays to 1 while it is small.
 
     Args: `mu` a `smoothstep` or `logistic`, or the thresholds (gamma_0, gamma_1) of a smoothstep (y^2 s); `innovation`
     a value of `hgogen.innovation`; `rise_time` Delta T of the paper (s); `rate` lambda of the paper (1/s).
@@ -563,8 +576,9 @@ def adaptive(
 
 
 def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> float:
-    """Return log Lambda(theta_0, t, rate) for n states; `rate` is lambda (1/s), `t` (s), `a` (1/s). Raises: `BadGain`
-    for theta_0 < 1, t < 0, a number of states below 1, or a rate or an a that is not positive."""
+    """Return log Lambda = (2 (n - 1) + a/rate) log theta_0 - (a/rate) theta_0 (1 - exp(-rate t)) of n states; `rate` is
+    lambda (1/s), `t` (s), `a` (1/s). Raises: `BadGain` for theta_0 < 1, t < 0, n < 1, or a rate or an a that is not
+    positive."""
     theta_0, t, rate, a = real("theta_0", theta_0), real("t", t), positive("rate", rate), positive("a", a)
     if not 1 <= theta_0 < math.inf:
         raise BadGain(f"theta_0 = {theta_0!r}", "must be a finite number, at least 1")
@@ -577,8 +591,9 @@ def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> fl
 
 
 def error_bound(theta_0: float, t: float, rate: float, *, n: int, a: float, R: float, initial: float = 1.0) -> float:
-    """Return the bound on |e(t)| for |e(0)| = `initial`, with the constants `a` (1/s) and `R` of the theorem; infinite
-    beyond the range of floats. Raises: `BadGain`, also for an R or an initial error that is not positive."""
+    """Return the bound sqrt(R exp(-a t) Lambda) |e(0)| on the error |e(t)| with a decaying theta, Lambda of
+    `log_growth`, |e(0)| = `initial`; infinite beyond the range of floats. Raises: `BadGain`, also for an R or an
+    initial error that is not positive."""
     grown = log_growth(theta_0, t, rate, n=n, a=a) - a * t + math.log(positive("R", R))
     exponent = grown / 2 + math.log(positive("initial", initial))
     return math.exp(exponent) if exponent < math.log(1.7e308) else math.inf
