@@ -51,8 +51,7 @@ _POLES = 200  # b is large, and often has poles in the box of z: more boxes do n
 class Carried:
     """A plant transformed by z = Phi(x, u, u', ..) to z_i' = z_(i+1) + b_i, y = z_1 + offset. `Phi` (n) and `rows`,
     which are b (n), are expressions of the states and inputs of `plant` and of the inputs' derivatives up to the order
-    `orders`. `before`: the user's plant; `kind` and `reference`: name and paper of the form that results.
-    """
+    `orders`. `before`: the user's plant; `kind` and `reference`: name and paper of the form that results."""
 
     kind: str
     reference: str
@@ -85,8 +84,7 @@ class Carried:
     def supplied(self, names: Sequence[str | Reason], missing: str, fix: str) -> Check:
         """Return the check `KIND.inputs`: the derivatives of inputs that Phi and b depend on, called `names` in its
         text, have ranges. `missing`: the pattern of the reason for derivatives without one, in which they are `loose`;
-        `fix`: the remedy.
-        """
+        `fix`: the remedy."""
         id, claim = ClaimId(self.kind, "inputs"), "the derivatives of inputs that enter have ranges"
         unbounded = [u.name for u in self.known if not u.bounded]
         if unbounded:
@@ -102,8 +100,7 @@ class Carried:
     def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
         """Return the form with the states z, each with the range of Phi_i on the plant's box, and `checks`. `back`: the
         inverse x = Psi(z) by state; `recovered`: whether observers evaluate b at x = Psi(z), because b(z) may have
-        poles in the box of z.
-        """
+        poles in the box of z."""
         plant, n, box_x = self.plant, len(self.Phi), self.plant.box
         (y,) = plant.outputs
         states = []
@@ -133,8 +130,7 @@ class Carried:
 
     def in_x(self, checks: Iterable[Check]) -> Form:
         """Return the form with the plant's states x as coordinates, in which gains act through (dPhi/dx)^-1, and
-        `checks`. The derivatives of inputs in dPhi/dx become inputs.
-        """
+        `checks`. The derivatives of inputs in dPhi/dx become inputs."""
         plant = self.before
         read = tuple(u for u in self.plant.inputs if u in plant.inputs or u in self.jacobian.free_symbols)
         z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
@@ -145,8 +141,7 @@ class Carried:
 def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:
     """Return the proved check `id` that the rate z_i' of each new coordinate z_i = Phi_i(x) is its derivative along the
     plant, with the text `claim`. It is unknown where a coordinate in `moving` has a jump or a kink, at which it has no
-    derivative.
-    """
+    derivative."""
     rough = without_derivative(moving)
     if rough:
         fix = "Write jumps and kinks as smooth functions, or use another form."
@@ -160,8 +155,7 @@ def on_image(
     """Return the check `MAKER.lipschitz`: functions of z = Phi(x) are Lipschitz on the image of the plant's box, since
     a one to one map of full rank on a compact box has a smooth inverse. `rows`: these functions as expressions of x,
     called `name` in reports; `obstacle`: why Phi is not known to be one to one of full rank, or `NONE`; `reason`: why
-    the claim holds.
-    """
+    the claim holds."""
     unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     unbounded = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
     if unbounded:
@@ -193,8 +187,7 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 
 def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
     """Return the check `KIND.rank`: `det`, the determinant of dPhi/dx, has no zero on the box. The verdict is generic
-    where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed.
-    """
+    where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed."""
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
     # sign(0) is 0 in the plant's own rows; where SymPy differentiated a kink it stands for all values in [-1, 1]
     reads_signs = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
@@ -225,8 +218,7 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
     """Return whether `det` = det dPhi/dx is undefined at the point although all entries of dPhi/dx have values
-    there.
-    """
+    there."""
     at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
 
@@ -234,8 +226,7 @@ def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) 
 def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
     """Return the check `KIND.inverse`: Phi is one to one on the box. It is proved by `back`, the inverse by state, if
     that is defined on the image; by components Phi_i that each depend on one more state, with a slope of one sign; or
-    by positive principal minors of dPhi/dx. `rank`: the check of full rank.
-    """
+    by positive principal minors of dPhi/dx. `rank`: the check of full rank."""
     id, claim = ClaimId(whole.kind, "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
@@ -266,8 +257,7 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
 
 def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
     """Return the check that Phi is one to one, proved if all principal minors of L dPhi/dx are above 0 for a constant
-    matrix L. With a proved check `rank` the inverse of Phi is smooth.
-    """
+    matrix L. With a proved check `rank` the inverse of Phi is smooth."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
@@ -320,8 +310,7 @@ class FullRank:
 @dataclass(frozen=True)
 class OneToOne:
     """The evidence that Phi is one to one: all principal minors of L dPhi/dx are above 0 on the plant's box, with the
-    constant matrix L = `weights` (n, n).
-    """
+    constant matrix L = `weights` (n, n)."""
 
     weights: Weights
 

@@ -42,8 +42,7 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 class Shape(Enum):
     """The signals that the gain of a link, row = gain * (next state) + offset, may vary with: CONSTANT, inputs and
     parameters only; MEASURED, the measured state z_1 too; UNIFORM, any signal, for a row with a slope that is not
-    identically 0.
-    """
+    identically 0."""
 
     CONSTANT = "inputs and parameters only"
     MEASURED = "inputs, parameters and the measured state only"
@@ -113,8 +112,7 @@ class Link:
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
         """Return whether the link has the shape (CONSTANT, MEASURED or UNIFORM), and the reason. `measured`: the state
-        z_1, which a gain of the shape MEASURED may vary with.
-        """
+        z_1, which a gain of the shape MEASURED may vary with."""
         if shape is Shape.UNIFORM:
             if self.sloped is False:
                 return False, because("{link} with a slope that is zero", link=self._reason)
@@ -173,8 +171,7 @@ class Chains:
 
     def answer(self, shape: Shape) -> Answer:
         """Return whether every link has the shape (CONSTANT, MEASURED or UNIFORM) and the chains hold all states, and
-        the reason.
-        """
+        the reason."""
         unproved = NONE
         for links in self.links:
             for i, link in enumerate(links):
@@ -231,8 +228,7 @@ def _stop(
 ) -> tuple[Reason, bool] | None:
     """Return why a chain ends at the equation called `name`, and whether this is proved; None where the chain goes on.
     `sure`, `maybe`: the new states that it depends on, or may depend on; `remaining`: states in no chain yet; `must`:
-    whether it needs a next state.
-    """
+    whether it needs a next state."""
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True
@@ -263,8 +259,7 @@ def _line(
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
     """Return gain, offset, and whether row = gain * state + offset with gain and offset free of `state`. `clean`: the
     row without the states that it does not depend on. The gain is the slope, or for a slope that is not exact the
-    difference of the row between state = 0 and 1.
-    """
+    difference of the row between state = 0 and 1."""
     gain = without_norms(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
     # row - gain * state is the same at every value of the state: at 0, or where that is 0/0 at 1, 2 or 3
@@ -351,8 +346,7 @@ def _path(
     head: Link, heads: set[sp.Symbol], chosen: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], Reason, bool]:
     """Return a chain from the link `head` through states not in `chosen`, why it stops early or `NONE`, and whether
-    this is proved. `heads`: the first states of all outputs, which are no next states.
-    """
+    this is proved. `heads`: the first states of all outputs, which are no next states."""
     links = [head]
     while True:
         state = links[-1].state
@@ -414,8 +408,7 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
     """Return chains that grow by one state each in sweeps over all outputs, in the order `priority` of the outputs. A
     rate with several new states waits until no other chain can be extended: the rates of a long chain depend on states
-    far from the ends, the last rate of a chain on any state.
-    """
+    far from the ends, the last rate of a chain on any state."""
     heads = _heads(rows)
     if isinstance(heads, Chains):
         return heads
@@ -432,8 +425,7 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
 
 def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
     """Append the next state to the chain `links` of output `j` if its last rate has exactly one new state, and return
-    whether it did. `remaining`: states in no chain; `waiting`: outputs whose last rate has several new states.
-    """
+    whether it did. `remaining`: states in no chain; `waiting`: outputs whose last rate has several new states."""
     state = links[-1].state
     sure, maybe = rows.reads(rows.rate(state), remaining)
     if len(sure) + len(maybe) > 1:
@@ -450,8 +442,7 @@ def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting
 
 def without_jumps(check: Check, link: Link) -> Check:
     """Return the check of the slope of a link, unknown in place of proved where the row may jump as its state varies:
-    then a slope of one sign does not make the row one to one.
-    """
+    then a slope of one sign does not make the row one to one."""
     if check.verdict is not Verdict.PROVED or link.jumps is None:
         return check
     pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
@@ -483,8 +474,7 @@ def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
 
 def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
     """Return the check `MAKER.connected`: every state affects an output through the rates. It is refuted by `hidden`
-    states, which do not, and undecided for the `doubtful` ones.
-    """
+    states, which do not, and undecided for the `doubtful` ones."""
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
@@ -510,8 +500,7 @@ def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
 @dataclass(frozen=True)
 class Affine:
     """An expression as sum_k slopes[k] x_k + offset over given states, `slopes` and `offset` free of them. `answer`:
-    whether this equality is proved (True), refuted (False) or neither (None), and `why`.
-    """
+    whether this equality is proved (True), refuted (False) or neither (None), and `why`."""
 
     slopes: tuple[sp.Expr, ...]
     offset: sp.Expr
@@ -522,8 +511,7 @@ class Affine:
 @dataclass(frozen=True)
 class Measurement:
     """A measured state: y_output = gain * x_state + offset (both by index), `gain` and `offset` free of states, |gain|
-    >= m > 0 on the box.
-    """
+    >= m > 0 on the box."""
 
     state: int
     output: int
@@ -533,8 +521,7 @@ class Measurement:
 
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
     """Return the expression `row`, called `name`, as an affine function of the states, sum_k slopes[k] x_k + offset.
-    This is refuted by a slope or an offset that varies with one of the states, and proved where none does.
-    """
+    This is refuted by a slope or an offset that varies with one of the states, and proved where none does."""
     none, slopes, offset, may = (sp.S.Zero,) * len(states), [], with_norms(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
@@ -573,8 +560,7 @@ def measurements(plant: System) -> tuple[Measurement, ...]:
 
 def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
     """Return a function (z, u, y, valid) -> z of SX columns (n), (m), (p), (p) that replaces the estimates of measured
-    states by the values that valid outputs give. It applies to a form in the plant's own coordinates.
-    """
+    states by the values that valid outputs give. It applies to a form in the plant's own coordinates."""
     measured = measurements(dynamics.form.system)
 
     def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:

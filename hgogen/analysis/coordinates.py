@@ -180,8 +180,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
 
 def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
     """Return the link, row = gain * state + offset, with a difference quotient as its gain where the row is not proved
-    to have the shape. `measured`: the state z_1, which the gain may vary with.
-    """
+    to have the shape. `measured`: the state z_1, which the gain may vary with."""
     if link.answer(shape, measured)[0]:
         return link
     gain = _chord(link.row, link.state, plant)
@@ -190,8 +189,7 @@ def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None 
 
 def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
     """Return a finite difference quotient (row(b) - row(a))/(b - a) of `row` between two values a, b of `state`, the
-    other states in the middle of their ranges; 0 if no quotient is finite.
-    """
+    other states in the middle of their ranges; 0 if no quotient is finite."""
     middle, row = dict(next(points(plant.states))), exact(row)
     values = list(dict.fromkeys(point[state] for point in islice(points((state,)), _VALUES)))
     for i, a in enumerate(values[:2]):

@@ -99,8 +99,7 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
 def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
     """Return the determinant `det` of the rows, and the factors of its zeros, rewritten for a reader: with the
     hyperbolic functions that the rows contain in place of exponentials. It is `det` itself for rows without such
-    functions, or where `det` is shorter.
-    """
+    functions, or where `det` is shorter."""
     nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
     names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
     try:
@@ -265,8 +264,7 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
     """Return polynomials with an even degree in the generator tan(m/2) of each angle m: those of `zeros` that have one,
     and the product of the others, times cos(m/2) where the product of `parts` is 0 at m = pi, squared where its degree
-    is odd.
-    """
+    is odd."""
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
     forms = [(p, degrees(field, p)) for p in zeros if even_degrees(degrees(field, p))]
     odd = [p for p in zeros if not even_degrees(degrees(field, p))]
@@ -309,8 +307,7 @@ def subsets(n: int) -> Iterator[tuple[int, ...]]:
 def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int) -> Weights | None:
     """Return a constant matrix L (n, n) for which all principal minors of L times the Jacobian (n, n) are proved to be
     above 0 on a box, so that the map is one to one; None where none is found. `read`: the signals that the Jacobian
-    depends on; `boxes`: the most boxes of a bisection.
-    """
+    depends on; `boxes`: the most boxes of a bisection."""
     n = jacobian.rows
     if n > STATES:
         return None
@@ -332,8 +329,7 @@ def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
 
 def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
     """Return the values (k, n, n) of a Jacobian at sample points of the box where it is finite, the middle of the box
-    first. `read`: the signals that the Jacobian depends on.
-    """
+    first. `read`: the signals that the Jacobian depends on."""
     n = jacobian.rows
     try:
         program = tape(list(jacobian), read)

@@ -49,8 +49,7 @@ Range = tuple[float, float]
 @dataclass(frozen=True)
 class Fallback:
     """The equations of a form, z_i' or y_j, that keep their last valid value where they have no finite value.
-    `largest`: the largest magnitude that is valid for an equation without a declared range.
-    """
+    `largest`: the largest magnitude that is valid for an equation without a declared range."""
 
     form: Form
     largest: float
@@ -199,8 +198,7 @@ def regular_at(matrix: Graph, test: Graph) -> Graph:
 @dataclass(frozen=True)
 class Dynamics:
     """The equations z' = A(u) z + b(sat(z), u), y = h(z, u) of `form` as CasADi graphs; the arguments z, an SX column
-    (n), and u (m). `tangent`: whether h is continued beyond the box by its tangent.
-    """
+    (n), and u (m). `tangent`: whether h is continued beyond the box by its tangent."""
 
     form: Form
     tangent: bool = False  # whether outputs are continued by their tangents outside of the box
@@ -387,8 +385,7 @@ class Dynamics:
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
         """Return, for each bounded state recovered as x_i = Psi_i(z, u): its value before the clamp, its gradient (1,
-        n) by z at sat(z), and its range.
-        """
+        n) by z at sat(z), and its range."""
         raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
         return [(raw[i], slopes[i, :], s.interval) for i, s in self._recovered_states]
 
@@ -412,8 +409,7 @@ class Dynamics:
 
     def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
         """Return the states x of the form's system from their values `raw` (n): each clamped to its range, or at its
-        resting value if it is no number; and whether all are numbers. A form that does not clamp keeps the values.
-        """
+        resting value if it is no number; and whether all are numbers. A form that does not clamp keeps the values."""
         if not self.form.clamped:
             return raw, ca.SX(1)
         states = self.form.system.states
@@ -424,8 +420,7 @@ class Dynamics:
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """Return the product (dPhi/dx)^-1 vector (n), Phi the form's map to chain coordinates, or 0 where |det dPhi/dx|
-        <= `least` at sat(z); `least` is None where the determinant is proved to have no zero.
-        """
+        <= `least` at sat(z); `least` is None where the determinant is proved to have no zero."""
         n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
@@ -484,8 +479,7 @@ class Dynamics:
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
         """Return the expressions as graphs of z (n) and u (m). `states`: the symbols that z stands for, by default the
-        form's; `boxed`: whether a form that clamps evaluates them at sat(z).
-        """
+        form's; `boxed`: whether a form that clamps evaluates them at sat(z)."""
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
@@ -515,8 +509,7 @@ def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.E
 
 def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
     """Return the range of `state`, with an infinite end where every expression in `rows` that depends on it is monotone
-    beyond the end.
-    """
+    beyond the end."""
     slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
     around, (low, high) = box(states), state.interval
 

@@ -147,8 +147,7 @@ class ByForm:
 class Grounds:
     """The evidence of a claim about an observer. `numbers`: the observer's parameters by name (numbers, expressions of
     parameters, sequences of them); `fact`: the proved fact, or None where the claim follows from the fact of another
-    claim.
-    """
+    claim."""
 
     numbers: Mapping[str, Any] = field(hash=False)
     fact: Any = field(hash=False)
@@ -197,8 +196,7 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
     """Return the evidence of a bound of the spectral norm of dr/dx, r = `rows` as expressions of the form's states.
-    `wider`: the share by which a certificate's bound is larger.
-    """
+    `wider`: the share by which a certificate's bound is larger."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))

@@ -50,8 +50,7 @@ _OF_PRODUCTS = 500  # mu need not be the least
 @dataclass(frozen=True)
 class Gain:
     """The gain a_i of z_(i-1)' = a_i z_i + .. by its indices `at`: (i) in a single chain, (i, j) of a_(i,j) in chain
-    i.
-    """
+    i."""
 
     at: tuple[int, ...]
 
@@ -241,8 +240,7 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
 @dataclass(frozen=True)
 class Offset:
     """The evidence that c_i in y_i = a_(i,1) z_(i,1) + c_i, i = `chain`, is finite on the box of inputs and
-    parameters.
-    """
+    parameters."""
 
     chain: int
 

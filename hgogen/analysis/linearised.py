@@ -58,8 +58,7 @@ def jacobians_on_box(
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input,
-    where all entries are finite; `affine`: F is A(u, z) alone. Raises: `Singular` where there is no such point.
-    """
+    where all entries are finite; `affine`: F is A(u, z) alone. Raises: `Singular` where there is no such point."""
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
     if not finite.any():
@@ -70,8 +69,7 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
 
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
     """Return F = d(A z + b)/dz (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m +
-    q) with the values of the q parameters that have a range. An entry may be infinite or NaN.
-    """
+    q) with the values of the q parameters that have a range. An entry may be infinite or NaN."""
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
@@ -165,8 +163,7 @@ class NoLinearisation(HgogenError):
 @dataclass(frozen=True)
 class Linear:
     """A linearisation at N points, scaled by half the ranges of states (S) and outputs (R): A = S^-1 df/dx S (N, n, n),
-    C = R^-1 dh/dx S (N, p, n).
-    """
+    C = R^-1 dh/dx S (N, p, n)."""
 
     A: np.ndarray
     C: np.ndarray
@@ -191,8 +188,7 @@ def pace(plant: System) -> Pace:
 
 def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
     """Return sample points (x, u) (N, n + m) of the box where the plant has a value, its linearisation there, and its
-    pace.
-    """
+    pace."""
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
@@ -237,8 +233,7 @@ def slopes(
 ) -> np.ndarray:
     """Return the derivatives (N, k) of the k pairs, each an expression and the signal that it is differentiated by, at
     the N sample points where all have a value. `nominal`: values of the other symbols. Raises: `NoLinearisation` where
-    a signal has no range, or there is no such point; `NoGraph`.
-    """
+    a signal has no range, or there is no such point; `NoGraph`."""
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}

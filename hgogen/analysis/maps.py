@@ -63,8 +63,7 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
     """Return a symbol for each signal with the sign of its range, or of its `fixed` value, so that sqrt(w^2) can become
-    w.
-    """
+    w."""
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
     dummies = {}
     for s, (low, high) in ends.items():
@@ -118,8 +117,7 @@ def _next(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
     """Return {x: expression} from the first equation z_i = `rows`[z_i] with one unknown state x that can be solved.
-    `remaining`: the unknown states; `forward`: z to Phi, to test the solution.
-    """
+    `remaining`: the unknown states; `forward`: z to Phi, to test the solution."""
     for z, row in rows.items():
         read = [x for x in remaining if x in row.free_symbols]
         if len(read) == 1:
@@ -133,8 +131,7 @@ def _linear(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
     """Return all `remaining` states by solving the equations z_i = `rows`[z_i] together, if they are linear in
-    these.
-    """
+    these."""
     numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(remaining)]
     try:
         matrix, right = sp.linear_eq_to_matrix(numerators, remaining)
@@ -217,8 +214,7 @@ def _holds(
 @dataclass(frozen=True)
 class Sided:
     """The inverse map x = Psi(z), `rows` (n), with each denominator of proved sign clamped to that sign. `finite` (n):
-    whether Psi_i is proved to be a number on the whole box of z; where it is not, an observer has to test it.
-    """
+    whether Psi_i is proved to be a number on the whole box of z; where it is not, an observer has to test it."""
 
     rows: tuple[sp.Expr, ...]
     finite: tuple[bool, ...]

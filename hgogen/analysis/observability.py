@@ -81,8 +81,7 @@ class Symmetry:
 @dataclass(frozen=True)
 class _Sample:
     """The `values` of states and parameters at a random point, and the independent `rows` of the observability matrix
-    there; `prime`: the modulus of these numbers, 0 for real ones.
-    """
+    there; `prime`: the modulus of these numbers, 0 for real ones."""
 
     values: tuple[Any, ...]
     rows: tuple[tuple[Any, ...], ...]
@@ -129,9 +128,7 @@ def symmetries(
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
-    """Return lists of terms (component, unknowns of its monomial) of a field: scalings and shifts, then degrees 1,
-    2.
-    """
+    """Yield lists of terms (component, unknowns of its monomial) of a field: scalings, shifts, degree 1, degree 2."""
     at = [unknowns.index(s) for s in hidden]
     yield [(i, m) for i in at for m in ((), (i,))]
     every = range(len(unknowns))
@@ -141,8 +138,7 @@ def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Itera
 
 def _enough(plant: Plant, order: int, samples: list[_Sample], hidden: int, terms: int) -> list[_Sample]:
     """Return samples of the observability matrix, all modulo one prime, with more equations than `terms` unknown
-    coefficients, where `hidden` unknowns give equations.
-    """
+    coefficients. `hidden`: the number of unobservable unknowns; an observable unknown gives no equation."""
     samples = list(samples)
     each = max(len(samples[0].rows) - (plant.wide - hidden), 1)
     k = len(samples)
@@ -193,9 +189,7 @@ def _fields(
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """Return a vector modulo a prime (0: real) as small fractions, scaled to a first nonzero entry 1; None if not
-    small.
-    """
+    """Return a vector modulo a prime (0: real) as small fractions, its first nonzero entry scaled to 1; or None."""
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
@@ -241,8 +235,7 @@ def _proved(
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
     """Return for each field v whether L_v h = 0 and [f, v] in the span of such fields are proved; f `rates`, h
-    `output`.
-    """
+    `output`."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -558,8 +551,7 @@ class _Question:
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
         """Return for each observable unknown the order of y', y'', .. from which its unit vector is in the row
-        space.
-        """
+        space."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:

@@ -46,7 +46,7 @@ VARYING = 8  # a_i of a chain that may vary: their ends have 2^8 combinations
 
 
 def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """Return a_(i,1), .., a_(i,n_i) of each output, exact, constants at their values."""
+    """Return the gains a_(i,1), .., a_(i,n_i) of each output's chain, with exact numbers for constants."""
     return tuple(tuple(exact(sp.sympify(a).xreplace(fixed(form))) for a in chain) for chain in form.gains)
 
 
@@ -56,12 +56,13 @@ def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
 
 
 def signals(form: Form) -> tuple[sp.Symbol, ...]:
-    """Return the states z, the inputs and the parameters."""
+    """Return the symbols of the form: the states z, the inputs and the parameters."""
     return (*form.states, *form.system.inputs, *form.system.parameters)
 
 
 def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
-    """Return the range of an expression on the declared box; None where there is no rule for it."""
+    """Return the range of an expression on the form's box; None for a function without a rule. `boxes`: the most boxes
+    of a bisection."""
     try:
         return bounds.bound(expression, box(signals(form)), boxes=boxes, relative=0.005)
     except NoTape:
@@ -69,7 +70,7 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
 
 
 def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
-    """Return the ranges of a chain's a_1..a_n on the declared box, or the reason why there are none."""
+    """Return the ranges of the gains a_1..a_n of a chain on the form's box, or the reason why there are none."""
     ranges = []
     for i, a in enumerate(chain, 1):
         known = span(a, form)
@@ -80,7 +81,8 @@ def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
-    """Return the pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or why there are none."""
+    """Return the pairs (A, C) of a chain z_i' = a_(i+1) z_(i+1), y = a_1 z_1 with each a_i at an end of its range on
+    the box, or the reason why there are none."""
     ranges = extents(chain, form)
     if isinstance(ranges, Reason):
         return ranges
@@ -173,7 +175,7 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
 
 
 def cut(form: Form) -> Reason:
-    """Return why the observer's b is not proved to be b with its argument clamped, or `NONE`."""
+    """Return why the limits of an observer's b may change b on the box, although its argument is clamped, or `NONE`."""
     if not form.clamped:
         return because("without guards no argument of b is clamped, on which the proof rests")
     if form.free:
@@ -189,7 +191,7 @@ def cut(form: Form) -> Reason:
 
 
 def described(form: Form) -> tuple[str, ...]:
-    """Return the limits of b for the equations of an observer."""
+    """Return lines with the limits of b_i, for the equations of an observer."""
     if not form.limits:
         return ()
     rows = ((i, end) for i, end in enumerate(form.limits, 1) if end != _ANY)
@@ -243,7 +245,8 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 
 
 def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
-    """Return the expression, the box, and where the text has no value though its expression has one, or `NONE`."""
+    """Return the expression and the box of the arguments `source` and `where` of the function `what`, and a sentence
+    where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
     around = plant.box_with(plant.states) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}

@@ -34,7 +34,8 @@ _DIGITS, _HUGE = 5, 10**300  # digits, and the largest size, of the ends in a pr
 
 @dataclass(frozen=True)
 class Change:
-    """A change of coordinates: new states in terms of the plant's (`forward`), replaced ones in new (`backward`)."""
+    """A change of coordinates: each new state w in terms of the plant's states, w(x) (`forward`), and each replaced
+    state in terms of the new and the unchanged states, x(w) (`backward`)."""
 
     plant: System
     forward: Mapping[Signal, sp.Expr]
@@ -48,12 +49,12 @@ class Change:
 
     @property
     def old(self) -> tuple[Signal, ...]:
-        """The signals that `forward` may read."""
+        """The signals that w(x), `forward`, may depend on."""
         return (*self.plant.states, *self.plant.tunable)
 
     @property
     def new(self) -> tuple[Signal, ...]:
-        """The signals that `backward` may read."""
+        """The signals that x(w), `backward`, may depend on."""
         unchanged = (x for x in self.plant.states if x not in self.backward)
         return (*self.forward, *unchanged, *self.plant.tunable)
 
@@ -125,7 +126,8 @@ def _substituted(
     plant: System,
     tidy: Callable[[sp.Expr], sp.Expr] = sp.sympify,
 ) -> sp.Expr:
-    """Return a row in the new states, expanded unless that removes a place without a value."""
+    """Return an expression `row` of the plant with `backward` for the replaced states, expanded unless that removes a
+    place without a value."""
     plain = row.subs(backward)
     unexpanded, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
     signals = (s for s in unexpanded.free_symbols if isinstance(s, Signal))
@@ -148,7 +150,8 @@ def _readable(change: Change) -> None:
 
 
 def checks(change: Change) -> tuple[Check, ...]:
-    """Return the checks `recast.inverse` and `recast.range`.
+    """Return the checks `recast.inverse`, w(x(w)) = w and x(w(x)) = x, and `recast.range`, w(x) in its range on the box
+    of x.
 
     proved: outward-rounded intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
     """
@@ -168,9 +171,9 @@ def checks(change: Change) -> tuple[Check, ...]:
 
 
 def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
-    """Return the check `recast.inverse` of a change as it is `written`, which is `change` with the signs of the
-    declared ranges. The values of one map need not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1,
-    1]."""
+    """Return the check `recast.inverse` that the maps w(x) and x(w) of a change as it is `written` are smooth and
+    inverse to each other; `change`: the change in symbols `signed` as the declared ranges. The values of one map need
+    not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
     id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
@@ -209,7 +212,8 @@ def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason
 
 
 def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> RationalPoint | None:
-    """Return a sample point where e is of one of the kinds; None without ranges, which define the sample points."""
+    """Return a sample point where the value of e is of one of the `kinds`; None without ranges, or without such a
+    point."""
     read = tuple(s for s in signals if s in e.free_symbols)
     if not all(s.bounded for s in read):
         return None
@@ -273,8 +277,8 @@ def _value(expression: sp.Expr, box: Box) -> Interval:
 
 
 def _at_least(e: sp.Expr, signals: tuple[Signal, ...], reached: Interval) -> str:
-    """Return the end of a sentence with the proved range where it is finite, else with the range of the sample points,
-    its ends rounded outwards to few digits; "" where they exceed a float."""
+    """Return the end of a sentence with the range of e: `reached`, the proved one, where it is finite, else the range
+    at the sample points, its ends rounded outwards to few digits; "" where they exceed a float."""
     if not finite(reached):
         read = tuple(s for s in signals if s in e.free_symbols)
         values = [value for point in points(read) if (value := e.xreplace(dict(point)).evalf()).is_Float]

@@ -48,35 +48,36 @@ ALIGNED = ("top", "end")  # alignments for which a high gain is defined
 
 @dataclass(frozen=True)
 class Scaling:
-    """The powers of theta by which a form is scaled: Delta^-1 = diag(theta^states) with its `states` (n), and delta =
-    diag(theta^outputs) with its `outputs` (p); g is the `gauge`."""
+    """The powers of theta in the noise of a high gain observer: Delta^-1 = diag(theta^`states`) (n), delta =
+    diag(theta^`outputs`) (p) and g = `gauge` in Q_theta = theta^(1+g) Delta^-1 Q Delta^-1, R_theta = theta^(g-1) delta
+    R delta."""
 
     states: tuple[int, ...]
     outputs: tuple[int, ...]
     gauge: int = 0
 
     def spread(self, theta: Graph) -> list[Graph]:
-        """Return the diagonal of Delta^-1 for a number or an SX scalar."""
+        """Return the diagonal (n) of Delta^-1 = diag(theta^states) for a number or an SX scalar theta."""
         return [power(theta, exponent) for exponent in self.states]
 
     def process(self, theta: Graph) -> Graph:
-        """Return the factor theta^(1+g) of Q_theta."""
+        """Return theta^(1+g), the factor of Q_theta = theta^(1+g) Delta^-1 Q Delta^-1, g the `gauge`."""
         return power(theta, 1 + self.gauge)
 
     def variance(self, R: Graph, theta: Graph, output: int, period: float = 1.0) -> Graph:
-        """Return the variance R_theta/period of an output with the variance R at theta = 1."""
+        """Return the variance R_theta/period of an output by its number, R its variance at theta = 1."""
         exponent = self._exponents[output]
         if exponent < 0:
             return R / (power(theta, -exponent) * period)
         return (R if exponent == 0 else R * power(theta, exponent)) * (1 / period)
 
     def weight(self, R: Graph, theta: Graph, output: int) -> Graph:
-        """Return the weight 1/R_theta of an output."""
+        """Return the weight 1/R_theta of an output by its number, R its variance at theta = 1."""
         exponent = self._exponents[output]
         return power(theta, -exponent) / R if exponent < 0 else 1 / (R * power(theta, exponent))
 
     def variances(self, R: np.ndarray, theta: float | np.ndarray) -> np.ndarray:
-        """Return the diagonal R_theta (p) as numbers, or (d, p) for several theta (d)."""
+        """Return the diagonal (p) of R_theta from R (p) as numbers, or (d, p) for several theta (d)."""
         return np.stack(np.broadcast_arrays(*(self.variance(r, theta, j) for j, r in enumerate(R))), axis=-1)
 
     @property
@@ -86,7 +87,8 @@ class Scaling:
 
 
 def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
-    """Return the scaling of a form; for several outputs without aligned chains, the scaling at theta = 1."""
+    """Return the powers of theta that scale a form's noise; all 0 for several outputs without aligned chains. `scaled`:
+    the matrices that theta scales."""
     longest, output_powers = max(form.blocks), [0] * len(form.output)
     if form.alignment == "end":
         output_powers = [longest - size for size in form.blocks]
@@ -97,7 +99,8 @@ def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
 
 
 def exponents(form: Form) -> tuple[int, ...]:
-    """Return the power of theta in each state's overshoot: those in Delta^-1, or levels without aligned chains."""
+    """Return the k_i (n) for which the error of z_i overshoots as theta^k_i: those of Delta^-1, or the states'
+    levels."""
     if form.alignment not in ALIGNED:
         return form.levels
     longest = max(form.blocks)
@@ -135,14 +138,14 @@ def power(theta: Graph, exponent: int) -> Graph:
 
 @dataclass(frozen=True)
 class RedundantOutput:
-    """An output, by its number, that is `ratio` times a chain's output up to a known offset."""
+    """An output y_j, j = `output`, that is `ratio` times the first output of a chain up to a known offset."""
 
     output: int
     ratio: sp.Rational
 
 
 def redundant_outputs(form: Form) -> tuple[tuple[RedundantOutput, ...], ...]:
-    """Return the outputs that measure the first state of each chain, the chain's own output first."""
+    """Return, for each chain, the outputs that measure its first state, the chain's own output first."""
     spare = [j for j, size in enumerate(form.blocks) if not size]
 
     def of_chain(i: int, z: sp.Symbol) -> tuple[RedundantOutput, ...]:
@@ -153,19 +156,20 @@ def redundant_outputs(form: Form) -> tuple[tuple[RedundantOutput, ...], ...]:
 
 
 def heads(form: Form) -> dict[int, int]:
-    """Return the index of the first state of a chain for each output that measures it."""
+    """Return, for each output (by number) that measures the first state of a chain, the index of this state in z."""
     first = ((form.heads[chain[0].output], chain) for chain in redundant_outputs(form))
     return {each.output: head for head, chain in first for each in chain}
 
 
 def sizes_of_used(form: Form, sizes: Sequence[Fraction]) -> list[Fraction]:
-    """Return the sizes (p) by output, with 0 for an output that is not used."""
+    """Return the error sizes (p) of the outputs, with 0 for an output that no chain uses."""
     used = heads(form)
     return [size if j in used else Fraction(0) for j, size in enumerate(sizes)]
 
 
 def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
-    """Return the weights (q, p), fractions, of the outputs' errors in each chain's mean of all samples."""
+    """Return the share (q, p) of each output's error in the error of each chain, a mean over its redundant outputs with
+    the `weights` (p), when all outputs have a sample."""
     rows = np.full((len(form.leads), len(form.output)), Fraction(0), dtype=object)
     for row, chain in zip(rows, redundant_outputs(form), strict=True):
         whole = sum(Fraction(weights[each.output]) for each in chain)
@@ -175,19 +179,19 @@ def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
 
 
 def unused(form: Form) -> tuple[int, ...]:
-    """Return the outputs that are neither a chain's own output nor redundant."""
+    """Return the numbers of the outputs that no chain uses: neither a chain's own output nor redundant to one."""
     used = heads(form)
     return tuple(j for j in range(len(form.blocks)) if j not in used)
 
 
 def sharing(form: Form) -> frozenset[int]:
-    """Return the outputs that measure a state together with others."""
+    """Return the numbers of the outputs that measure the first state of a chain together with other outputs."""
     return frozenset(each.output for chain in redundant_outputs(form) if len(chain) > 1 for each in chain)
 
 
 def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
-    """Return r, not 0, where y_j reads no state but z and y_j - r y_i does not read z; else None. A constant ratio of
-    the slopes is not enough: y_j may jump."""
+    """Return r, not 0, where y_j depends on no state but z and y_j - r y_i does not depend on z; else None. A constant
+    ratio of the slopes is not enough: y_j may jump."""
     if form.output[j].free_symbols & {*form.states} != {z}:
         return None
     one, other = (exact(sp.sympify(form.output[k]).xreplace(form.system.constants)) for k in (i, j))
@@ -197,8 +201,8 @@ def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
 
 
 def weighted(form: Form, weights: Any) -> tuple[float, ...]:
-    """Return the weights (p), from a mapping by the names of the outputs, 1 for one that is not named; without a
-    mapping all are 1. Raises: `BadGain`, also where no output is in a mean; `BadNames`."""
+    """Return the weights (p) of the outputs in the means of redundant outputs, from a mapping by their names, 1 for a
+    missing name; without a mapping all are 1. Raises: `BadGain`, also where no output is redundant; `BadNames`."""
     names = tuple(y.name for y in form.system.outputs)
     if weights is None:
         return (1.0,) * len(names)
@@ -219,7 +223,8 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
 
 
 def mean(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
-    """Return the error of each chain's output (q), the mean of its usable redundant outputs' errors (p); else 0."""
+    """Return the error (q) of each chain: the weighted mean of the errors `e` (p) of its redundant outputs over those
+    that are `valid` (p); 0 where none is."""
     errors = []
     for chain in redundant_outputs(form):
         if len(chain) == 1:

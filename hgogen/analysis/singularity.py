@@ -75,13 +75,13 @@ _STATES = ClaimId("singularity", "regular")
 
 @dataclass(frozen=True)
 class Jet:
-    """A jet: derivatives of the outputs whose gradients are independent on the zero set `where` (symbol to value), with
-    the factors of their determinant.
+    """Derivatives y_j^(k) whose gradients by the states are independent on the set `where` (symbol to value), and the
+    factors of the determinant of these n gradients: where it is not 0, the state is locally observable.
 
-    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, the determinant itself
-    where its zeros are not known, None where no rows up to the last order tried, `order`, have full rank; `parts`: the
-    derivatives, the rates that they read and the entries of the Jacobian, on whose smoothness the determinant depends;
-    `readable`: the determinant with its factors as it is printed, where that is another text.
+    `rows`: (j, k) of each; `factors`: empty where the determinant is never 0, the determinant itself where its zeros
+    are not known, None where the gradients up to the last order tried, `order`, have no full rank; `parts`: the
+    derivatives, the rates that they contain and the entries of the Jacobian, on whose smoothness the determinant
+    depends; `readable`: the determinant with its factors as it is printed, where that is another text.
     """
 
     where: Where
@@ -114,18 +114,19 @@ class Singularity(Encoded):
 
     @property
     def factors(self) -> tuple[sp.Expr, ...] | None:
-        """The factors of the generic determinant, whose zero sets together are the singular set; None where it is not
+        """The factors of det d(y, y', ..)/dx, whose zero sets together are the singular set; None where they are not
         known."""
         return self.jets[0].factors if self.jets else None
 
     @property
     def inputs(self) -> tuple[sp.Expr, ...]:
-        """The factors of inputs and parameters alone that may be 0 on the box: singular inputs, whatever the state."""
+        """The factors of det d(y, y', ..)/dx in inputs and parameters alone that may be 0: singular inputs for any
+        state."""
         return tuple(e for e in self.open_factors if e.free_symbols.isdisjoint(self.plant.states))
 
     @property
     def open_factors(self) -> tuple[sp.Expr, ...]:
-        """The generic determinant's factors that may be 0 on the box of states, inputs and parameters."""
+        """The factors of det d(y, y', ..)/dx that may be 0 on the box of states, inputs and parameters."""
         return _open(self.plant, self.factors or ())
 
     @property
@@ -135,7 +136,8 @@ class Singularity(Encoded):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """A check for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
+        """A check of local observability for general states and one for each zero set followed; each holds where the
+        factors of its determinant are not 0."""
         if not self.jets:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
@@ -193,8 +195,9 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
 
 @dataclass(frozen=True)
 class _Derived:
-    """The outputs' derivatives (`chains`, one for each output), and their gradients with the derivative appended
-    (`rows`). They are computed when they are needed, because each is longer than the one before."""
+    """The outputs' derivatives y_j, y_j', .. along the plant (`chains`, by j), and in `rows` the gradient of y_j^(k) by
+    the states with y_j^(k) appended, by (j, k). They are computed when they are needed, because each is longer than the
+    one before."""
 
     plant: System
     flow: Mapping[sp.Symbol, sp.Expr]
@@ -203,7 +206,7 @@ class _Derived:
     rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
 
     def order(self, k: int) -> dict[Row, list[sp.Expr]]:
-        """Return the rows up to the k-th derivatives. Raises: `TooLarge` beyond `limit` nodes."""
+        """Return `rows` up to the k-th derivatives of the outputs. Raises: `TooLarge` beyond `limit` nodes."""
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
@@ -219,7 +222,8 @@ class _Derived:
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
     def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
-        """Return the plant's rates that these derivatives contain: their places without a value may cancel in them."""
+        """Return the plant's rates in the derivatives y_j^(k) of (j, k) in `rows`: poles of rates may cancel in
+        them."""
         expressions = [e for j, order in rows for e in self.chains[j][:order]]
         read = set[sp.Symbol]().union(*(e.free_symbols for e in expressions))
         return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)
@@ -251,8 +255,8 @@ def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
-    """Return the jet of the first n rows, by order of derivative, that are independent on a zero set. A row is the
-    gradient of a derivative, followed by the derivative itself."""
+    """Return the first n derivatives y_j^(k), by k up to `last`, whose gradients are independent on the set `where`,
+    with the factors of their determinant."""
     n = len(derived.plant.states)
     for order in range((n - 1) // len(derived.plant.outputs), last + 1):
         gradients = derived.order(order)
@@ -298,7 +302,7 @@ def _triangle(plant: System) -> Jet | None:
 
 
 def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
-    """Return the product sign prod_i s_i^(n-i) of the slopes, i = 0, .., n - 1, and its factors."""
+    """Return the product sign prod_i s_i^(n-i), i = 0, .., n - 1, of the slopes s_i in `each`, and its factors."""
     value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
     known = [one.factors for one in each if one.factors is not None]
     every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
@@ -306,7 +310,8 @@ def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
-    """Return the jets on the zero sets of a jet's factors, without those that would be too large."""
+    """Return the jets on the zero sets of the jet's factors, to `depth` levels, without those that would be too
+    large."""
     jets: list[Jet] = []
     last = len(derived.plant.states) - 1 + _FURTHER
     for factor in _open(derived.plant, jet.factors or ()) if depth else ():
@@ -374,7 +379,8 @@ def singular_set(
 
 
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
-    """Return the first independent rows, by order of derivative and by output, at a random point."""
+    """Return choices of n derivatives (output, order) with independent gradients at a random point: by order, by
+    output."""
     plant, _ = plant_of(flow, output, states, ())
     n = len(states)
     by_order = [(j, k) for k in range(n) for j in range(len(output))]
@@ -407,7 +413,7 @@ def _brief(e: sp.Expr) -> sp.Expr:
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:
-    """Return the check of a jet. proved: no zero on the box; where: perhaps a zero; unknown: no full rank was found."""
+    """Return the check number k, of a jet: proved, no zero on the box; where, perhaps a zero; unknown, no full rank."""
     marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
     rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES
@@ -471,8 +477,9 @@ def gauthier_bornard(
     inputs: Iterable[sp.Symbol],
     places: Places = (),
 ) -> UniformObservability:
-    """Return the result of the test at random points, real ones near `places`; symbols that are neither state nor input
-    are random constants. Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule."""
+    """Return the result of Gauthier and Bornard's test of observability for every input of x' = flow, y = output at
+    random points, real ones near `places`; symbols that are neither state nor input are random constants. Raises:
+    `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule."""
     flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
     plant, _ = plant_of(flow, output, states, inputs, (), places)
     outside = _outside(flow, output, inputs)
@@ -495,8 +502,9 @@ def gauthier_bornard(
 
 
 def of_plant(plant: System) -> UniformObservability:
-    """Return the result of the test for a plant on each branch that its ranges reach. Parameters are generic within
-    their ranges; those without one are at their nominal values. Raises: as `gauthier_bornard`."""
+    """Return the result of Gauthier and Bornard's test of observability for every input, on each branch that the
+    plant's ranges reach. Parameters are generic within their ranges; those without one are at their nominal values.
+    Raises: as `gauthier_bornard`."""
     reached = on_branches(plant, plant.tunable)
     n, answers = len(plant.states), []
     if not reached.branches:
@@ -536,8 +544,8 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
 def _deficient(
     rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
 ) -> UniformObservability:
-    """Return the result for a rank below n, proved where states are hidden without input, else found at random
-    points."""
+    """Return the negative result for a `rank` below n: proved where states are hidden without input, else found at
+    random points."""
     n = len(states)
     reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
     drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
@@ -553,7 +561,8 @@ def _deficient(
 
 
 def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
-    """Return the rank at this point, and at full rank n the reason that names a span that is left, or `NONE`."""
+    """Return the rank of d(h, L_f h, ..)/dx at this point, and at rank n a reason that names an i and j for which
+    d(L_gj L_f^(i-1) h) is not in span(dh, .., d L_f^(i-1) h), or `NONE`."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
@@ -580,7 +589,7 @@ def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, p
 
 
 def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:
-    """Return the flow and its slope by the states where the input j is 1 and the others 0."""
+    """Return x' and its Jacobian by the states at `point`, with the input number `j` at 1 and the others at 0."""
     values = [numbers.series([x], 1) for x in point.states]
     values += [numbers.series([int(i == j)], 1) for i in range(plant.m)]
     values += [numbers.series([c], 1) for c in point.constants]

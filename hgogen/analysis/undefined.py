@@ -74,7 +74,8 @@ _ARGUMENT = {
 
 @dataclass(frozen=True)
 class Gap:
-    """A failed (or undecided) `condition` of a part's value; `verdict`: refuted with a `point`, where, or unknown."""
+    """A point, or possible point, where a part of an expression has no value: the failed `condition`, such as a divisor
+    not 0; `verdict`: refuted with a `point`, where (for some inputs alone), or unknown."""
 
     condition: Condition
     verdict: Verdict
@@ -83,7 +84,8 @@ class Gap:
 
 @lru_cache(maxsize=64)
 def undefined_values(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows (rate of state NAME, or output NAME) not proved finite on the box."""
+    """Return the checks `singular.NAME` of equations (rate or output NAME) that are not proved to be finite on the
+    box."""
     named = ((signal, Sentence.of("{row}", row=text), row) for signal, text, row in _rows(plant))
     rows = ((signal, text, (bounded_logs(row),), _LAST_RATE) for signal, text, row in named)
     return tuple(check for row in rows if (check := _check(plant, *row)))
@@ -91,7 +93,8 @@ def undefined_values(plant: System) -> tuple[Check, ...]:
 
 @lru_cache(maxsize=64)
 def undefined_slopes(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows with a proved value but no proved derivatives by the states."""
+    """Return the checks `singular.NAME` of equations that are finite on the box, their slopes by the states maybe
+    not."""
     known = {check.id.fact for check in undefined_values(plant)}
     rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
     slopes = (
@@ -109,8 +112,9 @@ def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
 def _check(
     plant: System, signal: Signal, what: Sentence, expressions: Sequence[sp.Expr], accepted: str
 ) -> Check | None:
-    """Return the check of `what`, a row or its derivatives; None where it has a finite value on the whole box.
-    `accepted`: the consequence for a rate whose refutation is accepted."""
+    """Return the check that `expressions` (an equation or its derivatives, called `what`) of the rate or output
+    `signal` have a finite value; None where this is proved on the whole box. `accepted`: the consequence for a rate
+    whose refutation is accepted."""
     failures = gaps(expressions, plant)
     if not failures:
         return None
@@ -201,7 +205,8 @@ def _holds(condition: Condition, around: Box) -> bool:
 
 
 def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
-    """Return a point where a part has no finite value; None where none is proved."""
+    """Return a proved point of the box `around` where `condition` of `part` fails and the part has no value; else
+    None."""
     try:
         problem = problem_of(part, around)
         if problem is None:  # at the fixed values
@@ -228,7 +233,8 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
 
 
 def written(plant: System) -> tuple[sp.Expr, ...]:
-    """Return the rows of the plant, and each part of the rows of the plant that it was recast from, in the new states.
+    """Return the plant's equations as written, and for a recast plant also each part of the original ones, in the new
+    states.
 
     (x1 - x2)/(2 x1 - 2 x2) has no value at x1 = x2; with x1 = w + x2 SymPy makes 1/2 of it.
     """
