@@ -64,7 +64,8 @@ _COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
 
 @dataclass
 class Writer:
-    """Writes graphs as lines; `names`: the values of the names in the text."""
+    """A writer of CasADi graphs as lines of Python that round every operation to `real`; `names`: the objects to which
+    the names in the lines refer."""
 
     real: Real
     names: dict[str, Any] = field(default_factory=dict)
@@ -73,7 +74,7 @@ class Writer:
     routines: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Add the small functions and constants."""
+        """Add the helper functions (clamp, sign ..) and constants to `names`."""
         number = float if self.real == "double" else DTYPE[self.real]
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"rounds": number(ROUNDS[self.real])}
@@ -82,8 +83,8 @@ class Writer:
         self.names |= {"power_of_two": lambda k: number(ldexp(1.0, int(k)))}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
-        """Add the lines that compute a function, for operands from `inputs` (argument, element); the outputs as nodes,
-        each with its name or text in `name`."""
+        """Add the lines that compute a CasADi function, and return its outputs as nodes, whose `name` is a Python name
+        or text. `inputs`: gives the operand for (argument, element); `kind`: the type of the numbers."""
         outputs = read(function)
         for node in ordered(node for output in outputs for node in output):
             if node.op == ca.OP_CONST:
@@ -96,13 +97,13 @@ class Writer:
         return outputs
 
     def number(self, node: Node, kind: Number) -> str:
-        """The text of a value as a number."""
+        """Return the Python text of a node as a number of the type `kind`."""
         if not boolean(node):
             return node.name
         return f"(1 if {node.name} else 0)" if kind == "unsigned" else f"(one if {node.name} else zero)"
 
     def fresh(self, text: str) -> str:
-        """A new local, to which the text is assigned."""
+        """Return the name of a new local variable, to which a new line assigns the text."""
         self.count += 1
         self.lines.append(f"t{self.count} = {text}")
         return f"t{self.count}"
@@ -143,7 +144,7 @@ class Writer:
         return f"({clamped}) if {_SIMPLE[WITHIN].format(value, limit)} else {otherwise}" if otherwise else clamped
 
     def _call(self, node: Node, kind: Number) -> str:
-        """The call of a routine, whose results are lists."""
+        """Return the text of a result of a routine's call; the call is added once as a line and gives lists."""
         assert node.routine
         number = self.routines.setdefault(node.routine.key, len(self.routines))
         name = f"r{number}"
@@ -166,14 +167,15 @@ _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
 
 
 def _divided(a: Any, b: Any) -> Any:
-    """The quotient a / b for b = 0 or -0, as IEEE 754 defines it."""
+    """Return the quotient a / b, for b = 0 or -0 as IEEE 754 defines it."""
     with np.errstate(all="ignore"):
         quotient = np.divide(a, b)
     return float(quotient) if isinstance(a, float | int) else quotient
 
 
 def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -> Any:
-    """The value that Python text defines under a name."""
+    """Return the object that the lines of Python define under `name`; `names`: the objects that they use; `title`: the
+    file name in tracebacks."""
     exec(compile("\n".join(text), f"<{title}>", "exec"), names)
     return names[name]
 
@@ -189,7 +191,8 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1024)
 def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
-    """The function of a table of numbers. Raises: `PointsMerge`."""
+    """Return a Python function that interpolates in a table of a model, in the precision `real`. Raises:
+    `PointsMerge`."""
     demand_apart(lookup, real)
     number = float if real == "double" else DTYPE[real]
     names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}
@@ -208,7 +211,8 @@ _SEARCH = (
 
 @lru_cache(maxsize=4096)
 def evaluated(function: ca.Function, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
-    """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
+    """Return a Python function from the inputs of an SX function, lists of numbers, to its outputs, every operation
+    rounded to `real`."""
     writer = Writer(real)
 
     def operand(argument: int, element: int) -> Operand:

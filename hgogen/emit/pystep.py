@@ -54,21 +54,21 @@ Entry = Callable[[], int]
 
 
 def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
-    """The functions of a step on a record (1) of `kept_type` in the precision `real`, as `targets.record` has it in C:
-    `step`, `estimate`, `tune` and each section. They leave the estimate and the traces in the record and return the
+    """Return Python functions of a step by name (`step`, `estimate`, `tune` and one for each section) with the results
+    of the C, bit for bit. They act on `record` (1) of `kept_type`, leave estimate and traces in it, and return the
     status."""
     return _Writer(step, record, real).entries()
 
 
 def tuned(step: Step, real: Real) -> np.ndarray:
-    """The nominal parameters, tuned, as `init` leaves them: a record (1) of `params_type`."""
+    """Return a step's nominal parameters after `tune`, as `init` leaves them: a record (1) of `params_type`."""
     record = layout.initial_record(step, real)
     _Writer(step, record, real).tune()()
     return record["params"]
 
 
 class _Writer(Reader[list[str]]):
-    """Writes the functions of a step."""
+    """A writer of a step's functions as Python text."""
 
     def __init__(self, step: Step, record: np.ndarray, real: Real) -> None:
         self.step, self.real, self.kinds, self.graphs = step, real, Kinds(step), pygraph.Writer(real)
@@ -91,7 +91,7 @@ class _Writer(Reader[list[str]]):
         self.sections: dict[str, int] = {}
 
     def tune(self) -> Entry:
-        """The function that limits the parameters and computes the derived ones."""
+        """Return the function that limits the parameters to their ranges and computes the derived ones."""
         text = self._function("tune", self.step.code.tuning)
         pygraph.defined(text, self.names, "tune", "the tuning of a step in Python")
         tune: Entry = np.errstate(all="ignore")(self.names["tune"])
@@ -121,7 +121,8 @@ class _Writer(Reader[list[str]]):
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of overflow
 
     def _ready(self) -> list[str]:
-        """The code that initialises a state without its mark, and ends a call without parameters."""
+        """Return the lines that initialise a state without the mark of initialised memory, and end a call whose
+        parameters have none."""
         mark = self.step.layout.mark
         if not mark:
             return []
@@ -184,7 +185,7 @@ class _Writer(Reader[list[str]]):
         return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:
-        """The text of a member's number, 0 where it is beyond the last one, as in C."""
+        """Return the text of the index of a member of a group, 0 where the index is `total` or more, as in C."""
         number = self._read(index, 0, "unsigned")
         return f"int({number}) if {number} < {total} else 0"
 
@@ -232,7 +233,8 @@ class _Writer(Reader[list[str]]):
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:
-        """The text of numpy's view of a place, in the current members of the loops around it."""
+        """Return the text of numpy's view of a place of memory, in the current members of the loops around it;
+        `dimensions`: of the view."""
         above = self.groups.get(place.struct, ())[: self.places[place].ndim - dimensions]
         return f"V[{list(self.places).index(place)}]{''.join(f'[{self._at(group)}]' for group in above)}"
 
@@ -268,7 +270,8 @@ MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples 
 
 @dataclass(frozen=True)
 class Vectors:
-    """Inputs u (N, m), outputs y (N, p), the compared `values` (N, n), their `tolerance` (n), the status (N)."""
+    """The test vectors of a self-check: inputs `u` (N, m), outputs `y` (N, p), the expected `values` (N, n), their
+    `tolerance` (n), the `status` (N)."""
 
     u: np.ndarray
     y: np.ndarray
@@ -278,13 +281,14 @@ class Vectors:
 
 
 def compared_places(step: Step) -> tuple[Place, ...]:
-    """The places that the self-check compares: the estimate, and the observer's traces of its state."""
+    """Return the places of memory that a self-check compares: the estimate, and the traces of the state that the
+    observer declares."""
     traces = (Place("state", name) for name in step.observer.traces)
     return (*(Place("estimate", s.name) for s in step.states), *traces)
 
 
 def record_vectors(step: Step, real: Real) -> Vectors:
-    """Run the step from a reset over the test inputs."""
+    """Return the test vectors of a self-check: a step's results from a reset on over synthetic inputs."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
     if step.clock.guarded:
@@ -306,17 +310,17 @@ def record_vectors(step: Step, real: Real) -> Vectors:
 
 
 def lost_samples(step: Step) -> tuple[int, int]:
-    """The numbers of the samples without inputs and without outputs; `SAMPLES` for none."""
+    """Return the numbers of the test vectors' samples without inputs, and without outputs; `SAMPLES` for none."""
     return (LOST_INPUT, MISSING) if step.clock.guarded else (SAMPLES, SAMPLES)
 
 
 def fault_words(step: Step) -> str:
-    """The words for the faulty samples, to follow the number of samples."""
+    """Return the words on faulty samples that follow the number of samples in a self-check's text."""
     return ", a missing, an absurd, a lost and an excessive one among them" if step.clock.guarded else ""
 
 
 def start_state(step: Step) -> dict[Place, list[float]]:
-    """The state at the first sample, by place.
+    """Return the values of a step's state at the first sample of the self-check, by place.
 
     The estimate is off its initial value, where a plant may be at an equilibrium at which the model has no effect. An
     element of the estimate is moved if it is linear in one element of the state.
@@ -356,14 +360,15 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _ages(step: Step) -> np.ndarray:
-    """The ages of late samples (N, ages): in time, too late, twice in a period, and one that is no whole number."""
+    """Return the ages of late samples (N, number of ages) in a self-check: in time, too late, twice in a period, and
+    one that is no whole number."""
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)
 
 
 def _wave(cycles: float, signal: Signal) -> float:
-    """A triangle wave of half the declared range (or +-1) about its middle."""
+    """Return a triangle wave at `cycles` periods: half the signal's declared range (or +-1) about its middle."""
     low, high = signal.interval if signal.bounded else (-1.0, 1.0)
     triangle = 1 - 4 * abs(cycles % 1 - 0.5)
     return (low + high) / 2 + (high - low) / 4 * triangle

@@ -24,8 +24,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Shape:
-    """The structure of a value: values alike have the same `key`, and as many `elements`, the numbers of the elements
-    that they read, and `constants`."""
+    """The structure of an expression apart from its array indices and constants. Two expressions that one loop can
+    compute have equal `key`; `elements`: the array indices that the expression reads; `constants`: its numbers."""
 
     key: Hashable
     elements: tuple[int, ...] = ()
@@ -34,23 +34,23 @@ class Shape:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Computes shapes. In the shape of another value, a value in `units` is a leaf: itself, or any leaf if `nameless`.
-    `indexed`: whether a loop can index an argument."""
+    """A computation of the `Shape` of expressions. Nodes in `units` (identities) count as variables within other
+    expressions, all alike if `nameless`; `indexed`: whether a loop can index argument i."""
 
     units: set[int]
     indexed: Callable[[int], bool]
     nameless: bool = False
 
     def shape(self, node: Node, *, opened: bool = True, before: tuple[int, ...] = ()) -> Shape:
-        """The shape of a value; `opened`: a value in `units` has the shape of its computation; `before`: numbers to
-        place before those of its elements."""
+        """Return the `Shape` of the expression `node`; `opened`: also of a node in `units` the operations, not the
+        variable; `before`: array indices to place before those of the expression."""
         reading = _Reading(self, list(before))
         return Shape(reading.key(node, opened), tuple(reading.elements), tuple(reading.constants))
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """The walk through a value that collects its elements and constants."""
+    """A walk through an expression that collects the array indices and constants that it reads."""
 
     shapes: Shapes
     elements: list[int]
@@ -58,7 +58,8 @@ class _Reading:
     numbers: dict[int, int] = field(default_factory=dict)
 
     def key(self, node: Node, opened: bool = False) -> Hashable:
-        """The key that values alike share; elements and constants are appended to the lists."""
+        """Return the key that is equal for expressions which differ in array indices and constants only; append these
+        to the lists."""
         if node.op == ca.OP_CONST and isfinite(node.constant):
             self.constants.append(node.constant)
             return node.op
@@ -79,8 +80,8 @@ class _Reading:
 
 
 def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
-    """The runs, in order, of at least `least` things alike whose elements change by equal steps: first those with
-    equal constants, then with any."""
+    """Return groups of at least `least` expressions that one loop can compute: equal `Shape.key`, array indices that
+    grow by equal steps. First come groups with equal constants, then with any."""
     used, result = set[int](), list[list[T]]()
     for constant in (True, False):
         groups: dict[Hashable, list[tuple[Shape, T]]] = {}
@@ -93,7 +94,8 @@ def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
 
 
 def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> list[list[T]]:
-    """The runs of rows whose elements change by equal steps; the identities of their rows are added to `used`."""
+    """Return the groups of expressions whose array indices grow by equal steps; the identities of grouped expressions
+    are added to `used`."""
     result, start = list[list[T]](), 0
     while start + least <= len(rows):
         end = start + length([shape.elements for shape, _ in rows[start:]])
@@ -105,7 +107,7 @@ def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> li
 
 
 def length(rows: Sequence[tuple[int, ...]]) -> int:
-    """The number of rows, from the first, that change by equal steps which are not all 0."""
+    """Return how many rows of array indices, from the first row on, grow by equal steps that are not all 0."""
     if len(rows) < 2 or not any(step := _step(*rows[:2])):
         return min(len(rows), 1)
     k = 2
@@ -119,8 +121,8 @@ def _step(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], units: set[int]) -> dict[int, int]:
-    """The owner of each value, by their identities: the only value or statement that it is computed for, or the value
-    itself if it is in `units`, has several users, or is a call of a routine.
+    """Return for the identity of each node that of its owner: the only node or statement that it is computed for, or
+    the node itself if it is in `units`, has several users, or is a call of a routine.
 
     Args: `nodes` every value after its arguments; `used` the values that each statement uses.
     """
@@ -144,8 +146,8 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True)
 class Target:
-    """The place of an output element: `write` makes the statement from the text of its value; `flag`: the text is a
-    truth value.
+    """The place to which an output of a block is written. `write` returns the statement from the text of the value;
+    `flag`: the text is a truth value.
 
     `raised`, for a bit of the status: makes the lines that raise it where a truth value holds; `write` then makes the
     statement that always raises it.
@@ -167,7 +169,8 @@ class Target:
 
 @dataclass(frozen=True)
 class Statement:
-    """A value and its targets: several in a loop, in order, with the value in a pass of the loop."""
+    """A value and the targets to which it is written: several in a loop, in order; then `node` is the value in one
+    pass."""
 
     node: Node
     targets: tuple[Target, ...]
@@ -179,7 +182,8 @@ Pair = tuple[Node, Target]
 def rolled(
     pairs: Sequence[Pair], indexed: Callable[[int], bool], hoist: Collection[int], least: int
 ) -> list[Statement]:
-    """The statements of a block: a loop for values alike, and one statement for each other pair.
+    """Return the statements of a block from its pairs (node, target): a loop for values of one structure that differ in
+    array indices only, and a statement for each other pair.
 
     Args: `indexed` whether a loop can index an argument; `hoist` arguments that the block also writes; `least` the
     smallest number of passes of a loop.
@@ -191,8 +195,8 @@ def rolled(
 
 
 def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
-    """An upper bound on the passes of a loop: one more than the operations of a kind, for the terms of a sum, or the
-    elements of an array."""
+    """Return an upper bound on the passes of any loop: one more than the number of operations of one kind in the nodes
+    (terms of a sum), or the elements of an array."""
     operations = Counter(node.op for node in nodes if node.op not in LEAVES)
     elements = Counter(target.array for _, target in pairs if target.each)
     return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))
@@ -200,7 +204,8 @@ def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
 
 @dataclass(frozen=True)
 class _Rolling:
-    """Finds loops in the values of a block; `nodes`: every value after its arguments."""
+    """A search for loops among the values of a block; `nodes`: every value after the values that it is computed from;
+    `least`: the smallest number of passes of a loop."""
 
     pairs: Sequence[Pair]
     nodes: list[Node]
@@ -224,7 +229,8 @@ class _Rolling:
         return self._written(shapes, unify)
 
     def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
-        """The chosen values that a loop can compute, in groups: a group needs only those before it."""
+        """Yield groups of the `chosen` nodes that a loop can compute; the nodes of a group depend on earlier groups
+        only."""
         height, levels = dict[int, int](), dict[int, list[Node]]()
         for node in self.nodes:
             level = height[id(node)] = 1 + max((height[id(child)] for child in node.args), default=0)
@@ -233,7 +239,8 @@ class _Rolling:
         return (levels[level] for level in sorted(levels))
 
     def _chains(self, passed: set[int], users: Counter[int]) -> list[tuple[Node, list[Node]]]:
-        """Long sums and the like, each with its terms in order, inner ones first, but for those in rows alike."""
+        """Return long sums, products and the like, each with its terms in order, inner sums first; sums that repeat in
+        several statements are omitted."""
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed)
         shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed, nameless=True)
         statements = [(-1 - k, node, target.array) for k, (node, target) in enumerate(self.pairs)]
@@ -251,7 +258,7 @@ class _Rolling:
         return chains[::-1]
 
     def _written(self, shapes: Shapes, unify: "_Unify") -> list[Statement]:
-        """The statements, each loop at the place of its first statement."""
+        """Return the statements in order, each loop at the place of its first statement."""
         numbers = dict[Hashable, list[tuple[Shape, int]]]()
         for k, (node, target) in enumerate(self.pairs):
             if target.each:
@@ -272,7 +279,8 @@ class _Rolling:
 
 
 def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Node]]:
-    """The nested sums of a sum, by their identities, and its terms in the order of their addition."""
+    """Return of a sum ((t_1 + t_2) + t_3) + .. the identities of the nested sums, and the terms t_i in the order of
+    addition."""
     spine, terms, node = {id(top)}, list[Node](), top
     while True:
         positions = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
@@ -284,17 +292,18 @@ def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Nod
 
 
 class _Unify:
-    """Merges values alike into one: the value in a pass of a loop."""
+    """A merger of expressions that differ in array indices and constants into one expression: the value in a pass of a
+    loop."""
 
     def __init__(self) -> None:
         self.tables = dict[tuple[str, ...], Node]()
 
     def __call__(self, nodes: Sequence[Node]) -> Node:
-        """The value in a pass of a loop over these values."""
+        """Return the expression that in pass k of a loop is the k-th of the nodes."""
         return self._one(tuple(nodes), {})
 
     def filled(self, nodes: Sequence[Node]) -> None:
-        """Make these values the elements of an array that a loop fills."""
+        """Make these nodes the elements of an array that a loop fills."""
         fill = Node(FILL, (self(nodes),), count=len(nodes))
         for k, node in enumerate(nodes):
             _become(node, Node(ELEMENT, (fill,), element=(0, k)))
@@ -332,7 +341,7 @@ class _Unify:
 
 
 def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _Unify, least: int) -> None:
-    """Accumulate a sum in loops where its terms are alike."""
+    """Turn the sum `top` of `terms` into loops that accumulate, where consecutive terms have equal structure."""
     if all(_alike(shapes[k:]) < least for k in range(len(shapes))):
         return
     total, k = None, 0
@@ -352,7 +361,7 @@ def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _U
 
 
 def _alike(shapes: Sequence[Shape]) -> int:
-    """The number of terms, from the first, that are alike and change by equal steps."""
+    """Return how many terms, from the first on, have equal structure and array indices that grow by equal steps."""
     elements = list[tuple[int, ...]]()
     for shape in shapes:
         if shape.key != shapes[0].key:
@@ -367,7 +376,8 @@ def _become(node: Node, other: Node) -> None:
 
 
 def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[Statement]:
-    """The statements; a loop that would read an element after it is written reads values computed in advance."""
+    """Yield the statements; a loop that would read an array element after it is written reads values computed in
+    advance."""
     written = set[Source]()
     for each in statements:
         if len(each.targets) > 1 and not _reads_before(each, written, hoist):
@@ -379,7 +389,8 @@ def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[S
 
 
 def _reads_before(statement: Statement, written: set[Source], hoist: Collection[int]) -> bool:
-    """Whether a loop reads each element before the loop, or a statement before it, writes the element."""
+    """Return whether a loop reads each element of an array before the loop, or an earlier statement, writes the
+    element; `written`: the elements written earlier."""
     through = [node for node in _inside(statement.node) if node.op == AT and not node.args and node.source[0] in hoist]
     written = set(written)
     for k, target in enumerate(statement.targets):
@@ -390,7 +401,7 @@ def _reads_before(statement: Statement, written: set[Source], hoist: Collection[
 
 
 def _inside(root: Node) -> Iterator[Node]:
-    """The values that differ between the passes of a loop."""
+    """Yield the nodes below `root` that differ between the passes of a loop."""
     stack, visited = [root], set[int]()
     while stack:
         node = stack.pop()
@@ -401,6 +412,6 @@ def _inside(root: Node) -> Iterator[Node]:
 
 
 def outside(roots: Sequence[Node]) -> list[Node]:
-    """The values that must be computed before a loop over these."""
+    """Return the nodes that must be computed before a loop over the expressions `roots`."""
     result = [root for root in roots if not root.inside]
     return result + [child for root in roots for node in _inside(root) for child in node.args if not child.inside]

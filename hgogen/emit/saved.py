@@ -49,7 +49,8 @@ class NotSaved(BadArgument):
 
 @lru_cache(maxsize=8)  # each file of a step needs it
 def layout(step: Step, real: Real, language: str = "c") -> bytes:
-    """Return the digest (8) of a step in a precision; `language`: that of the memory."""
+    """Return the digest (8 bytes) that identifies a step's program, its precision and the layout of its memory in
+    `language`."""
     observer, form = step.observer, step.observer.form
     system = form.system.declared
     lines = [version(), language, real, system.name, form.kind, observer.name, step.code.rule]
@@ -66,18 +67,19 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
 
 
 def mark(step: Step, real: Real) -> int:
-    """Return the number that marks memory of a step in a precision."""
+    """Return the number that tags initialised memory of a step in the precision `real`."""
     return mark_number(layout(step, real))
 
 
 def sealed(step: Step, real: Real, state: bytes) -> bytes:
-    """Return the bytes of a state with their digest and checksum."""
+    """Return a saved state: the bytes of a step's state with the program's digest and a checksum."""
     body = layout(step, real) + state
     return body + struct.pack("<I", zlib.crc32(body))
 
 
 def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
-    """Return the bytes (size) of the state in a saved one. Raises: `NotSaved` for one damaged or of another program."""
+    """Return the bytes (size) of a step's state in the bytes `saved`. Raises: `NotSaved` for saved bytes that are
+    damaged or of another program."""
     what = f"a saved state of {len(saved)} bytes"
     if len(saved) != size + ADDED:
         raise NotSaved(what, f"is not of this step, of which {size + ADDED} are saved; give what save() gave")
@@ -91,7 +93,8 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
 
 
 def _plant(system: System) -> Iterator[str]:
-    """Yield a plant as text: its parameters' values, the ranges of its signals, its equations and its tables."""
+    """Yield the texts of a plant that its digest covers: values of parameters, ranges of signals, equations and
+    tables."""
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
     yield from (f"' {row}" for row in system.flow)
@@ -100,7 +103,8 @@ def _plant(system: System) -> Iterator[str]:
 
 
 def _observer(observer: Observer) -> Iterator[str]:
-    """Yield an observer and its members as text: the equations with their numbers, and the other arguments."""
+    """Yield the texts of an observer and its members that its digest covers: equations with numbers, and other
+    arguments."""
     yield from observer.equations
     if observer.construction is None:
         return
@@ -115,8 +119,8 @@ def _observer(observer: Observer) -> Iterator[str]:
 
 
 def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
-    """Return the text of an argument: the same for equal numbers of any type, in any sequence or by the names of one
-    of the orders."""
+    """Return the text of an argument for a digest: equal for equal numbers of any type, as a sequence or by the names
+    in one of `orders`."""
     match value:
         case Mapping():
             for names in orders:
@@ -136,7 +140,7 @@ def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
 
 
 def _listed(fields: Iterable[Field], groups: Iterable[Group]) -> Iterator[str]:
-    """Yield the layout of memory as text."""
+    """Yield the texts of a memory layout that its digest covers."""
     yield from (f"{field.kind} {field.name}[{field.size}]: {', '.join(field.labels)}" for field in fields)
     for group in groups:
         yield f"{group.name}[{group.count}]"
@@ -216,12 +220,12 @@ _BYTES = "unsigned char"
 
 
 def meanings(step: Step) -> dict[str, str]:
-    """Return what the parameters of save and restore are."""
+    """Return the meanings of the parameters of the C functions save and restore, by name."""
     return {"saved": f"{step.name.upper()}_SAVED bytes, at any address", "size": "how many bytes there are"}
 
 
 def prototypes(step: Step) -> tuple[Prototype, Prototype]:
-    """Return the declarations of save and restore."""
+    """Return the C declarations of the functions save and restore of a step's state."""
     s, saved = structs(step)[0], Parameter(_BYTES, "saved")
     size, upper = Parameter("size_t", "size", pointer=False), step.name.upper()
     saves = f"write the state as {upper}_SAVED bytes: {upper}_LAYOUT, the memory of the struct, a checksum"
@@ -231,7 +235,7 @@ def prototypes(step: Step) -> tuple[Prototype, Prototype]:
 
 
 def saving(step: Step, real: Real) -> Code:
-    """Return the definitions of save and restore."""
+    """Return the C definitions of the functions save and restore of a step's state."""
     save, restore = prototypes(step)
     values = {
         "name": step.name,
@@ -281,7 +285,7 @@ RUST_FUNCTIONS = _FUNCTIONS.strip().split("\n")
 
 
 def rust_constants(step: Step, real: Real) -> list[str]:
-    """Return the lines of the constants about a saved state."""
+    """Return the lines of a Rust crate that define the constants of a saved state, such as its size."""
     size = ADDED + _size(step.layout.state, step.layout.groups, {"real": DTYPE[real]().itemsize, "index": INDEX_BYTES})
     digest = ", ".join(f"0x{byte:02X}" for byte in layout(step, real, "rust"))
     return [
@@ -352,7 +356,8 @@ def _each(
     text: str,
     types: dict[str, str] | None = None,
 ) -> list[str]:
-    """Return the statements for each number of memory, in its order."""
+    """Return the statements for each number of a memory layout, in order; `start`: the text that reaches the struct,
+    `through`: the head of a loop over members of a group, `text`: the statement on a number, by `types` of numbers."""
     lines = []
     for field in fields:
         place, kind = f"{start}.{field.name}", (types or {}).get(field.kind, "")

@@ -18,12 +18,13 @@ from hgogen.step import Step
 
 
 def caller(syntax: Syntax, step: Step, real: Real) -> Writer:
-    """Return the writer of a caller whose structs have the names of the parameters."""
+    """Return a writer of C or Rust for code that calls a step, in which structs have the names of the step's
+    parameters."""
     return Writer(replace(syntax, reach="{}."), step, real)
 
 
 def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
-    """Return the values for the template of a self-check, whose computation takes a while.
+    """Return the texts that a self-check's template needs, by name; the test vectors in them take a while to compute.
 
     Args: `here` the writer of the caller; `row` the text of a row of numbers {}; `across` the statuses of a line.
     """
@@ -59,10 +60,7 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
 
 
 def filled(here: Writer, text: str) -> list[str]:
-    """Return the code that assigns the signals of a call, first the inputs.
-
-    `text`: how a signal {place} or {name} is assigned the number of its {column}, and NaN at the sample {missing}.
-    """
+    """Return the lines that assign the signals of a call, first the inputs."""
     return [
         text.format(place=here.place_text(place), name=here.syntax.name(place.name), column=column, missing=missing)
         for column, (place, missing) in enumerate(_signals(here.step))
@@ -178,7 +176,7 @@ int main(void)
 
 
 def c_check(step: Step, real: Real) -> list[str]:
-    """Return the lines of the self-check, whose vectors take a while to compute."""
+    """Return the lines of a step's self-check in C, whose test vectors take a while to compute."""
     here = caller(C, step, real)
     results, values = map(here.number, compared_places(step)), recorded(here, "{{{}}},", 16)
     text = _C_TEXT.substitute(
@@ -252,7 +250,7 @@ fn main() {
 
 
 def rust_check(step: Step, real: Real) -> list[str]:
-    """Return the lines of the self-check, whose vectors take a while to compute."""
+    """Return the lines of a step's self-check in Rust, whose test vectors take a while to compute."""
     here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.inputs)
     fill = filled(here, f"{{name}}: if k == {{missing}} {{{{ {kind}::NAN }}}} else {{{{ GIVEN[k][{{column}}] }}}},")
     inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []

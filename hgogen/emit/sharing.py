@@ -55,7 +55,7 @@ _MEANINGS = {  # the head comment of a function, by the name of its part
 
 @dataclass(frozen=True, eq=False)
 class Passage(Call):
-    """The call of a function for a part of a section.
+    """The C call of a function that computes a part of a section (predict, correct ..), as `prototype` declares it.
 
     Args: `parameters` the parameters of the section that it passes; `work` the shared work values, by pointer those
     `changed` but for a single `result`; `returns_status` whether the function returns a status.
@@ -70,18 +70,19 @@ class Passage(Call):
 
     @property
     def reads(self) -> Sized:
-        """The work values that it passes."""
+        """The work variables that the call passes, with their sizes."""
         return self.work
 
     @property
     def written(self) -> Sized:
-        """The work values that it changes."""
+        """The work variables that the call changes, with their sizes."""
         return tuple((place, size) for place, size in self.work if place in self.changed)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part as a function: its declaration, its program and the text of that."""
+    """Statements that are a C function of their own: its declaration, the statements as program, and the text of its
+    body."""
 
     prototype: Prototype
     program: Program
@@ -89,7 +90,7 @@ class Part:
 
     @property
     def call(self) -> Code:
-        """The statement that calls it."""
+        """The C statement that calls the function."""
         call = self.prototype.call(same_name)
         text = f"{call};" if self.prototype.returns == "void" else f"status |= {call};"
         return code(text, parameters=("s",))
@@ -97,7 +98,8 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class SharingWriter(Writer):
-    """Prints repeated parts, and those of a long section, as calls.
+    """A writer of a step's C that emits statements which several sections repeat, and parts of a long section, as
+    functions and their calls.
 
     Args: `passed` the work values that are parameters of the current function, and `pointed` those behind a pointer;
     `main` the writer of the section around that function; `functions` the functions of parts, and `named` their names
@@ -111,7 +113,7 @@ class SharingWriter(Writer):
     functions: dict[str, Code] = field(default_factory=dict)
 
     def program(self, program: Iterable[Statement], *known: frozenset[str]) -> Code:
-        """The statements in order, with calls of repeated parts."""
+        """Return the C of the statements in order, with calls in place of repeated parts."""
         texts = list[Code]()
         for run in _runs(program):
             part = self._parts.get(self._alone(run).lines) if _name(run) else None
@@ -120,22 +122,24 @@ class SharingWriter(Writer):
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """The parts that occur more than once."""
+        """The groups of statements that occur more than once, as C functions."""
         return tuple(self._parts.values())
 
     @cached_property
     def resetting(self) -> dict[Place, Part]:
-        """The places of the state that a part sets to their values after a reset, with that part."""
+        """The places of the state that a repeated function sets to their values after a reset, each with the
+        function."""
         return {place: part for part in self.parts for place in self._reset_places(part.program)}
 
     def section(self, section: Section) -> tuple[list[Code], Code]:
-        """The functions for parts of a section, each after those that it calls, and the section's body."""
+        """Return the C functions for parts of a section, each after those that it calls, and the C of the section's
+        body."""
         known = len(self.functions)
         body = self.function(self._split(section.program, section))
         return list(self.functions.values())[known:], body
 
     def _split(self, program: Program, section: Section) -> Program:
-        """The program of a section, with calls of functions where it is too long."""
+        """Return the program of a section in which calls of functions replace parts where it is too long."""
         if paths(self.function(program).lines) <= MAX_PATHS:
             return program
         return tuple(self._passing(statement, section) for statement in program)
@@ -155,7 +159,8 @@ class SharingWriter(Writer):
         return replace(statement, body=inner, otherwise=otherwise)
 
     def _outlined(self, part: str, body: Program, section: Section) -> Passage:
-        """The call of a function for a part of a section; the function is added to `functions`."""
+        """Return the call of a new C function for a part of a section; `part`: its name in the program, `body`: its
+        statements. The function is added to `functions`."""
         statements = list(walk(body))
         work = self._shared(statements, section)
         written = {place for each in statements for place, _ in each.written}
@@ -183,14 +188,16 @@ class SharingWriter(Writer):
         return Passage(Section(name, "", body), prototype, passed, work, changed, result, returns_status)
 
     def _shared(self, statements: Sequence[Statement], section: Section) -> Sized:
-        """The work values that these statements share with the others of a section."""
+        """Return the work variables, with their sizes, that these statements share with the other statements of a
+        section."""
         inside = {id(each) for each in statements}
         around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
         known = {each for s in statements for each in (*s.reads, *s.written)}
         return tuple(sorted((p, n) for p, n in known if p.struct == "work" and p in around))
 
     def _body(self, body: Program, section: Section, arguments: Sized, changed: frozenset[Place]) -> Code:
-        """The body of a function with these work values as arguments."""
+        """Return the C body of a function for statements; `arguments`: the work variables that it has as parameters,
+        `changed`: those that it changes."""
         pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
         inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
         program = inner._split(body, section) if len(body) > 1 else body
@@ -198,7 +205,8 @@ class SharingWriter(Writer):
         return replace(inner, interval_calls=True).function(program) if paths(text.lines) > MAX_PATHS else text
 
     def _structs(self, used: Collection[str], writes_state: bool) -> list[Parameter]:
-        """The structs among the parameters of a function, and `at`."""
+        """Return the structs of a step, and the sample index `at`, that a function needs as parameters, from the names
+        that its body uses."""
         kinds = [replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)]
         return [each for each in (*kinds, AT) if each.name in used]
 
@@ -207,12 +215,13 @@ class SharingWriter(Writer):
         return Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer)
 
     def _new_name(self, part: str, section: Section, function: tuple[str, Code]) -> str:
-        """The name of a function, which is the same for equal functions."""
+        """Return the name of a C function, equal for equal functions (signature and body)."""
         present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
         return self.named.setdefault(function, next(n for n in _names(part, section) if n not in present))
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
-        """The value that a function returns: of a block, the only work value that it changes."""
+        """Return the place that a function returns by value: the only work variable that a block of expressions
+        changes, None otherwise."""
         if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
             return None
         read = dict(body[0].reads)
@@ -235,7 +244,7 @@ class SharingWriter(Writer):
         return place.name if place in self.pointed else f"&{place.name}"
 
     def place_text(self, place: Place) -> str:
-        """The text of a place, dereferenced where it is behind a pointer."""
+        """Return the C text of a place of memory, dereferenced (*name) where a parameter points to it."""
         return f"(*{place.name})" if place in self.pointed else super().place_text(place)
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
@@ -265,18 +274,19 @@ class SharingWriter(Writer):
 
     @cached_property
     def _function_names(self) -> set[str]:
-        """The names, without the prefix, of functions that the file may have besides the parts."""
+        """Return the names, without the step's prefix, of the other functions that the C file may have."""
         functions = {*functions_of(kernels), *functions_of(helpers), *elementary(self.real), POWER_OF_TWO}
         functions |= {subprogram.name for subprogram in self.subprograms.values()} | _OTHERS
         return functions.union(*((entry.name, entry.inner) for entry in entries(self.step).values()))
 
     @cached_property
     def _alone(self) -> Callable[[Program], Code]:
-        """The text of a part as the body of a function, computed once."""
+        """Return a function, cached, from a group of statements to its C text as the body of a function."""
         return cache(Writer(self.syntax, self.step, self.real).function)
 
     def _reset_places(self, run: Program) -> set[Place]:
-        """The places that a part writes, if it sets all of them to their values after a reset; otherwise none."""
+        """Return the places that a group of statements writes, if it sets all of them to their values after a reset;
+        otherwise none."""
         structs_ = {"state", *self.kinds.groups}
         initial = {place: field.initial for place, field in self.kinds.fields.items() if place.struct in structs_}
         written = _written(run)
@@ -290,7 +300,7 @@ class SharingWriter(Writer):
 
 
 def _meaning(part: str) -> str:
-    """The head comment of the function of a part, "" for one without."""
+    """Return the comment of the C function of a part of a section, "" for a part without one."""
     fitted = f"move the estimate to the nearest one that fits the sample of {part.removeprefix('fit_')}"
     return fitted if part.startswith("fit_") else _MEANINGS.get(part, "")
 
@@ -302,13 +312,14 @@ def _names(part: str, section: Section) -> Iterator[str]:
 
 
 def _everywhere(program: Program) -> Iterator[Program]:
-    """The parts of a program and of the programs in it, and each other statement by itself."""
+    """Yield the groups of statements of a program, also those nested in loops and branches, and each other statement by
+    itself."""
     bodies = (body for statement in walk(program) for body in statement.bodies.values())
     return (run for each in (program, *bodies) for run in _runs(each))
 
 
 def _runs(program: Iterable[Statement]) -> Iterator[Program]:
-    """The parts of a program, and each other statement by itself."""
+    """Yield the groups of statements of a program, and each other statement by itself."""
     run: Program = ()
     for statement in program:
         alone = not _closed(statement)
@@ -326,7 +337,7 @@ def _name(run: Program) -> str:
 
 
 def _closed(statement: Statement) -> bool:
-    """Whether a statement touches only the state and the status."""
+    """Return whether a statement touches only the state and the status."""
     inner = list(walk((statement,)))
     known = {"state", "status", *(each.group for each in inner if isinstance(each, Loop))}
     return all(isinstance(each, Block | Loop) for each in inner) and {p.struct for p, _ in places(inner)} <= known

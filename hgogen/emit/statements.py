@@ -43,14 +43,14 @@ from hgogen.stepping.guards import LARGEST_NUMBER
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """The kind of each place of a step in every language: a field or a group of its memory, a truth value, a
-    counter."""
+    """The kind of each place of a step's memory (struct and field) in any language: a field or a group, a truth value,
+    a counter."""
 
     step: Step
 
     @cached_property
     def fields(self) -> dict[Place, Field]:
-        """The fields of the state, the parameters and the groups by place."""
+        """The declared `Field` of each place of the state, the parameters and the groups."""
         layout = self.step.layout
         kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
         kinds |= {name: line[-1].fields for name, line in self.groups.items()}
@@ -58,17 +58,18 @@ class Kinds:
 
     @cached_property
     def groups(self) -> dict[str, tuple[Group, ...]]:
-        """The groups, each after the groups around it, the outermost first."""
+        """The groups of memory (arrays of structs) by name, each with the groups around it before it, the outermost
+        first."""
         return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
 
     @cached_property
     def flags(self) -> set[Place]:
-        """Work places that are truth values."""
+        """The work variables that are truth values."""
         return {s.flag for s in walk(self._all) if isinstance(s, When)}
 
     @cached_property
     def indices(self) -> set[Place]:
-        """Work places that are counters or indices."""
+        """The work variables that are counters or indices."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         counters = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
         counters = {place for place in counters if place.struct == "work"}
@@ -78,7 +79,7 @@ class Kinds:
 
     @cached_property
     def members(self) -> dict[Place, int]:
-        """The number of members for each work place that is only the index of a loop over members."""
+        """The number of members of a group by the work variable that only indexes loops over these members."""
         written = {place for block in blocks(self._all) for place in block.writes}
         loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
         counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
@@ -86,22 +87,24 @@ class Kinds:
 
     @cached_property
     def work(self) -> set[Place]:
-        """The work places."""
+        """The work variables, which live during one call."""
         return {place for place, _ in places(self._all) if place.struct == "work"}
 
     def is_index(self, place: Place) -> bool:
-        """Whether the place is an unsigned whole number."""
+        """Return whether a place of memory is an unsigned whole number."""
         known = self.fields.get(place)
         counts = known is not None and known.kind == "index"
         return counts or place in self.indices or place.struct == "argument"
 
     def counts(self, block: Block) -> bool:
-        """Whether a block uses counters and flags only, and so computes in unsigned numbers."""
+        """Return whether a block of expressions has counters and truth values only, and so computes in unsigned
+        numbers."""
         touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
     def _reals(self, indices: set[Place]) -> set[Place]:
-        """Work places to which more is written than a copy of a counter, or of one of `indices`."""
+        """Return the work variables that also get other values than copies of counters, or of variables in
+        `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
         unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
         return unwritten | {
@@ -123,7 +126,8 @@ ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 @dataclass(frozen=True, eq=False)
 class Writer(Reader[Code]):
-    """Prints a step's programs; `interval_calls`: tests of both ends of an interval are calls."""
+    """A writer of a step's programs (`Program`) as text of a language; `interval_calls`: whether low <= v <= high is a
+    call."""
 
     syntax: Syntax
     step: Step
@@ -132,7 +136,7 @@ class Writer(Reader[Code]):
 
     @property
     def prefix(self) -> str:
-        """The prefix of every name that is local to a file."""
+        """The prefix of every name that is local to an emitted file."""
         return self.step.name
 
     @property
@@ -142,30 +146,30 @@ class Writer(Reader[Code]):
 
     @cached_property
     def kinds(self) -> Kinds:
-        """The kinds of its places."""
+        """The kinds (field, truth value, counter) of the step's places of memory."""
         return Kinds(self.step)
 
     @cached_property
     def bits(self) -> dict[Place, str]:
-        """The names of the status bits, by the places that raise them."""
+        """The names of the status bits, by the places of memory that raise them."""
         return {bit.place: bit.name for bit in self.step.layout.bits}
 
     @cached_property
     def subprograms(self) -> dict[str, Subprogram]:
-        """The routines of the step."""
+        """The routines that the step calls, by their keys."""
         return subprograms(self.step)
 
     def _array(self, group: str) -> Place:
-        """The place of the array of a group: in the state, or in a member of the group around it."""
+        """Return the place of the array of a group's structs: in the state, or in a member of the group around it."""
         above = self.kinds.groups[group][:-1]
         return Place(above[-1].name if above else "state", group)
 
     def lvalue(self, place: Place, index: int, size: int) -> str:
-        """The text of one element of a place."""
+        """Return the text of element `index` of a place of memory that has `size` elements."""
         return self.place_text(place) if size == 1 else f"{self.place_text(place)}[{index}]"
 
     def place_text(self, place: Place) -> str:
-        """The text of a place, of an array without an index."""
+        """Return the text of a place of memory, such as `state->z`; of an array without an index."""
         if place.struct in ("work", "argument"):
             return place.name
         name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the current member
@@ -173,15 +177,15 @@ class Writer(Reader[Code]):
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
     def number(self, place: Place) -> str:
-        """The text of a place of one element as a real number."""
+        """Return the text of a place of one element, converted to a real number where it is a counter."""
         return self._read(place, 1, 0, self.real).text
 
     def uses(self, *places: Place | None) -> Uses:
-        """The parameters through which places are reached."""
+        """Return as `Uses` the parameters through which code reaches these places of memory."""
         return Uses(parameters=frozenset(reached(place for place in places if place)))
 
     def function(self, program: Program) -> Code:
-        """The body of a function: its work values, then its statements."""
+        """Return the body of a function: declarations of its work variables, then the statements of the program."""
         work = sorted((p, n) for p, n in places(program) if p.struct == "work")
         declared = joined(self._declaration(place, size) for place, size in work)
         reserved = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
@@ -191,7 +195,7 @@ class Writer(Reader[Code]):
         return declared + self.program(program, frozenset(reserved))
 
     def kind(self, place: Place, size: int) -> Number | Literal["bool"]:
-        """The type of a work place."""
+        """Return the type of a work variable with `size` elements."""
         if place in self.kinds.flags and size == 1:
             return "bool"
         return "unsigned" if place in self.kinds.indices else self.real
@@ -205,7 +209,7 @@ class Writer(Reader[Code]):
         return Code((line,), TRUTH if kind == "bool" else NOTHING)
 
     def joined(self, parts: Iterable[Code]) -> Code:
-        """The statements one after the other."""
+        """Return the statements one after the other, as one `Code`."""
         return joined(parts)
 
     def _call(self, call: Call, reserved: frozenset[str]) -> Code:
@@ -257,12 +261,13 @@ class Writer(Reader[Code]):
         return braced("{", fixed + braced(head, inner))
 
     def _member(self, group: str, array: str, k: str) -> str:
-        """The name of a member of a group, for the statements on it."""
+        """Return the line that names the current member, number `k`, of a group for the statements on it; `array`: the
+        text of the array of members."""
         element = self.syntax.index(array, k)
         return self.syntax.member.format(type=self.syntax.struct(self.prefix, group), name=group, element=element)
 
     def within(self, index: str, total: int) -> str:
-        """The text of an index, or of the first one where the index is beyond the last."""
+        """Return the text of an index, or of 0 where the index is `total` or more."""
         texts = {"test": f"{index} < {self.syntax.literal(total, 'unsigned')}", "yes": index}
         if self.syntax.chosen[0]:
             texts["test"] = f"({texts['test']})"
@@ -308,7 +313,8 @@ class Writer(Reader[Code]):
         return self.syntax.condition.format(test), f"    {self._raised(place)}", "}"
 
     def _block(self, block: Block, reserved: frozenset[str]) -> Code:
-        """The statements of a block, or a table of its limits where that is shorter."""
+        """Return the statements of a block of expressions, or a table of limits where that is shorter; `reserved`:
+        names that locals may not have."""
         written = self._written(block, reserved)
         if not block.limits or self.syntax.limited is None:
             return written
@@ -354,8 +360,8 @@ class Writer(Reader[Code]):
         return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
 
     def indexed(self, place: Place, size: int) -> str:
-        """The text of an array of real numbers; "" for other places, and for the triangle of a matrix where speed is
-        preferred, which is written element by element."""
+        """Return the text of an array of real numbers that a loop may index; "" for other places, and for the triangle
+        of a matrix where speed is preferred, which is written element by element."""
         if size == 1 or self.kinds.is_index(place) or place in self.kinds.flags:
             return ""
         known = self.kinds.fields.get(place)
@@ -363,7 +369,7 @@ class Writer(Reader[Code]):
         return "" if triangle and self.step.clock.prefer == "speed" else self.place_text(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
-        """The name of an element as a local: z1, L21, or the name of the scalar."""
+        """Return the name of element `element` of a place as a local variable: z1, L21, or the name of the scalar."""
         kind, name = place
         if kind == "argument":
             return f"{name}_given"
@@ -397,25 +403,26 @@ class Writer(Reader[Code]):
         )
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
-        """The statement that assigns a value to an element of a place, from their texts."""
+        """Return the statement that assigns the value `text` to the element `target` of a place, both as texts."""
         return f"{target} = {text};"
 
 
 def called(syntax: Syntax, step: Step, section: Section) -> Code:
-    """The call of a section, with its status added to that of the caller."""
+    """Return the call of a section (predict, correct ..), with its status added to that of the caller."""
     function = of_section(step, section)
     return code(syntax.called(step.name, function), parameters=function.parameters)
 
 
 def routines(writer: Writer, keys: Collection[str]) -> Code:
-    """The functions of the step's routines with these keys, one after the other."""
+    """Return the functions of the step's routines with these keys, one after the other, as one `Code`."""
     chosen = (subprogram for key, subprogram in writer.subprograms.items() if key in keys)
     return joined(_RoutineFunction(writer, subprogram).text() for subprogram in chosen)
 
 
 @dataclass(frozen=True, eq=False)
 class _RoutineFunction:
-    """Prints the function of a routine, which reads arguments and parameters and fills an array for each result."""
+    """A printer of the function of a routine, which reads arguments and parameters and fills an array for each
+    result."""
 
     writer: Writer
     subprogram: Subprogram
@@ -445,7 +452,8 @@ class _RoutineFunction:
         return heading + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
-        """The target of an element of a result; for a matrix, a comment names its entry."""
+        """Return the target of element `k` of the result `name`; `entry`: a comment that names the entry of a
+        matrix."""
         heading = f" {self.writer.syntax.comment(entry)}" if entry else ""
         return Target(
             lambda text: f"{name}[{k}] = {text};{heading}",

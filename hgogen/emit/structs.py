@@ -21,8 +21,8 @@ SIGNALS = {
 
 @dataclass(frozen=True)
 class Member:
-    """A member: its name, declaration and comment, and its initial numbers as text; or a struct `kind`, of an array
-    `count` of them."""
+    """A member of a struct: its name, declaration and comment, and its initial numbers as text; or a nested struct
+    `kind`, `count` of them where it is an array."""
 
     name: str
     declared: str
@@ -34,8 +34,8 @@ class Member:
 
 @dataclass(frozen=True)
 class Struct:
-    """A struct with its comment: input, output, estimate, parameters, their plant, gain and derived, state, or a
-    group."""
+    """A struct of emitted code with its comment. Its `kind`: input, output, estimate, parameters, a part of these
+    (plant, gain, derived), state, or the name of a group."""
 
     kind: str
     comment: str
@@ -43,7 +43,8 @@ class Struct:
 
 
 def structs(step: Step, syntax: Syntax, real: Real, *, marked: bool) -> dict[str, Struct]:
-    """Return the structs by kind, each after its members; `marked`: with the mark, where the step has one."""
+    """Return the structs of a step by kind, each after the structs that it contains; `marked`: whether with the number
+    that tags initialised memory, where the step has one."""
     return {each.kind: each for each in _Structs(step, syntax, real).every(marked)}
 
 
@@ -69,38 +70,40 @@ class _Structs:
         yield Struct("state", remembered(step), self.memory((*marks, *step.layout.state), step.layout.groups))
 
     def memory(self, fields: Iterable[Field], groups: Iterable[Group]) -> tuple[Member, ...]:
-        """Return fields, and arrays of structs after them."""
+        """Return struct members for the fields, followed by an array of structs for each group."""
         arrays = (self.inner(group.name, group.meaning, group.count) for group in groups)
         return (*map(self.member, self.in_time(fields)), *arrays)
 
     def in_time(self, fields: Iterable[Field]) -> Iterator[Field]:
-        """Yield fields with their units in the model's time."""
+        """Yield the fields with their units in the model's unit of time."""
         return (replace(item, unit=self.step.unit(item)) for item in fields)
 
     def inner(self, kind: str, comment: str, count: int = 0) -> Member:
-        """Return a member that is a struct, or an array of them."""
+        """Return the member `kind` that is a struct, or an array of `count` structs."""
         declared = self.declared(self.syntax.struct(self.step.name, kind), kind, count)
         return Member(kind, declared, comment, (), kind, count)
 
     def named(self, fields: Iterable[Field]) -> tuple[Member, ...]:
-        """Return numbers with names of the model; one that the language renames has its name in the comment."""
+        """Return struct members for fields that have names of the model; where the language renames one, its comment
+        has the model's name."""
         named = ((item, self.syntax.name(item.name)) for item in fields)
         return tuple(self.member(item, name, "" if name == item.name else f"{item.name}: ") for item, name in named)
 
     def member(self, item: Field, name: str = "", before: str = "") -> Member:
-        """Return the member of a field; `before`: the begin of its comment."""
+        """Return the struct member of a field; `name`: its name in the language if another, `before`: the begin of its
+        comment."""
         kind: Number = "unsigned" if item.kind == "index" else self.real
         text = self.declared(self.syntax.types[kind], name or item.name, item.size if item.size > 1 else 0)
         initial = tuple(self.syntax.literal(value, kind) for value in item.initial)
         return Member(name or item.name, text, f"{before}{described(item)}", initial)
 
     def declared(self, kind: str, name: str, size: int = 0) -> str:
-        """Return the declaration of a member, an array where it has a size."""
+        """Return the declaration of a struct member of the type `kind`, an array where `size` is not 0."""
         return self.syntax.struct_member[size > 0].format(type=kind, name=name, size=size)
 
 
 def changing(step: Step, quoted: str = "{}") -> str:
-    """Return the comment of the struct of parameters."""
+    """Return the comment of the struct of parameters: how to change them; `quoted`: the markup of a name."""
     members = " or ".join(quoted.format(kind) for kind in tunable(step))
     return f"parameters: change {members}, then call {quoted.format('tune')}" if members else "parameters"
 
@@ -109,7 +112,8 @@ def changing(step: Step, quoted: str = "{}") -> str:
 
 
 def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, text: Callable[[str], str]) -> Iterator[list[str]]:
-    """Yield typedef struct { ... } PREFIX_KIND; for each, with those of the parameters inside theirs.
+    """Yield the lines `typedef struct { ... } PREFIX_KIND;` for each struct; the parts of the parameters (plant, gain,
+    derived) are written inside that struct.
 
     `none`: the member of a struct without members; `text`: the final text of a comment.
     """
@@ -141,7 +145,7 @@ def _members(members: Iterable[Member], text: Callable[[str], str]) -> list[str]
 
 
 def rust_structs(step: Step, structs: Mapping[str, Struct]) -> list[str]:
-    """Return the declarations of the structs of a step."""
+    """Return the lines of Rust that declare the structs of a step."""
     comments = {"input": "the inputs now", "output": "the measurements now", "parameters": changing(step, "`{}`")}
     groups, lines = {line[-1].name for line in lines_of(step.layout.groups)}, list[str]()
     for kind, struct in structs.items():
@@ -154,12 +158,12 @@ def rust_structs(step: Step, structs: Mapping[str, Struct]) -> list[str]:
 
 
 def doc(text: str) -> list[str]:
-    """Return a documentation comment as one line."""
+    """Return a documentation comment of Rust on one line."""
     return [f"/// {line(text)}"] if text else []
 
 
 def rust_initial(structs: Mapping[str, Struct], kind: str) -> list[str]:
-    """Return the members of a struct with their initial values."""
+    """Return the lines of Rust that initialise the members of the struct `kind`."""
     lines: list[str] = []
     for member in structs[kind].members:
         if member.kind:

@@ -28,7 +28,7 @@ SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
 @dataclass(eq=False)
 class NotPrintable(HgogenError):
-    """An operation that no emitted language has."""
+    """The error for an operation that no emitted language has."""
 
     operation: int
 
@@ -40,7 +40,7 @@ class NotPrintable(HgogenError):
 
 @dataclass(eq=False)
 class BeyondFloat(HgogenError):
-    """A number that overflows to infinity, or underflows to 0, in the working precision."""
+    """The error for a number that overflows to infinity, or underflows to 0, in the working precision."""
 
     value: float
     real: str
@@ -51,7 +51,8 @@ class BeyondFloat(HgogenError):
 
 @dataclass(eq=False)
 class PointsMerge(HgogenError):
-    """A table with two points that are equal in the working precision: it would have a jump there."""
+    """The error for a table with two points that are equal in the working precision: the table would have a jump
+    there."""
 
     table: str
     points: tuple[float, float]
@@ -74,7 +75,7 @@ def demand_apart(lookup: Lookup, real: Real) -> None:
 
 @dataclass(eq=False)
 class BadReal(HgogenError):
-    """A working precision that is neither float nor double."""
+    """The error for a working precision that is neither float nor double."""
 
     real: str
 
@@ -90,9 +91,9 @@ def demand_real(real: str) -> None:
 
 @dataclass(frozen=True)
 class Rows:
-    """Numbers to be limited to their ranges, as text: the place and the row (low, high, nominal) of each; the number of
-    rows, the largest number, the `type` of a number, the prefix of functions, and the statement that sets the status
-    bit."""
+    """The texts for a loop that limits numbers to their ranges: the place and the row (low, high, nominal) of each
+    number; the count of rows, the largest number, the `type` of a number, the prefix of functions, and the statement
+    that sets the status bit."""
 
     places: tuple[str, ...]
     rows: tuple[tuple[str, str, str], ...]
@@ -105,47 +106,41 @@ class Rows:
 
 @dataclass(frozen=True)
 class Syntax:
-    """The syntax of a language.
+    """The syntax of a language in which steps are emitted: its words, and texts with holes.
 
     The printers themselves write braces, `;`, `==`, `true`, `false` and + - * /, which bind as in C. Names in braces
     are the holes of a text, and {} is a single one.
 
     - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void, and
-      "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead`
-      needs them "word float", "word double"; `truth_is_number`: whether a truth value is a number; `suffixes` of
-      literals, by float, double, unsigned (a language with other literals overrides `marked`); `cast`: {type}, {value},
-      toward zero from a real number to a whole one, where 0 becomes +0; it binds as `casted`; `counted`: {}, {},
-      operations of counters that differ from those of numbers; `rounded`, by float or double: {}, the text around a
-      result of + - * / where the language computes in more digits; its other functions must round by themselves.
-    - Names: `language`, its own; `name`: a user's name in the language, which differs where it is `reserved` (the
-      reason in words); `parameters` that have another name than in `emit.interface`; `reach`: {}, from a parameter, or
-      from the current member of a group, to its members.
-    - Truth: `both` and `either`, the operators between two, which bind as && and || of C; `opposite`: {}.
-    - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
-      `index` into an array of structs.
-    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
-      {values}, a constant array in a function, of numbers or of computed values; `array`: {type}, {name}, {size},
-      {value}, which is written before it is read; `member`: {type}, {name}, {element}, a name for a member of an array
-      of structs.
-    - Structs: `struct`: the type of a struct, from a prefix and its kind in `emit.structs`; `struct_member`: {type},
-      {name}, {size}, a declaration in it, by whether that is an array.
-    - Statements: `condition` and `repeated`: {}, open the block of a test; `loop`: the head and the first lines of a
-      loop of `k` from `first` to before `end` while `also` holds, given whether k is used; `falling`: {k}, {first},
-      {end}, opens a loop from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of
-      an array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix},
-      {bit}, a bit of the status; `called`, a section; `comment`.
-    - Static functions: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name}, and
-      `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, the
-      struct of parameters, read only; `passed`: {}, an array as an argument, by whether it is written; `around`, by
-      name: lines before and after a function; `instead`, by name: a preprocessor condition, under which the other lines
-      replace the body, always if it is empty; these have {type}, {suffix}, {word}, an unsigned number of as many bits,
-      and constants of `emit.elementary`.
-    - Proofs: `analysed`: whether static analysers read the language; then the test of an `idle` `When` is a call of
-      `acts`.
-    - Vectors: `aligned`: {}, {upper}, the first index of a kernel's loop that may start earlier, and how tightly it
-      binds.
-    - Equality: `equal`, whether a function compares real numbers instead of ==.
-    - Tables: `limited`, lines that limit numbers to their ranges by a loop over `Rows`; None: each is written out.
+    "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead` needs
+    them "word float", "word double"; `truth_is_number`: whether a truth value is a number; `suffixes` of literals, by
+    float, double, unsigned (a language with other literals overrides `marked`); `cast`: {type}, {value}, toward zero
+    from a real number to a whole one, where 0 becomes +0; it binds as `casted`; `counted`: {}, {}, operations of
+    counters that differ from those of numbers; `rounded`, by float or double: {}, the text around a result of + - * /
+    where the language computes in more digits; its other functions must round by themselves. - Names: `language`, its
+    own; `name`: a user's name in the language, which differs where it is `reserved` (the reason in words); `parameters`
+    that have another name than in `emit.interface`; `reach`: {}, from a parameter, or from the current member of a
+    group, to its members. - Truth: `both` and `either`, the operators between two, which bind as && and || of C;
+    `opposite`: {}. - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as
+    `chosen` says; `index` into an array of structs. - Declarations: `constant`, `variable`: {type}, {name}, {value};
+    `fixed`, `gathered`: {type}, {name}, {size}, {values}, a constant array in a function, of numbers or of computed
+    values; `array`: {type}, {name}, {size}, {value}, which is written before it is read; `member`: {type}, {name},
+    {element}, a name for a member of an array of structs. - Structs: `struct`: the type of a struct, from a prefix and
+    its kind in `emit.structs`; `struct_member`: {type}, {name}, {size}, a declaration in it, by whether that is an
+    array. - Statements: `condition` and `repeated`: {}, open the block of a test; `loop`: the head and the first lines
+    of a loop of `k` from `first` to before `end` while `also` holds, given whether k is used; `falling`: {k}, {first},
+    {end}, opens a loop from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
+    array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix}, {bit},
+    a bit of the status; `called`, a section; `comment`. - Static functions: `function`, lines of {type}, {name},
+    {parameters}, with `parameter`: {type}, {name}, and `array_parameter`: {type}, {name}, {size}, by whether it is
+    written, or with `empty`; `params`: {prefix}, the struct of parameters, read only; `passed`: {}, an array as an
+    argument, by whether it is written; `around`, by name: lines before and after a function; `instead`, by name: a
+    preprocessor condition, under which the other lines replace the body, always if it is empty; these have {type},
+    {suffix}, {word}, an unsigned number of as many bits, and constants of `emit.elementary`. - Proofs: `analysed`:
+    whether static analysers read the language; then the test of an `idle` `When` is a call of `acts`. - Vectors:
+    `aligned`: {}, {upper}, the first index of a kernel's loop that may start earlier, and how tightly it binds. -
+    Equality: `equal`, whether a function compares real numbers instead of ==. - Tables: `limited`, lines that limit
+    numbers to their ranges by a loop over `Rows`; None: each is written out.
     """
 
     language: str
@@ -198,21 +193,21 @@ class Syntax:
     aligned: tuple[str, float] = ("{}", SELECT)
 
     def literal(self, value: float, kind: Number) -> str:
-        """A number as the language writes it."""
+        """Return the literal of a number of the type `kind`."""
         return self.marked(digits(value, kind), kind)
 
     def number(self, value: int) -> str:
-        """A number by which a loop counts, or that indexes an array."""
+        """Return the text of a whole number by which a loop counts, or that indexes an array."""
         return self.literal(value, "unsigned")
 
     def marked(self, digits: str, kind: Number) -> str:
-        """The digits of a number as a literal of its kind."""
+        """Return the decimal `digits` as a literal of the type `kind`, with its suffix."""
         return f"{digits}{self.suffixes[kind]}"
 
 
 def digits(value: float, kind: Number) -> str:
-    """The shortest decimal that reads back as this number in the working precision; for a real number with a point or
-    an exponent.
+    """Return the shortest decimal that reads back as `value` in the type `kind`; for a real number with a point or an
+    exponent.
 
     Raises: `NotPrintable` for a counter that is no whole number from 0 on; `BeyondFloat`.
     """

@@ -14,17 +14,17 @@ from hgogen.emit.syntax import ATOM, BYTES, OR, PRODUCT, SELECT, UNARY, Real, Ro
 
 
 def comment(text: str) -> str:
-    """A C comment that its text cannot end."""
+    """Return a C comment, which its text cannot end."""
     return f"/* {harmless(text)} */" if text else ""
 
 
 def documented(text: str) -> str:
-    """A Doxygen comment for the declaration below it."""
+    """Return a Doxygen comment for the declaration below it."""
     return f"/** {spoken(text)} */" if text else ""
 
 
 def trailing_doc(text: str) -> str:
-    """A Doxygen comment for the declaration before it."""
+    """Return a Doxygen comment for the declaration before it."""
     return f"{TRAILING_DOC}{spoken(text)} */" if text else ""
 
 
@@ -33,12 +33,12 @@ _COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|
 
 
 def spoken(text: str) -> str:
-    """Harmless text that Doxygen reads without commands, links or tags."""
+    """Return the text changed so that Doxygen reads no commands, links or tags in it."""
     return _COMMAND.sub(r"\\\g<0>", harmless(text))
 
 
 def harmless(text: str) -> str:
-    """Text on one line that neither ends nor opens a comment and has no trigraphs."""
+    """Return the text on one line, changed so that it neither ends nor opens a comment and has no trigraphs."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
@@ -47,7 +47,8 @@ def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str
 
 
 def _c_limited(table: Rows) -> Sequence[str]:
-    """A loop over a table in read-only memory and pointers to the places."""
+    """Return the lines of a C loop that limits numbers to their ranges, over a table in read-only memory and pointers
+    to the numbers."""
     rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(table.places, table.rows, strict=True))
     return (
         "{",
@@ -163,12 +164,13 @@ TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "
 
 
 def rust_name(name: str) -> str:
-    """The name in Rust: `type_` for type, which is a keyword; almost always the name itself."""
+    """Return a model's name as Rust may have it: `type_` for type, which is a keyword; other names are rarely
+    changed."""
     return f"{name}_" if name in KEYWORDS | PRELUDE else name
 
 
 def line(text: str) -> str:
-    """Text on one line."""
+    """Return the text on one line."""
     return " ".join(text.splitlines())
 
 
@@ -183,7 +185,8 @@ def _rust_called(_: str, entry: Entry) -> str:
 
 
 def _rust_limited(table: Rows) -> list[str]:
-    """A loop over a table and a copy of the places: two elements of an array cannot be borrowed at once."""
+    """Return the lines of a Rust loop that limits numbers to their ranges, over a table and copies of the numbers: two
+    elements of an array cannot be borrowed at once."""
     rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(table.places, table.rows, strict=True))
     return [
         "{",
@@ -255,7 +258,8 @@ _ALIGNED = ("triangularise", "add")  # kernels with loops that may start at a mu
 
 
 def vectors(name: str, real: Real, used: Collection[tuple[str, int]]) -> tuple[Syntax, list[str]]:
-    """The syntax of functions that vector loops call, and the macros that it and the kernels in `used` need."""
+    """Return the syntax of C functions whose loops a compiler can vectorise, and the lines of the macros that it and
+    the kernels in `used` need; `name`: the prefix of the macros."""
     if not any(kernel in _ALIGNED for kernel, _ in used):
         return C, []
     upper = name.upper()
