@@ -80,12 +80,11 @@ _BITS = 24  # bits after the point of a multiplier
 
 @dataclass(frozen=True)
 class Shape:
-    """A law for an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
+    """A law i(e) of the injected output error e: the `injected` function of (e, sat e), `text` in equations.
 
-    `below`: whether r must be below lambda; `drift`: a function of (N, K, C, lambda, r) with the terms of the form from
-    the second term of V, over mu: (n, n), (n) and the corner; `kept`: a bound of that term of V over mu, as factors of
-    2 eps_1 s and s^2 (q of the other); `most`: whether V decreases no faster than sigma; `fix`: advice where there is
-    no proof.
+    `below`: whether r must be below lambda; `drift`: the terms of mu in the quadratic form, a function of (N, K, C,
+    lambda, r) with a block (n, n), a column (n) and a corner; `kept`: factors of 2 eps_1 s and s^2 (or q) in a bound
+    of V over mu; `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof.
     """
 
     name: str
@@ -99,12 +98,13 @@ class Shape:
 
 
 def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
-    """Return the terms of -lambda s^2 + r eps_1^2."""
+    """Return -lambda s^2 + r eps_1^2 as a quadratic form of (eps, s): its block (n, n), column (n) and corner."""
     return r * np.outer(C, C), 0 * C, -decay
 
 
 def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
-    """Return the terms of 2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2."""
+    """Return 2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2 as a form of (eps, q): block, column and
+    corner."""
     first = np.outer(C, N[0])
     return first + first.T + (decay - r) * np.outer(C, C), (K[0] - decay) * C, decay
 
@@ -133,15 +133,15 @@ SATURATION = Shape(
 
 @dataclass(frozen=True)
 class Adaptation:
-    """The law sigma' = l (-decay sigma + r e^2) of an injection of that `shape`."""
+    """The law sigma' = theta (-`decay` sigma + `r` e^2) of the level sqrt sigma of an injection of that `shape`."""
 
     shape: Shape
     decay: Fraction
     r: Fraction
 
     def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
-        """Return the symmetric matrix (n + 1, n + 1) of the form, for N, P (n, n), K (n); of floats or of rationals.
-        For several mu and tau (k) return as many matrices (k, n + 1, n + 1)."""
+        """Return the symmetric matrix (n + 1, n + 1), a bound of V'/theta in (eps, s) or (eps, q), for N, P (n, n),
+        K (n), in floats or rationals; for k values of mu and tau as many matrices (k, n + 1, n + 1)."""
         number = Fraction if isinstance(mu, Fraction) else float
         n, (decay, r) = len(K), (number(self.decay), number(self.r))
         C = np.array([number(1), *[number(0)] * (n - 1)])
@@ -152,14 +152,15 @@ class Adaptation:
         return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
 
     def value(self, P: Any, mu: Any) -> Any:
-        """Return the symmetric matrix (n + 1, n + 1) that bounds V in a proof of a rate; of floats or of rationals."""
+        """Return the symmetric matrix (n + 1, n + 1) that bounds V in (eps, s) or (eps, q); in floats or rationals."""
         side, corner = np.array([self.shape.kept[0] * mu, *[mu * 0] * (len(P) - 1)]), self.shape.kept[1] * mu
         return np.vstack([np.column_stack([P, side]), [*side, corner]])
 
 
 @dataclass(frozen=True)
 class Decay:
-    """A proof that the linear core decays: in the coordinates `growth`^(i-1) eps_i the form is negative."""
+    """A proof that eps' = N eps - K (..) decays with its level: a V with `P` (n, n), `mu` and the multiplier `tau`
+    whose form is negative in the coordinates `growth`^(i-1) eps_i."""
 
     adaptation: Adaptation
     growth: Fraction
@@ -168,21 +169,22 @@ class Decay:
     tau: Fraction
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators, whose
-        units are powers of their growth."""
+        """Return P, mu, tau and the units growth^(i-1) of the coordinates, under the keys of a certificate."""
         units = [self.growth**i for i in range(len(self.P))]
         return {"units": units, "P": self.P, "mu": self.mu, "tau": self.tau}
 
 
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
-    """Return proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g with a proof."""
+    """Return proofs that the linear error with a Hurwitz A - K C, K (n), and this adaptive law decays, each in its
+    coordinates growth^(i-1) eps_i."""
     growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
     proofs = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
     return tuple(one for one in proofs if one is not None)
 
 
 def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
-    """Return `MAKER.core`, that there is such a proof, for an observer with the `numbers`."""
+    """Return the check `MAKER.core`: the linear error decays by one of the `proofs`. `numbers`: the observer's
+    arguments."""
     id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in proofs:
@@ -211,8 +213,9 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
 
 @dataclass(frozen=True)
 class LimitedInjection(Flow):
-    """The search for an `error`, with all of it injected, of gains `K` (n), and a limited injection; each V is that of
-    one of the `decays` of its linear core."""
+    """The search for a V that falls for all slopes of b, of an observer with gains `K` (n) and a limited injection;
+    each V tried is that of one of the `decays` of the linear error. `error`: the error where all of y - C z is
+    injected."""
 
     how: str = "one function"
     K: tuple[Fraction, ...] = ()
@@ -221,15 +224,15 @@ class LimitedInjection(Flow):
 
     @property
     def missing(self) -> Reason:
-        """The reason why there is no proof at any theta."""
+        """The reason why there is no proof at any theta: the linear error is not proved to decay."""
         return because("the linear core is not shown to decay")
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at theta."""
+        """Return why there is no proof at the declared theta; `states` name the z_j in it."""
         return self.unstable(states) or because("no function is found for all slopes in their ranges")
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """Return a proof of that rate at a theta; None where none of these V gives one."""
+        """Return a proof of V' <= -alpha V at a theta by the first V that gives one; None for none."""
         holding = (one for one in self.decays if self._holds(one, theta, alpha))
         return next(filter(None, (self._proof(one, theta, alpha) for one in holding)), None)
 
@@ -272,14 +275,15 @@ class LimitedInjection(Flow):
         return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
-        """Return the P of a V in the errors of the inclusion."""
+        """Return the P (n, n) of a V in the units of the error e."""
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 
     def _values(
         self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
     ) -> list[Array]:
-        """Return the forms that prove V' <= -alpha V where negative, a = alpha/theta, from M/theta, G/theta and H."""
+        """Return the matrices that prove V' <= -alpha V where all are negative, from `parts` M/theta, G/theta and H,
+        for the V of `one`, a = alpha/theta."""
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
         base = way.form(N, K, P, mu, tau)
@@ -300,7 +304,8 @@ def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
 
 
 def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
-    """Return the form plus the largest value of each term v h' + h v', of either sign."""
+    """Return `form` plus, for each v of `by` and row h of `reads`, S h h' + v v'/S, which is at least d (v h' + h
+    v'), |d| <= 1."""
     for move, h, s in zip(by, reads, S, strict=True):
         v = move @ h - h * (h @ move @ h) / 2
         form = form + s * np.outer(h, h) + np.outer(v, v) / s
@@ -308,14 +313,15 @@ def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequen
 
 
 def _multiplier(v: Array) -> Fraction:
-    """Return a short rational near |v|, above 0."""
+    """Return |v|, rounded to 24 bits after the point, above 0."""
     return Fraction(max(1, round(float(np.linalg.norm(v.astype(float))) * 2**_BITS)), 2**_BITS)
 
 
 def limited_injection(
     chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
 ) -> LimitedInjection | Nothing:
-    """Return the search for an observer of gains K on a chain with the `numbers`, or why there is none."""
+    """Return the search for a V of an observer with gains K (n) on a chain of integrators at theta, or why there is
+    none; `numbers`: the observer's arguments for certificates."""
     reason = obstacle(chain.form)
     if reason:
         return Nothing(reason)
@@ -353,8 +359,8 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """Return the observer of that name and shape, with the checks `NAME.core`, `.convergence` and `.theta`. Raises:
-    `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
+    """Return the observer `dead_zone` or `stubborn`, by its name and shape, with the checks `NAME.core`,
+    `.convergence` and `.theta`. Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
     accept = demand_form(name, form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)

@@ -109,9 +109,9 @@ def lipschitz_remainder(
     moving: Column,
     linear: Sequence[bool],
 ) -> tuple[Fraction, ...] | None:
-    """Return |x(t + h) - Phi_h(x)|/h (n) for a method a, b, c: `steepness` L (n, n + m) in states and inputs, `moving`
-    (n + m) their rates, `linear` (n) whether a row is linear. Return None for a method that is not exact for
-    constants."""
+    """Return bounds (n) of |x(t + h) - Phi_h(x)|/h for a Runge-Kutta method a, b, c: `steepness` L (n, n + m) of the
+    flow in states and inputs, `moving` (n + m) their largest rates, `linear` (n) whether F_i is linear. None for
+    weights that are not exact for constants."""
     if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
         return None
     L = np.array(steepness, dtype=object)
@@ -127,7 +127,8 @@ def lipschitz_remainder(
 
 
 def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
-    """Return the integral of |K| from 0 to 1, for values with these `weights` at these `places`."""
+    """Return the integral of |K(s)| from 0 to 1, K(s) = min(s, `end`) - sum of the `weights` at `places` <= s
+    (Peano)."""
     cuts, total = sorted({_ZERO, end, _ONE, *places}), _ZERO
     for low, high in pairwise(cuts):
         passed = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
@@ -146,14 +147,15 @@ _NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
 
 @dataclass(frozen=True)
 class StageDeviation:
-    """The deviation of the plant from a step of an explicit method, given by its `tableau`."""
+    """The deviation of the plant from a step of an explicit Runge-Kutta method, given by its `tableau`."""
 
     plant: PlantStep
     tableau: Tableau
 
     @property
     def error_input(self) -> ErrorInput:
-        """The inputs of the error of this step, and the facts from which their sizes follow. Raises: `Unbounded`."""
+        """The sizes of the errors that the method causes at its stages and its end, and the numbers from which a
+        certificate derives them. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
         sizes, cells, rows = Sizes(stages=stages, deviation=self.remainder()), self._cells, self._rows
@@ -172,8 +174,8 @@ class StageDeviation:
         return ErrorInput(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
-        """Return, by stage (s), the largest difference between the line through two samples of an output and the output
-        at the stage. Raises: `Unbounded`."""
+        """Return, for each stage (s), the largest difference between the line through two samples of an output and
+        the output at this stage. Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
         second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _ZERO)
         away = [sum(map(abs, row), _ZERO) for row in a]  # distance of a stage from the start, over h sup|F|
@@ -184,12 +186,14 @@ class StageDeviation:
         return tuple(sizes)
 
     def remainder(self) -> tuple[Fraction, ...]:
-        """Return |x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
+        """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, x the exact flow, Phi_h a step of the method. Raises:
+        `Unbounded`."""
         return tuple(row.size for row in self._rows)
 
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
-        """The remainder in each row of the form, by the order that gives the least (n). Raises: `Unbounded`."""
+        """The least bound of |x(t + h) - Phi_h(x)|_i/h over the orders of Taylor's formula and the Lipschitz bound,
+        for each i (n). Raises: `Unbounded`."""
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
         if not known or known.weight(plant.h, self._negligible) > 1:
@@ -214,7 +218,7 @@ class StageDeviation:
 
     @property
     def _used(self) -> Mapping[int, int]:
-        """The outputs that are injected."""
+        """The injected outputs by index, with the index of the first state of each one's chain."""
         return heads(self.plant.form)
 
     @cached_property
@@ -225,7 +229,7 @@ class StageDeviation:
 
     @cached_property
     def _cubic(self) -> list[int]:
-        """The stages at which the second Taylor coefficient of a line is 0."""
+        """The stages at which the line through two samples differs from the stage by h^3 only."""
         a, _, c = self._coefficients
         if [sum(row) for row in a] != c:
             return []
@@ -234,8 +238,8 @@ class StageDeviation:
 
     @cached_property
     def _lines(self) -> Rows:
-        """The third Taylor coefficients of each output's lines at the `_cubic` stages (p, ..); empty rows without a
-        series."""
+        """The factors of h^3 of the differences between each output's line and the `_cubic` stages (p, ..); empty
+        rows where the flow has no Taylor series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
             expression = y if output in self._used else sp.S(0)
@@ -245,12 +249,13 @@ class StageDeviation:
 
     @cached_property
     def _known(self) -> "Coefficients | None":
-        """The largest coefficients over all cells, None where a cell has no series."""
+        """The largest Taylor coefficients over all cells of the ranges, None where the flow has no series on a cell."""
         return Coefficients.largest(self._cells.cells) if self._cells else None
 
     @cached_property
     def _cells(self) -> "Subdivision[Coefficients] | None":
-        """The ranges in cells, cut until the remainder is small against the speed of the plant. Raises: `Unbounded`."""
+        """The ranges cut into cells until the remainder is below a thousandth of the plant's speed. Raises:
+        `Unbounded`."""
         weight = partial(Coefficients.weight, h=self.plant.h, little=self._negligible)
         return subdivided(self.plant.read, self._on_cell, weight)
 
@@ -273,8 +278,8 @@ class StageDeviation:
         return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Return the series in the step length, at any length up to h, of the stages (s) and of the step, as far as
-        used."""
+        """Return the Taylor coefficients in the step length, at any length up to h from a point of `cell`, of all
+        stages (s, n, ..) and of the result (n, ..)."""
         (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
         order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
@@ -297,7 +302,7 @@ class StageDeviation:
 
     @property
     def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
-        """The coefficients a, with rows as long as b, b and c, as the tableau means them."""
+        """The exact coefficients a (s, s), b (s) and c (s) of the tableau, which holds them in floats."""
 
         def exactly(values: Sequence[float]) -> list[Fraction]:
             return [Fraction(value).limit_denominator(_DENOMINATOR) for value in values]
@@ -308,8 +313,8 @@ class StageDeviation:
 
 @dataclass(frozen=True)
 class Row:
-    """The remainder in a row over h, from the Taylor coefficients of the `flow` and of the `step` of that `order`;
-    order 0 for the Lipschitz bound."""
+    """A bound `size` of |x(t + h) - Phi_h(x)|_i/h: h^q (`flow` + `step`), the Taylor coefficients of both for q =
+    `order`; the Lipschitz bound for order 0."""
 
     order: int
     flow: Fraction
@@ -319,8 +324,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Sizes of Taylor coefficients: from the second on those of the `flow` and of the `step` (.., n), and the third
-    ones of the `lines`, by which stages differ from the interpolated samples (.., n)."""
+    """Bounds of Taylor coefficients on a cell: of the `flow` and of the `step` (.., n), from the second on; and the
+    third ones of the `lines`, differences between interpolated samples and stages (.., n)."""
 
     flow: Rows
     step: Rows
@@ -328,19 +333,19 @@ class Coefficients:
 
     @classmethod
     def largest(cls, each: Sequence["Coefficients"]) -> "Coefficients":
-        """Return the largest coefficients of several cells."""
+        """Return the coefficients that bound those of several cells."""
         kinds = zip(*((one.flow, one.step, one.lines) for one in each), strict=True)
         grouped = (zip(*kind, strict=True) for kind in kinds)
         return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
 
     def rows(self, h: Fraction) -> tuple[Row, ...]:
-        """Return the remainder in each row, by the order with the least (n)."""
+        """Return for each state (n) the least bound of the remainder over all orders, for a step of length h."""
         each = enumerate(zip(self.flow, self.step, strict=True), 1)
         orders = [[Row(q, x, y, h**q * (x + y)) for x, y in zip(*pair, strict=True)] for q, pair in each]
         return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
 
     def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
-        """Return the largest ratio of a row's remainder to its `little` (n)."""
+        """Return the largest ratio of the remainder's bound to `little` (n)."""
         pairs = zip(self.rows(h), little, strict=True)
         return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
 
@@ -358,8 +363,8 @@ _SMOOTH = 5  # number of Taylor coefficients of the plant, up to its third deriv
 
 @dataclass(frozen=True, eq=False)
 class CoreDeviation:
-    """The deviation of the plant from a step of an estimator whose error obeys `error` at `theta`. For a plant that is
-    not `smooth`, Lipschitz constants replace derivatives."""
+    """The deviation of the plant from a step of a method that realises the linear core of an observer's `error` at
+    `theta`. For a plant that is not `smooth`, Lipschitz constants replace derivatives."""
 
     plant: PlantStep
     error: Inclusion
@@ -367,8 +372,9 @@ class CoreDeviation:
     smooth: bool = True
 
     def error_input(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
-        """Return the deviation of each field of an estimate that begins at the plant's own state, and the facts from
-        which it follows. Raises: `Unbounded`."""
+        """Return the largest deviation of each component of e after one step from the plant's own state, and the
+        numbers from which a certificate derives it; `local`: the error of the `realisation` (phi_1, phi_2). Raises:
+        `Unbounded`."""
         self._demand_chain()
         try:
             return self._by_derivatives(realisation, local)
@@ -376,7 +382,8 @@ class CoreDeviation:
             return replace(self, smooth=False)._by_derivatives(realisation, local)
 
     def _by_derivatives(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
-        """Return the deviation by derivatives of the flow and of b, or by Lipschitz constants. Raises: `Unbounded`."""
+        """Return the deviation by derivatives of F and b, or by Lipschitz constants where not `smooth`. Raises:
+        `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, local.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
@@ -402,12 +409,12 @@ class CoreDeviation:
 
     @cached_property
     def obeyed(self) -> Uncertain:
-        """The uncertain system of the error at theta."""
+        """The system e' = M e + G diag(d) H e of the error at theta."""
         return self.error.at(self.theta)
 
     @property
     def L(self) -> Array:
-        """The realised core (N, N)."""
+        """The linear core L (N, N) that the method realises."""
         return self.obeyed.core
 
     @property
@@ -417,7 +424,7 @@ class CoreDeviation:
 
     @cached_property
     def lifted(self) -> Array:
-        """The matrix s (N, n) from the plant's states to the coordinates of the errors."""
+        """The matrix s (N, n) with e = s times the errors of the form's states, 0 for components of filters."""
         scales, layout = self.error.scales(self.theta), self.error.layout
         assert scales is not None  # a plant's step is asked of numbers alone
         fields = zip(scales, layout.index, layout.fed, strict=True)
@@ -425,7 +432,7 @@ class CoreDeviation:
 
     @cached_property
     def sample_input(self) -> Array:
-        """The matrix B C (N, n), by which samples of the states enter."""
+        """The matrix B C (N, n) by which the plant's outputs C z enter e'."""
         columns, heads_by_output = 0 * self.lifted, heads_of(self.plant.form)
         assert heads_by_output is not None
         for output, (head, slope) in heads_by_output.items():
@@ -433,8 +440,8 @@ class CoreDeviation:
         return columns
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
-        """Return sup (n) of the sizes of the time derivatives of rows, of the order 1 or 2; of a plant that is not
-        smooth, a substitute for the second. Raises: `Unbounded`."""
+        """Return sup (n) of the first or second time derivatives (`order`) of expressions `rows`; for a plant that
+        is not smooth, 4/h times the first in the place of the second. Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.input_rates))
@@ -447,7 +454,8 @@ class CoreDeviation:
         return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
-        """Demand that the plant obeys the observer's equations. Raises: `Unbounded`."""
+        """Demand L s + B C = s A, that the plant obeys the observer's equations in exact numbers. Raises:
+        `Unbounded`."""
         form, each = self.plant.form, range(self.plant.form.n)
         for output in heads(form):
             self.plant.demand_no_input(form.output[output])
@@ -469,9 +477,8 @@ class CoreDeviation:
 
 @dataclass(frozen=True)
 class LocalError:
-    """The error of a realisation whose nonlinear part is known at both ends of a step: the sizes of `alpha` (N), from
-    the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`; every realisation
-    uses the first of b."""
+    """The error of a realisation with w = B y + beta known at both ends of a step: `alpha` gives its bounds (N),
+    from the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`."""
 
     flow: int
     nonlinear: int
@@ -479,13 +486,15 @@ class LocalError:
 
 
 def by_bilinear_rule(step: CoreDeviation) -> Array:
-    """Return |(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
+    """Return the bound |(1 - h L/2)^-1 s| h^3/12 sup|z'''| (N) of the bilinear rule's local error. Raises:
+    `Unbounded`."""
     resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
     return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
 
 
 def by_matrix_exponential(step: CoreDeviation) -> Array:
-    """Return alpha by the integral, and the difference of a program's polynomials from phi_2. Raises: `Unbounded`."""
+    """Return the bound (N) of the local error alpha of the matrix exponential: the integral of exp((h - s) L) (w -
+    line)(s), and the part by which a program's phi_2 may differ. Raises: `Unbounded`."""
     source, rates = np.hstack([step.sample_input, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([rates, step.most(2, step.plant.nonlinear_part)])
     any_of_it = 0 * step.L + number(inequality.WITHIN)
@@ -509,7 +518,7 @@ def _integral(L: Array, h: Fraction, source: Array) -> Array:
 
 
 def _power(L: Array, low: Fraction, high: Fraction) -> Array:
-    """Return balls that hold exp(s L) of each s between two ends."""
+    """Return balls (N, N) that hold exp(s L) for every s in [low, high]."""
     half, each = (high - low) / 2, range(len(L))
     ends = (arb(number(low + half)), between(-half, half))
     middle, around = (arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp() for s in ends)

@@ -45,13 +45,13 @@ _SLACKS = (Fraction(1, 2**24), Fraction(1, 2**16), Fraction(1, 2**8))
 
 @dataclass(eq=False)
 class NoSolver(HgogenError):
-    """A linear matrix inequality whose solver is not installed; `what` needs it."""
+    """A linear matrix inequality that needs a solver which is not installed; `what` names its purpose."""
 
     what: str
 
     @property
     def reason(self) -> Reason:
-        """The reason, which names `what` needs the solver."""
+        """The sentence that `what` needs Clarabel, and how to install it."""
         return because("{what} needs clarabel; install it: pip install 'hgogen[lmi]'", what=self.what)
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class NoSolver(HgogenError):
 
 
 def no_solver(what: str) -> Reason:
-    """Return why there is no solver for `what`, or `NONE`."""
+    """Return the reason that Clarabel is not installed, which `what`, a purpose, needs; `NONE` where it is."""
     try:
         cones(what)
     except NoSolver as missing:
@@ -69,7 +69,8 @@ def no_solver(what: str) -> Reason:
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """A proof of N'P + P N <= -I: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, `N` (n, n)."""
+    """A proof of N'P + P N <= -I: `P` (n, n), symmetric and rational, `peak` >= its largest eigenvalue, and `N` (n,
+    n)."""
 
     P: Matrix
     peak: Fraction
@@ -84,10 +85,8 @@ def verified(candidate: Lyapunov) -> bool:
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
-    """Return the smallest P with N'P + P N <= -I, up to rounding outwards; None where N is not Hurwitz.
-
-    N (n, n) is rational. The Lyapunov equation is n(n + 1)/2 linear equations in rationals.
-    """
+    """Return a P near the smallest one with N'P + P N <= -I, proved, for a rational N (n, n); None where N is not
+    Hurwitz. N'P + P N = -I is n(n + 1)/2 linear equations, which are solved in rationals."""
     n = len(N)
     places = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n) for j in range(i, n))}
     rows = [[fmpq(0)] * len(places) for _ in places]
@@ -113,11 +112,11 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
 
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
-    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None where
-    none is found. Raises: `NoSolver`.
+    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None
+    where none is found. Raises: `NoSolver`.
 
-    `corners`: (A (n, n), C (n)) at the vertices. With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear;
-    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `convergence` does it for the K returned.
+    `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K the inequality A'P + P A - Y C - C'Y' <=
+    -I is linear; K'P K <= largest^2 p and P >= p I bound the gain. `convergence` proves the K returned.
     """
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
@@ -137,7 +136,7 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
 
 
 def cones(what: str) -> tuple[Any, Any]:
-    """Return Clarabel, and the sparse matrices that it needs. Raises: `NoSolver` for `what`."""
+    """Return the modules `clarabel` and `scipy.sparse`. Raises: `NoSolver`, which names the purpose `what`."""
     try:
         import clarabel  # a slow import, seldom needed
         from scipy import sparse
@@ -161,7 +160,8 @@ Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it holds ma
 
 @dataclass(frozen=True)
 class Group:
-    """Multipliers with one direction: their `places`, their `weights` r, the largest 1, and their merged `column`."""
+    """Multipliers S_j of a form whose columns are r_j u, parallel to one u: their indices `places`, their `weights`
+    r_j, the largest 1, and the index `column` of u in the merged form."""
 
     places: tuple[int, ...]
     weights: tuple[float, ...]
@@ -170,8 +170,9 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """The `margin` of weights `P` (n, n) and `S` (k) in floats, below 0 if no weights make the forms negative; `prices`
-    (N, N) for each form: a small change D of the form reduces the margin by <price, D>."""
+    """The largest `margin` m with F(P, S) <= -m I for all forms F, below 0 where no weights make them negative, with
+    its `P` (n, n) and `S` (k) in floats; `prices` (N, N) for each form: a small change D of the form reduces m by
+    <price, D>."""
 
     P: Array
     S: Array
@@ -191,11 +192,11 @@ class Solution:
 
 
 def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
-    """Return the weights P and S of the least value that a program finds; None where it finds none.
+    """Return P and S with the least value among several solutions of a program; None where it has none.
 
-    The program runs in coordinates e = W x, then in those in which its own P is the unit matrix, until that P is near
-    the unit matrix, or the value falls by less than a hundredth. A solver neglects what is small in its coordinates:
-    far from those of the solution it ends at up to several times the least value, depending on rounding.
+    `solve(W)` solves the program in coordinates e = W x, first those given, then those in which its own P is the
+    unit matrix, until P is near that, or the value falls by less than a hundredth. A solver neglects what is small
+    in its coordinates: far from those of the solution it ends at up to several times the least value.
     """
     best: Solution | None = None
     for _ in range(_SOLVES):
@@ -213,17 +214,15 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Return weights in floats with which a solver finds all forms negative, if any. Raises: `NoSolver` for `what`.
-
-    `W` (n, n): the state is e = W x, with P expected near the unit matrix in x.
-    """
+    """Return P and S, in floats, with which a solver finds all `forms` negative, or None. `W` (n, n): coordinates e
+    = W x, in which P is expected near the unit matrix. Raises: `NoSolver`, which names the purpose `what`."""
     best = widest(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
-    """Return the weights with the largest margin in the coordinates `W`, also if the forms are not negative; `priced`:
-    with the prices. Raises: `NoSolver`."""
+    """Return the P and S with the largest margin, in coordinates e = `W` x, also where the forms are not negative;
+    with its prices where `priced`. Raises: `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
     view, fast = View.paced([form.floats for form in forms], W)
@@ -236,8 +235,9 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 
 @np.errstate(over="ignore", invalid="ignore")
 def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
-    """Return the margin of forms of floats for a common P and S, P in a `span`; None where the solver returns no
-    numbers. For one form without prices, columns are merged. Raises: `NoSolver` for `what`."""
+    """Return the largest margin of `forms` (floats) for one P and S, P = sum_i y_i B_i where a `span` gives the B_i
+    and rows >= 0 on y; None where the solver fails. Columns of a single form are merged. Raises: `NoSolver`, for
+    `what`."""
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
@@ -255,11 +255,9 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
 
 @np.errstate(over="ignore", invalid="ignore")
 def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
-    """Return P and S with a small largest c P^-1 c' over the rows c of `reads` (r, n) in x; None where the solver
-    returns no numbers. Raises: `NoSolver` for `what`.
-
-    The forms of x are negative with the margin `by`, and x / `unit` satisfies the `limits`.
-    """
+    """Return P and S with a small max c P^-1 c' over the rows c of `reads` (r, n) in x, where the forms of the
+    `view` are at most -`by` I, and x/`unit` satisfies the `limits`; None where the solver fails. Raises: `NoSolver`,
+    for `what`."""
     whole, (A, b) = view.forms, limits
     forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
     of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
@@ -277,8 +275,8 @@ def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, w
 
 @np.errstate(over="ignore", invalid="ignore")
 def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
-    """Return P and S with a small largest of the last `q` of S, for forms of floats that are negative with the margin
-    `by`; None where the solver returns no numbers. Raises: `NoSolver` for `what`."""
+    """Return P and S with a small largest of the last `q` entries of S, where `forms` (floats) are at most -`by` I;
+    None where the solver fails. Raises: `NoSolver`, for the purpose `what`."""
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
     last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
     rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
@@ -287,8 +285,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and those of merged
-    columns."""
+    """Return the cones F <= -(`share` t + `by`) I of all `forms`, t the last variable, and diag(S) - T r r' >= (..)
+    I of the merged `groups`."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -306,7 +304,7 @@ def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, 
 
 
 def _positive(n: int, others: int, least: float) -> Rows:
-    """Return the condition P >= `least` I, for P and `others` further variables."""
+    """Return the cone P >= `least` I, for variables P and `others` further ones."""
     A = np.hstack([-_packed(basis(n)), np.zeros((n * (n + 1) // 2, others))])
     return A, -least * _packed(np.eye(n)[None])[:, 0], True
 
@@ -320,7 +318,8 @@ def _solved(
     what: str,
     span: Span | None = None,
 ) -> tuple[tuple[Array, Array, float], Array] | None:
-    """Return P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
+    """Return P, S >= 0 and t, the last variable, with the least `cost` * t under the cones `rows`, and the prices of
+    these; P in the `span`. None where the solver fails. Raises: `NoSolver`."""
     n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
     p = q = n * (n + 1) // 2
     if span:
@@ -338,13 +337,13 @@ def _solved(
 
 
 def sum_limit(form: Quadratic, q: int, most: float) -> Limits:
-    """Return the limit that the last q of S sum up to at most `most`."""
+    """Return A and b of the limit A (P, S) <= b that the last `q` entries of S sum up to at most `most`."""
     n, k = len(form.pairs[0][0]), len(form.Q)
     return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
 
 
 def norm_limits(form: Quadratic, points: Array) -> Limits:
-    """Return the limits |x|_P <= 1 at the `points` x (r, n)."""
+    """Return A and b of the limits A (P, S) <= b that x'P x <= 1 at the `points` x (r, n)."""
     n, k = points.shape[1], len(form.Q)
     i, j = _places(n)
     squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
@@ -352,7 +351,7 @@ def norm_limits(form: Quadratic, points: Array) -> Limits:
 
 
 def reaching(c: Array, count: int) -> Rows:
-    """Return the cone [t, c; c', P] >= 0, t the last variable after `count`, P the first of these."""
+    """Return the cone [t, c; c', P] >= 0, which is c P^-1 c' <= t, for `count` variables, P the first, and then t."""
     n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
     end[0, 1:] = end[1:, 0] = c
     wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
@@ -361,7 +360,7 @@ def reaching(c: Array, count: int) -> Rows:
 
 
 def definite(brings: Array, last: Array, end: Array) -> Rows:
-    """Return the cone of definite matrices `end` less the variables times `brings`, the last one times `last`."""
+    """Return the cone `end` - sum_i x_i `brings`_i - t `last` >= 0 of symmetric matrices, in variables x and t."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
@@ -373,14 +372,15 @@ def program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) 
 
 
 def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
-    """Return the cones of matrices that are affine in `count` variables."""
+    """Return the cones that the matrices `blocks`(x), affine in x (`count`), are positive semidefinite."""
     first, *others = (blocks(x) for x in np.vstack([np.zeros(count), np.eye(count)]))
     each = zip(first, zip(*others, strict=True), strict=True)
     return [(_packed(end - np.array(ones)), _packed(end[None])[:, 0], True) for end, ones in each]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
-    """Return the variables with the least <goal, x>, and the prices of the rows, if any. Raises: `NoSolver`."""
+    """Return x with the least <goal, x> under the cones `rows`, A x + s = b, and their dual variables; None where
+    the solver, of accuracy `close`, fails. Raises: `NoSolver`, which names the purpose `what`."""
     cones(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
@@ -392,7 +392,8 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    """Return the solution for numbers as bytes, and cones by their sizes: arguments that a cache can hash."""
+    """Return the result of `solved`, from numbers as bytes and cones as (size, whether of matrices), which a cache
+    can hash."""
     solver, sparse = cones("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
@@ -411,8 +412,8 @@ def _solution(
 
 
 def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
-    """Return the coefficient matrices (p + k + t, N, N) of the form, for each entry of P on and above the diagonal,
-    each of S, and each T of the groups. Where P is part of [P, Y], the entries of Y follow those of P."""
+    """Return the coefficient matrices (p + k + t, N, N) of a form, which is linear in the entries of P on and above
+    the diagonal, in S, and in a T of each group; where its X have more columns, P is part of [P, Y], Y after P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
     i, j = _places(n)
@@ -428,18 +429,18 @@ def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
 
 @cache
 def basis(n: int) -> Array:
-    """Return the symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
+    """Return the symmetric matrices (p, n, n) with one 1 on or above the diagonal, p = n (n + 1)/2."""
     return np.array([symmetric(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 
 def upper_triangles(matrices: Array) -> Array:
-    """Return symmetric matrices (q, N, N) as columns of their entries on and above the diagonal, column by column."""
+    """Return the entries on and above the diagonal, column by column, of symmetric matrices (q, N, N), as (.., q)."""
     i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
 
 
 def _packed(matrices: Array) -> Array:
-    """Return the `upper_triangles` scaled for the solver, so that columns have the matrices' scalar product."""
+    """Return the `upper_triangles` of matrices, scaled so that columns have the scalar product of the matrices."""
     return np.asarray(upper_triangles(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
@@ -451,13 +452,13 @@ def _weights(size: int) -> Array:
 
 @cache
 def _places(size: int) -> tuple[Array, Array]:
-    """Return the rows and the columns of the entries on and above the diagonal, column by column."""
+    """Return the indices i and j of the entries on and above the diagonal, column by column."""
     j, i = np.tril_indices(size)
     return i, j
 
 
 def symmetric(entries: Array, size: int) -> Array:
-    """Return the symmetric matrix of the entries on and above its diagonal, column by column."""
+    """Return the symmetric matrix with these `entries` on and above its diagonal, column by column."""
     i, j = _places(size)
     matrix = np.zeros((size, size))
     matrix[i, j] = matrix[j, i] = entries
@@ -465,8 +466,8 @@ def symmetric(entries: Array, size: int) -> Array:
 
 
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
-    """Return the form of floats with the fewest columns, the state first, then one for each direction; and the groups,
-    whose multipliers have no Z in it."""
+    """Return the form, in floats, in which the multiplied columns that are parallel are one column u, and the groups
+    of multipliers that belong to each such u."""
     n, each = len(form.pairs[0][0]), tuple(_directions(form))
     T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
     T[:n, :n] = np.eye(n)
@@ -486,13 +487,13 @@ def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
 
 
 def _columns(form: Quadratic) -> Array:
-    """Return the coefficients of each multiplied column in all matrices of the form: (rows, k)."""
+    """Return the coefficients (rows, k) of each of the k multiplied columns in all matrices of the form."""
     n = len(form.pairs[0][0])
     return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
 
 
 def _directions(form: Quadratic) -> Iterator[list[int]]:
-    """Yield the multipliers of each direction, the one with the longest column first."""
+    """Yield, for each set of parallel multiplied columns, their indices, the longest column first."""
     columns, remaining = _columns(form), list(range(len(form.Q)))
     lengths = np.linalg.norm(columns, axis=0)
     while remaining:

@@ -81,15 +81,14 @@ def steady_gain(
     at: Mapping[str, float],
     u: Mapping[str, float] | None = None,
 ) -> tuple[float, ...] | Rows:
-    """Return the constant gain K of the settled filter `riccati` at an equilibrium: (n), for several chains rows (n,
-    q). `high_gain(form, theta=theta, gains=K)` has at this theta the same gains.
+    """Return the constant gain K of the observer `riccati` at rest in a point: (n), for several chains rows (n, q).
+    `high_gain(form, theta=theta, gains=K)` has at this theta the gains P C'R^-1 of the Riccati equation's solution.
 
-    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit y^2
-    s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values.
-
-    Proofs about the observer are those of any constant gain: they do not assume the point. Raises: `BadGain` for Q, R,
-    theta that are not positive, a point outside its ranges, or one at which not every state is observable; `BadNames`;
-    `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not have; `Misfit`.
+    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit
+    y^2 s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values. Proofs
+    about the observer are those of any constant gain: they do not assume the point. Raises: `BadGain` for Q, R,
+    theta that are not positive, a point outside its ranges, or one at which not every state is observable;
+    `BadNames`; `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not have; `Misfit`.
     """
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
@@ -117,7 +116,8 @@ def steady_gain(
 
 
 def in_chains(form: Form) -> None:
-    """Demand a form on which a constant gain can replace that of the filter. Raises: `BadGain`."""
+    """Demand a form with a chain for each output, whose constant gain may replace that of a filter. Raises:
+    `BadGain`."""
     constant_chains("steady_gain", form)
     if form.jacobian is not None or len(form.leads) < len(form.output):
         reason = "wants coordinates in which the gain acts, and a chain for each output"
@@ -125,7 +125,8 @@ def in_chains(form: Form) -> None:
 
 
 def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
-    """Return z and u (n + m), with the point in print. Raises: `BadNames`, `BadGain`."""
+    """Return z and u (n + m) of a point given as states `at` and inputs `u`, and its text. Raises: `BadNames`,
+    `BadGain`."""
     states, inputs = form.system.declared.states, form.system.inputs
     values = {**_values("at", at, states), **_values("u", {} if u is None else u, inputs)}
     z = state_field(form, values, 1.0).initial
@@ -134,7 +135,8 @@ def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
 
 
 def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, float]:
-    """Return the numbers of all signals by name, each in its range. Raises: `BadNames`, `BadGain`."""
+    """Return the numbers of all signals by name, each demanded in its range; `what` names the argument in an error.
+    Raises: `BadNames`, `BadGain`."""
     names = names_of(signals)
     if not isinstance(values, Mapping):
         example = ", ".join(f"{name!r}: 0" for name in names)
@@ -149,7 +151,8 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
 
 
 def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: str) -> np.ndarray:
-    """Return K (n, p) of the stabilising P. Raises: `BadGain` where none is found, or it is not proved."""
+    """Return K = P C'R^-1 (n, p) of the P > 0 with N P + P N' + Q - P C'R^-1 C P = 0. Raises: `BadGain` where (C, N)
+    is not observable at the `place`, or where none is found."""
     observed, F = [C], N / max(np.linalg.norm(N), 1e-300)
     for _ in N[1:]:
         observed.append(observed[-1] @ F)
@@ -176,18 +179,18 @@ STATES = 40  # above, products of rational matrices are slow
 
 @dataclass(frozen=True)
 class Linear:
-    """The matrices A and C of a linear form with constant coefficients."""
+    """The matrices `A` (n, n) and `C` (p, n) of z' = A z + b(u), y = C z + d(u), in rationals."""
 
     A: definite.Matrix
     C: definite.Matrix
 
     def evidence(self, form: Form) -> Evidence:
-        """Return both matrices."""
+        """Return both matrices under the keys "A" and "C" of a certificate."""
         return {"A": self.A, "C": self.C}
 
 
 def linear(form: Form) -> Linear | Reason:
-    """Return A and C (p, n) of a form with z' = A z + b(u), y = C z + d(u); or why it is not of this kind."""
+    """Return A and C of a form z' = A z + b(u), y = C z + d(u) with constant rational A and C; or why it has none."""
     z = {*form.states}
     if form.n > STATES:
         return because("the ranks of more than {most} states are not computed", most=STATES)
@@ -211,12 +214,8 @@ def linear(form: Form) -> Linear | Reason:
 
 
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
-    """Return None where the filter of Q (n, n) and a constant theta converges; or the condition that fails.
-
-    Q is a density of noise: with a negative eigenvalue P may become indefinite, which the theorem excludes. A theta
-    above 1 scales Q by rows and columns. This preserves a positive definite Q, but a Q of lower rank may lose
-    controllability.
-    """
+    """Return None where the Kalman filter of a linear plant with Q (n, n) and a constant theta converges, by the
+    ranks of (C, A) and (A, Q); else the condition that fails."""
     A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
     if not theta > 0:
         return because("theta is not positive")
