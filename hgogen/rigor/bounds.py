@@ -75,7 +75,7 @@ _TINY = 2.0**-120  # allowance for underflow
 
 
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """The expression whose tables have bounds of the rounding errors of their arguments on a box."""
+    """Return the expression whose tables carry bounds of their arguments' rounding errors in programs on a box."""
 
     def shares(axis: Axis, argument: sp.Expr) -> Ends:
         # a signal by itself and the breakpoints are rounded alike: it can pass only a breakpoint that is the same
@@ -92,7 +92,7 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
 
 @lru_cache(maxsize=4096)
 def _error(e: sp.Expr, around: Sides) -> float:
-    """A bound of the rounding error of an expression, infinite where none is known."""
+    """Return a bound of a program's rounding error of an expression on a box, infinite where none is known."""
     if not e.args:
         return UNIT * _largest_size(e, around) + _TINY
     if isinstance(e, sp.Piecewise):  # one branch or another
@@ -113,7 +113,8 @@ def _error(e: sp.Expr, around: Sides) -> float:
 
 
 def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """The rounding error of a function, by its partial derivatives or by its whole range."""
+    """Return a bound of the rounding error of a function e, whose arguments have `errors`, by its partial derivatives
+    or its range."""
     varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
     dummies = {part: sp.Dummy(real=True) for part, _ in varying}
     ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
@@ -153,8 +154,8 @@ Interval: TypeAlias = tuple[End, End]
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that encloses the expression on the box, where it and its parts are real. It is exact for a rational
-    number and for a symbol, and the real line for a function without a rule."""
+    """Return an interval that encloses the expression on the box, where it and its parts are real: exact for a rational
+    number and for a symbol, the real line for a function without a rule."""
     fixed, around = sides(exact(expression), box)
     if fixed.is_Rational:
         value = Fraction(fixed)
@@ -192,7 +193,7 @@ _RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # increasing fun
 
 
 def rational(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that encloses the expression, where it and its parts are real: as written, and as a product."""
+    """Return an interval with rational ends that encloses an expression on a box, as written and as a product."""
     e = exact(expression)
     low, high = _ends(e, box)
     if low < 0 < high and isinstance(e, sp.Add) and e.is_polynomial(*e.free_symbols):
@@ -243,7 +244,7 @@ def _number_ends(e: sp.Expr) -> Interval:
 
 
 def _applied(function: Callable[[Any], Any], end: End) -> Interval:
-    """An enclosure of a function's value at an end; the real line where that value has too many digits."""
+    """Return an enclosure of a function's value at an end; the real line where the value has too many digits."""
     if not -_STEEPEST <= end <= _STEEPEST:
         return EVERYTHING
     with ctx.workprec(_BITS):
@@ -264,13 +265,13 @@ def _sum(a: Interval, b: Interval) -> Interval:
 
 
 def fractions(a: Interval) -> Interval:
-    """The ends of an interval, the finite ones as fractions."""
+    """Return an interval with its finite ends as fractions."""
     low, high = (end if end in (-math.inf, math.inf) else Fraction(end) for end in a)
     return low, high
 
 
 def multiplied(a: Interval, b: Interval) -> Interval:
-    """The product a b; an infinite end is a bound and no value, so 0 times it is 0."""
+    """Return the product a b of intervals; an infinite end is a bound and no value, so 0 times it is 0."""
 
     def times(x: End, y: End) -> End:
         if math.inf in (abs(x), abs(y)):
@@ -282,7 +283,7 @@ def multiplied(a: Interval, b: Interval) -> Interval:
 
 
 def raised(a: Interval, n: int) -> Interval:
-    """The power a^n for whole n, for n < 0 where a is not 0; the real line for a power with too many digits."""
+    """Return the interval a^n, n whole, for n < 0 where a is not 0; the real line for a power with too many digits."""
     if abs(n) > STEEP:
         return EVERYTHING
     if n < 0:
@@ -301,7 +302,7 @@ def _over(end: End) -> End:
 
 
 def _rounded_outward(a: Interval) -> Interval:
-    """The interval with ends of at most `_BITS` bits."""
+    """Return an interval around a whose ends have about `_BITS` bits."""
 
     def rounded(end: End, whole: Callable[[Fraction], int]) -> End:
         if isinstance(end, float) or max(end.numerator.bit_length(), end.denominator.bit_length()) <= 2 * _BITS:
@@ -318,17 +319,19 @@ _LARGE_ROUNDING = 2.0**-6  # share of a table's width beyond which a rounding er
 
 
 def as_programmed(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """The expression whose tables are clamped and rounded as a program computes them on the box."""
+    """Return the expression whose tables are clamped, and read with rounded arguments, as in a program on the box."""
     return rounded(clamped(expression, around.box), around)
 
 
 def clamped(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression whose tables are clamped along the axes where their argument may leave the breakpoints."""
+    """Return the expression whose tables are constant beyond their breakpoints where arguments may leave these on the
+    box."""
     return replaced(expression, lambda node: clamped_cells(node, node.args, box))
 
 
 def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
-    """A breakpoint at the end of the box beyond which a program may read a derivative, and the name of its table."""
+    """Return a breakpoint at an end of the box beyond which a program may read a table's derivative, and the table's
+    name."""
     box = around.box
     for node in sorted(expression.atoms(Stepped), key=str):
         axes, jumps = rounded(clamped(node, box), around).cells.axes, node.cells.smooth
@@ -342,9 +345,9 @@ def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str
 
 
 def clamped_cells(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
-    """The table without clamping along the axes where its argument remains between the breakpoints on the box.
+    """Return the table without clamping along the axes where its argument remains between the breakpoints on the box.
 
-    `program`: also where the argument leaves them by no more than its rounding error.
+    `program`: also where the argument leaves the breakpoints by no more than its rounding error.
     """
 
     def within(axis: Axis, argument: sp.Expr) -> bool:
@@ -374,8 +377,8 @@ def special_point(
     kinds: tuple[str, ...] = ("= 0", "undefined"),
     hints: Iterable[Point] = (),
 ) -> tuple[str, Point] | None:
-    """The kind, "= 0" or "undefined", and the point of the first candidate of one of the `kinds`, if any; `hints`:
-    points near which candidates of few digits lie."""
+    """Return ("= 0" or "undefined", a point of the box) for the first candidate where the expression has one of these
+    `kinds`, or None. `program`: the expression as a tape; `hints`: points near which candidates of few digits lie."""
     if largest_exponent(expression) > STEEP:
         return None
     simple = ({s: x.limit_denominator(q) for s, x in point.items()} for point in hints for q in _FEW_DIGITS)
@@ -396,8 +399,8 @@ def special_point(
 
 
 def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
-    """A zero, a kink where the sign jumps, or a point next to one of these, on the line from a point where a continuous
-    expression is negative to one where it is positive."""
+    """Return a zero of a continuous expression, a kink where its sign jumps, or a point next to one of these, on the
+    line from the point `below`, where it is negative, to `above`, where it is positive."""
     for _ in range(_STEPS):
         centre = {s: Fraction(outward.number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
         if centre in (below, above) or not sides.contains(centre):
@@ -456,7 +459,7 @@ def _simple_values(low: End, high: End) -> list[Fraction]:
 
 
 def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
-    """The rational roots of a polynomial in one symbol."""
+    """Return the rational roots, in the box, of a polynomial in one symbol."""
     (symbol,), ((low, high),) = sides.symbols, sides.ends
     if not expression.is_polynomial(symbol):
         return []
@@ -469,7 +472,8 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
 
 
 def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
-    """Zeros of an expression that is linear in a symbol, with the other symbols at simple values."""
+    """Yield zeros, in the box, of an expression that is linear in a symbol, with the other symbols at simple
+    `values`."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
         constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
@@ -493,14 +497,14 @@ _REWRITTEN = 12  # exponents beyond which it would grow out of hand
 
 
 def steep(e: sp.exp) -> bool:
-    """Whether SymPy would rewrite an exponential as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    """Return whether SymPy would rewrite an exponential as a high power: exp(-8750/T) as exp(1/T)^-8750."""
     return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
 
 
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
-    """The expression as written, then factored and in Horner forms where it is rational in its symbols.
+    """Return the expression as written, then factored and in Horner forms where it is rational in its symbols.
 
-    Each form is equal to the first, by exact algebra, where the first is defined; it may lack a removable pole.
+    All are equal, by exact algebra, where the first is defined; the others may lack a removable pole.
     """
     symbols = sorted(expression.free_symbols, key=str)
     if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
@@ -526,11 +530,12 @@ _SLACK = Fraction(1, 2**40)  # relative, so that another arithmetic, or other ro
 
 @dataclass(frozen=True)
 class Proof:
-    """A fact on a closed box, on which the `expressions` are defined, in a form that another arithmetic can verify.
+    """A fact on a closed box, on which the `expressions` are defined, in a form that another arithmetic can verify: low
+    <= value <= high of a single expression, or, with `low` None, `high` >= the spectral norm of the expressions'
+    Jacobian.
 
-    For a range, low <= value <= high holds for the one expression. For a slope, `low` is None and `high` bounds the
-    spectral norm of the expressions' Jacobian in the states. Both are exact; `variables`, `tree`: the bisection,
-    ("split", index, left, right) and "leaf", sides cut in the middle.
+    Bounds are exact, None where absent; `variables`, `tree`: the bisection, ("split", index, left, right) and "leaf",
+    sides cut in the middle.
     """
 
     expressions: tuple[sp.Expr, ...]
@@ -541,7 +546,8 @@ class Proof:
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
-    """The bounds moved outward by `_SLACK`, which keeps their signs; None for an infinite one."""
+    """Return the bounds moved outward by a share `_SLACK`, which keeps their signs, as fractions; None for an infinite
+    one."""
     below, above = (
         None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
         for end, way in ((low, -1), (high, 1))
@@ -557,7 +563,8 @@ _FIRST = 500  # boxes before the search for a pole
 
 @dataclass(frozen=True)
 class Attained:
-    """A point of the box with an upper bound `value` of a small value there, or a lower bound of a large one."""
+    """A point of the box, and an upper bound `value` of an expression there (or a lower one, where a large value is
+    wanted)."""
 
     value: float
     point: Mapping[sp.Symbol, Fraction] = field(hash=False)
@@ -565,11 +572,11 @@ class Attained:
 
 @dataclass(frozen=True)
 class Range(Encoded):
-    """The range of an expression on a box.
+    """The range of an expression on a box: low <= value <= high wherever the expression and its parts are finite and
+    real; -inf and inf where nothing is proved.
 
-    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `least`
-    and `most`: points that attain small and large values. `variables`: the symbols that the indices of the `tree`
-    count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut at `search.middle`.
+    `least` and `most`: points that attain small and large values. `variables`: the symbols that the indices of the
+    `tree` count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut at `search.middle`.
     """
 
     json_keys = "low high defined boxes note"
@@ -601,8 +608,8 @@ class Range(Encoded):
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """The range of the expression on the box, rounded outward. It is wider than the true range by at most `relative` of
-    its width, or `note` gives the reason.
+    """Return the range of the expression on the box, rounded outward, too wide by at most `relative` of its width, or
+    `note` gives the reason; `boxes`: the most that are tried.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -633,19 +640,21 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression with exact numbers and constant symbols at their values, and its equivalent forms as a tape."""
+    """An expression on a box (`sides`), with exact numbers, prepared for bisection: its equal forms are the outputs of
+    the tape `program`."""
 
     expression: sp.Expr
     sides: Sides
     program: Tape
 
     def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
-        """The bisection of its box for a goal, continued where it was `begun`."""
+        """Return the bisection of the box until the `goal` or a number of `boxes` is reached, continued from
+        `begun`."""
         return search(self.program, self.sides, goal, boxes, begun)
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
-    """The problem of an expression on a box; None where the expression is nowhere a finite real number."""
+    """Return the expression on a box as a `Problem`; None where it is nowhere a finite real number."""
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(*STRANGE):
         return None
@@ -654,7 +663,7 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
 
 
 def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
-    """The outcome of a search as a range; `relative`: the tolerance of the search."""
+    """Return the `Range` that a bisection `outcome` proves; `relative`: the tolerance of the search, for its note."""
     boxes = counted(outcome.boxes)
     note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
     if outcome.defined:
@@ -667,8 +676,8 @@ def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
 
 
 def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
-    """The smallest and the largest value at points that a search has evaluated. None where there is no point, or where
-    a table's derivative jumps: its other side need not belong to the box."""
+    """Return the smallest and the largest value that a search has evaluated, with their points. None where there is no
+    point, or where a table's derivative jumps: its other side need not belong to the box."""
 
     def at(value: float, place: Array | None) -> Attained | None:
         if not problem.sides.symbols and math.isfinite(value):
@@ -683,12 +692,12 @@ def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained 
 
 
 def counted(count: int) -> Reason:
-    """The number of boxes in words."""
+    """Return a number of boxes in words, "1 box" or "5 boxes"."""
     return because("{count} box" if count == 1 else "{count} boxes", count=count)
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
-    """The point as the end of a sentence, in few digits."""
+    """Return a point as the end of a sentence, ", at x = 0.5, y = 2"; "" for no coordinates."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
 
 
@@ -713,7 +722,7 @@ class Sign:
 
     PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where the
     expression is zero or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps
-    between them; `cause` says which. UNKNOWN: `reason` gives the number of boxes. `never`: a proof that the expression
+    between them, as `cause` states. UNKNOWN: `reason` gives the number of boxes. `never`: a proof that the expression
     has no zero on the box, although it may be undefined, or tend to 0 where the box is unbounded. `exact`: the rational
     ends that prove the sign without bisection.
     """
@@ -736,8 +745,8 @@ class Sign:
 
 
 def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
-    """The answer whether the expression is finite and has one sign on the whole box; `refute`, which may take long:
-    search for counterexamples as well.
+    """Return the answer whether the expression is finite and has one sign on the whole box, with at most `boxes`;
+    `refute`, which may take long: search for counterexamples as well.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -776,7 +785,8 @@ def _nonzero(
 
 
 def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sign:
-    """The proof of one sign by a bisection, or by the exact range on the box as a whole."""
+    """Return the answer PROVED with the range of a bisection `cover`, or with `exact`, the rational range on the whole
+    box."""
     (low, high), extent, reason = exact or (cover.low, cover.high), range_of(problem, cover, 0.0), counted(cover.boxes)
     if exact:
         extent = replace(extent, low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
@@ -786,8 +796,8 @@ def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sig
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Whether factors prove that an expression has no zero on the box where it is defined; its range, with rational
-    ends."""
+    """Return whether factors prove that an expression has no zero on the box where it is defined, and rational ends
+    (low, high) of its range."""
     low, high = rational(expression, box)
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
@@ -810,7 +820,8 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
 
 
 def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
-    """The cause why an expression has no constant sign, the reason in words, and a point; None where none is known."""
+    """Return the cause why an expression has no constant sign, the reason in words, and a witness; None where none is
+    known."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -849,7 +860,8 @@ def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """The divisors and factors of an expression, which make it undefined or zero, each with a pattern for a reason."""
+    """Yield the divisors and factors of an expression, which make it undefined or zero, each with a pattern for a
+    reason."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
@@ -860,7 +872,8 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 
 
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
-    """The known irreducible factors, by exact algebra alone where SymPy would factor a high power of exp."""
+    """Return irreducible factors of an expression, by exact algebra alone where SymPy would factor a high power of
+    exp."""
     if any(steep(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []

@@ -47,7 +47,8 @@ class Ranged(Protocol):
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
-    """The midpoint, zeros in the box, corners, then random points from a fixed seed, as exact rationals."""
+    """Yield sample points of the signals' box, as exact rationals: the middle, zeros, corners, then random points of a
+    fixed seed."""
     ends = [_range_of(s) for s in signals]
     yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
     for s, (low, high) in zip(signals, ends, strict=True):
@@ -64,13 +65,13 @@ def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
 
 
 def largest_exponent(expression: sp.Expr) -> int:
-    """The absolute value of the largest numerical exponent."""
+    """Return the largest |p| of the numerical exponents p/q in an expression."""
     return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
 def kind(expression: sp.Expr, point: RationalPoint) -> str:
-    """The kind of value at a point, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"
-    for unknown, also for powers too large for exact numbers."""
+    """Return "> 0", "< 0", "= 0", "undefined" or "?" (unknown, also for powers too large for exact numbers) for the
+    value of an expression at a point, by exact zero tests and guaranteed digits."""
     if largest_exponent(expression) > STEEP:
         return "?"
     at = dict(point)
@@ -83,8 +84,8 @@ def kind(expression: sp.Expr, point: RationalPoint) -> str:
 
 
 def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
-    """Whether a function's argument lies inside and so close to an end of its domain that SymPy may round it to the
-    end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
+    """Return whether a function's argument at a point lies so close to an end of its domain that SymPy may round it to
+    the end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
     argument = node.args[0].xreplace(at)
     room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
     return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
@@ -197,8 +198,8 @@ class EmptyBox(HgogenError):
 def box(
     signals: Iterable[Ranged], nominal: Mapping[sp.Symbol, sp.Rational] | None = None
 ) -> dict[sp.Symbol, tuple[End, End]]:
-    """The box of the declared ranges. A signal without a range has its value in `nominal` (such as `system.nominal`, of
-    the parameters), else it is unbounded. A float is the rational of its shortest decimal."""
+    """Return the declared range (low, high) of each signal. A signal without one has its value in `nominal` (such as
+    `system.nominal`, of the parameters), else it is unbounded. A float is the rational of its shortest decimal."""
     fixed = nominal or {}
     ends: dict[sp.Symbol, tuple[End, End]] = {}
     for signal in signals:
@@ -218,41 +219,41 @@ def _shortest_decimal(value: float) -> Fraction:
 
 @dataclass(frozen=True)
 class Sides:
-    """The sides of a box in the order of `symbols`: exact ends, and floats around (`outer`) and inside it."""
+    """A box as the ranges (low, high) of `symbols`, in their order, with exact ends."""
 
     symbols: tuple[sp.Symbol, ...]
     ends: tuple[tuple[End, End], ...]
 
     @property
     def box(self) -> dict[sp.Symbol, tuple[End, End]]:
-        """The box by symbols."""
+        """Return the range of each symbol."""
         return dict(zip(self.symbols, self.ends, strict=True))
 
     @cached_property
     def outer(self) -> Pair:
-        """The smallest box of floats around it."""
+        """Return the smallest box of floats around the exact one: its lower and its upper ends."""
         lows, highs = [number(low)[0] for low, _ in self.ends], [number(high)[1] for _, high in self.ends]
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
     @cached_property
     def inner(self) -> Pair:
-        """The largest box of floats inside it."""
+        """Return the largest box of floats inside the exact one: its lower and its upper ends."""
         lows, highs = [number(low)[1] for low, _ in self.ends], [number(high)[0] for _, high in self.ends]
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
     def point(self, x: Iterable[float]) -> Point:
-        """The exact point for a vector of floats of the outer box; an end of the outer box becomes the exact end."""
+        """Return the exact point of floats x of the box `outer`; an x beyond an exact end becomes the exact end."""
         coordinates = zip(self.symbols, x, self.ends, strict=True)
         return {s: Fraction(max(min(value, high), low)) for s, value, (low, high) in coordinates}
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
-        """The sides of some of the symbols."""
+        """Return the box of some of the symbols."""
         wanted = set(symbols)
         some = {s: ends for s, ends in self.box.items() if s in wanted}
         return Sides(tuple(some), tuple(some.values()))
 
     def spread(self) -> Iterator[Point]:
-        """Some interior points, the first near the middle, no two coordinates at the same share of their sides."""
+        """Yield six interior points, the first near the middle, no two coordinates at equal shares of their sides."""
         for shift in (0, 3, 7, 11, 17, 23):
             shares = [Fraction(40 + (5 * k + shift) * 7 % 47, 127) for k in range(len(self.symbols))]
             yield {s: _inside(e, t) for s, e, t in zip(self.symbols, self.ends, shares, strict=True)}
@@ -263,7 +264,8 @@ class Sides:
 
 
 def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
-    """The expression with every symbol of a one-point range at its value, and the sides of the others, sorted by name.
+    """Return the expression with each symbol of a one-point range at its value, and the box of the others, sorted by
+    name.
 
     A symbol that the box does not name is unbounded. A one-point range remains a side where its value makes a part not
     a real number, and among powers too large for exact numbers. Raises: `EmptyBox`.

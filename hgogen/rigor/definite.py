@@ -31,17 +31,17 @@ _CLOSE = Fraction(1, 2**40)  # first radius of the enclosure of a float eigenval
 
 
 def exact(M: Iterable[Iterable[Fraction]]) -> Any:
-    """A FLINT matrix of fractions."""
+    """Return a matrix of fractions as a FLINT matrix of rationals."""
     return fmpq_mat([[number(value) for value in row] for row in M])
 
 
 def rationals(M: np.ndarray) -> Matrix:
-    """A matrix of floats as exact rationals."""
+    """Return a matrix of floats as a matrix of the equal fractions."""
     return tuple(tuple(map(Fraction, row)) for row in M.tolist())
 
 
 def root(value: Fraction, bits: int = 24) -> Fraction:
-    """A short rational at or above the square root, too large by a share of about 2^-bits at most."""
+    """Return a short rational r >= sqrt(value), too large by a share of about 2^-bits at most."""
     if not value:
         return value
     shift = 2 * max(0, bits - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
@@ -50,30 +50,30 @@ def root(value: Fraction, bits: int = 24) -> Fraction:
 
 
 def number(value: Any) -> Any:
-    """A FLINT rational of a fraction or another exact number."""
+    """Return a fraction, float or whole number as the equal FLINT rational."""
     if isinstance(value, fmpq):
         return value
     return fmpq(*value.as_integer_ratio()) if isinstance(value, float) else fmpq(value.numerator, value.denominator)
 
 
 def fraction(value: Any) -> Fraction:
-    """A FLINT rational as a fraction."""
+    """Return a FLINT rational as a fraction."""
     return Fraction(int(value.p), int(value.q))
 
 
 def floats(M: Any) -> np.ndarray:
-    """A FLINT matrix as floats."""
+    """Return a FLINT matrix of rationals as an array of floats."""
     return np.array([[float(fraction(M[i, j])) for j in range(M.ncols())] for i in range(M.nrows())])
 
 
 def unit(n: int) -> Any:
-    """The FLINT unit matrix (n, n)."""
+    """Return the unit matrix (n, n) of FLINT."""
     return fmpq_mat([[fmpq(int(i == j)) for j in range(n)] for i in range(n)])
 
 
 def positive(M: Any) -> bool:
-    """Whether a symmetric FLINT matrix is positive definite, proved either way: by a congruence to nearly the unit
-    matrix, else by its leading minors, the pivots of a fraction-free elimination without row exchanges."""
+    """Return whether a symmetric FLINT matrix is positive definite, proved either way: by a congruence to nearly the
+    unit matrix, else by its leading minors, the pivots of a fraction-free elimination without row exchanges."""
     whole, _ = M.numer_denom()
     if _near_unit(whole):
         return True
@@ -82,8 +82,9 @@ def positive(M: Any) -> bool:
 
 
 def _near_unit(M: Any) -> bool:
-    """Whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every matrix
-    within the balls. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky factor."""
+    """Return whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every
+    matrix within the balls of M. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky
+    factor."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
@@ -99,9 +100,9 @@ def _near_unit(M: Any) -> bool:
 
 
 def definite(M: np.ndarray) -> bool:
-    """Whether a symmetric matrix of FLINT rationals is positive definite, proved either way, or every matrix within
-    FLINT balls is proved to be: by a congruence to nearly the unit matrix, which does not widen wide balls, else by the
-    signs of pivots, which need no floats for narrow balls."""
+    """Return whether a symmetric matrix of FLINT rationals is positive definite, proved either way, or whether each
+    matrix within FLINT balls is proved to be: by a congruence to nearly the unit matrix, which does not widen wide
+    balls, else by the signs of pivots, which need no floats for narrow balls."""
     if not any(isinstance(value, arb) for value in M.flat):
         return positive(fmpq_mat(M.tolist()))
     if _near_unit(arb_mat(M.tolist())):
@@ -117,16 +118,16 @@ def definite(M: np.ndarray) -> bool:
 
 
 def nonnegative(M: Any) -> bool:
-    """Whether a symmetric FLINT matrix is positive semidefinite, proved either way."""
+    """Return whether a symmetric FLINT matrix is positive semidefinite, proved either way."""
     elementary = (-M).charpoly().coeffs()[-2::-1]  # of det(x I + M) = (-1)^n det(-x I - M), after the first
     return all(value >= 0 for value in elementary)
 
 
 def smallest(M: Any) -> tuple[Fraction, Fraction]:
-    """A proved enclosure low <= eigenvalue < high of the smallest eigenvalue of a symmetric FLINT matrix; low > 0 where
-    the matrix is positive definite.
+    """Return proved bounds low <= lambda < high of the smallest eigenvalue lambda of a symmetric FLINT matrix; low > 0
+    where the matrix is positive definite.
 
-    low is the float eigenvalue rounded to nine digits where that is a lower bound, so that it is 2 for an eigenvalue 2.
+    low is the float eigenvalue rounded to nine digits if this is a lower bound, so that it is 2 for an eigenvalue 2.
     Else both bounds start at a distance of 2^-40 of the largest entry from the float, and move outwards until proved.
     """
     values = floats(M)
@@ -146,7 +147,7 @@ def smallest(M: Any) -> tuple[Fraction, Fraction]:
 
 
 def largest(M: Any) -> tuple[Fraction, Fraction]:
-    """A proved enclosure low < eigenvalue <= high of the largest eigenvalue of a symmetric FLINT matrix."""
+    """Return proved bounds low < lambda <= high of the largest eigenvalue lambda of a symmetric FLINT matrix."""
     low, high = smallest(-M)
     return -high, -low
 
@@ -157,8 +158,8 @@ _ROUNDING = Fraction(1, 10**12)
 
 
 def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
-    """The matrix (M + M')/2 in exact fractions, where M (n, n) is symmetric up to rounding as solvers leave it, else
-    None. Symmetric up to rounding means
+    """Return (M + M')/2 in exact fractions, where M (n, n) is symmetric up to rounding as solvers leave it, else None.
+    Symmetric up to rounding means
 
         |M_ij - M_ji| <= 1e-12 max(|M_ij|, |M_ji|, sqrt|M_ii M_jj|)
 
@@ -173,7 +174,7 @@ def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ..
 
 
 def unsymmetric(name: str) -> str:
-    """The message why a matrix of that name is refused, and the symmetric matrix to give."""
+    """Return the message that the matrix `name` must be symmetric, with the symmetric matrix to give instead."""
     return f"must be symmetric, to 1e-12 of its numbers; give ({name} + {name}')/2"
 
 
@@ -182,7 +183,8 @@ def unsymmetric(name: str) -> str:
 
 @dataclass(eq=False)
 class NotHurwitz(HgogenError):
-    """Gains whose linear error core has eigenvalues that do not decay."""
+    """The error that the linear error core of some `gains` has `eigenvalues` that do not decay; `fix`: what to
+    change."""
 
     gains: str
     eigenvalues: tuple[complex, ...]
@@ -194,7 +196,8 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part: an exact test."""
+    """Return whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part: an exact
+    test."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
@@ -208,7 +211,8 @@ def hurwitz(matrix: np.ndarray) -> bool:
 
 
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
-    """Raise `NotHurwitz` for a matrix (n, n) that is not Hurwitz; `fix` says what to change."""
+    """Raise `NotHurwitz` unless the matrix (n, n) is Hurwitz; `gains`: their name in the message; `fix`: what to
+    change."""
     if hurwitz(matrix):
         return
     eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)
@@ -218,7 +222,7 @@ def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """A context in which NumPy's linear algebra runs on one thread."""
+    """Return a context in which NumPy's linear algebra runs on one thread."""
     limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
     return limit
 

@@ -71,7 +71,8 @@ _ONE = (sp.Abs, sp.sign, sp.Heaviside)  # the branch is the sign of one argument
 
 @dataclass(frozen=True)
 class Branch:
-    """The `rows` without kinks and jumps, valid where all conditions of `where` hold; `places`: points there."""
+    """A branch of functions: `rows`, expressions without kinks and jumps, valid where all conditions of `where` hold;
+    `places`: points where they hold."""
 
     rows: tuple[sp.Expr, ...]
     where: tuple[Boolean, ...]
@@ -80,8 +81,8 @@ class Branch:
 
 @dataclass(frozen=True)
 class Reached:
-    """The `branches` found by a number of `points` of the box, without `more` that were also found. There is none where
-    the rows have values together at no point."""
+    """The `branches` of expressions found by a number of `points` of the box; `more`: how many others were found. There
+    is none where the expressions have values together at no point."""
 
     branches: tuple[Branch, ...]
     points: int
@@ -94,10 +95,8 @@ class Reached:
 
 
 def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
-    """The branches of some rows in the box of their symbols, searched up to the sizes 1/100 to 100 of an infinite side.
-
-    Raises: `NoTape` for a function without a rule.
-    """
+    """Return the branches of expressions in the box of their symbols, searched up to the sizes 1/100 to 100 of an
+    infinite side. Raises: `NoTape` for a function without a rule."""
     search = _Search(tuple(rows), sides)
     search.run()
     branches: dict[tuple[Any, ...], Branch] = {}
@@ -127,8 +126,9 @@ def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
 
 @dataclass(frozen=True)
 class _Search:
-    """A search for points of each branch. `places` has points by their decisions: the sign of each test, or its cell or
-    whole number, None where undecided. `counts`: the number of points; under None those where a row has no value."""
+    """A search for points of each branch of `rows`. `places`: points by their key, a tuple with the sign of each test,
+    or its cell or whole number, None where undecided. `counts`: the number of points by key; under None those where a
+    row has no value."""
 
     rows: tuple[sp.Expr, ...]
     sides: Sides
@@ -138,8 +138,8 @@ class _Search:
 
     @cached_property
     def tests(self) -> tuple[sp.Basic, ...]:
-        """The expressions that decide the branch: the argument of |e|, differences of a maximum's arguments and of a
-        relation's sides, and tables and roundings themselves."""
+        """Return the expressions whose signs decide the branch: the argument of |e|, differences of a maximum's
+        arguments and of a relation's sides; and tables and roundings themselves."""
         tests: dict[sp.Basic, None] = {}
         for node in (node for row in self.rows for node in sp.preorder_traversal(row)):
             if isinstance(node, _ONE):
@@ -180,7 +180,7 @@ class _Search:
         return {s: self.on(*side) for s, side in self.sides.items()}
 
     def on(self, low: Any, high: Any) -> Fraction:
-        """A random number of a side, not at its ends."""
+        """Return a random number between the ends of a side, infinite ends allowed."""
         share = Fraction(self.draws.randrange(1, 1 << _BITS), 1 << _BITS)
         if low > -inf and high < inf:
             ends = Fraction(low), Fraction(high)
@@ -191,7 +191,8 @@ class _Search:
         return size if self.draws.random() < 0.5 else -size
 
     def decide(self, place: Place) -> tuple[tuple[Any, ...], list[Any]] | None:
-        """The decisions at a point, and the tests' values; None where a row has no value, or at the limit."""
+        """Return the key of the branch at a point (a sign, cell or whole number for each test) and the tests' values;
+        None where a row has no value, or after the last point of the budget."""
         if self.ended:
             return None
         balls = values(self.tape, list(place.values()))
@@ -208,7 +209,8 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Search a point with the `wanted` signs of tests, along the sides from a point with all but the last."""
+        """Search a point with the `wanted` signs (index of a test -> sign), along the sides from a point with all but
+        the last of them."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -226,7 +228,7 @@ class _Search:
                 here, best = trial, tests[last]
 
     def near(self, end: Any, side: tuple[Any, Any]) -> Fraction:
-        """A random number of a side next to one of its ends."""
+        """Return a random number of the side (low, high) next to its end `end`."""
         low, high = side
         if low == -inf or high == inf:
             return self.on(low, high)
@@ -235,7 +237,7 @@ class _Search:
         return Fraction(end) + width * (share if end == low else -share)
 
     def between(self) -> None:
-        """Search branches between each two known ones, by bisection of the line between two of their points."""
+        """Search branches between each two known ones, by bisection of the line between a point of each."""
         ways = Counter[tuple[Any, Any]]()
         while not self.ended:
             pairs = combinations(list(self.places), 2)
@@ -278,7 +280,8 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Walk:
-    """The translation of expressions to a branch, with the tests as `decided`; `where` gathers the conditions used."""
+    """A translation of expressions to one branch: `decided`, the sign, cell or whole number of each test; `where`
+    gathers the conditions under which the translation is valid."""
 
     decided: Mapping[sp.Basic, Any]
     where: dict[Boolean, None] = field(default_factory=dict)
@@ -305,14 +308,15 @@ class _Walk:
             self.where[condition.canonical] = None
 
     def sign(self, test: sp.Expr) -> int:
-        """The sign of a test, 0 where it vanishes identically around the point."""
+        """Return the decided sign of a test, 0 where it vanishes identically around the point. Raises: `Undecided`."""
         sign = self.decided.get(test)
         if sign is None:
             raise Undecided
         return int(sign)
 
     def way(self, before: sp.Expr, argument: sp.Expr) -> sp.Integer:
-        """The sign of an argument that is not 0."""
+        """Return the sign of `argument`, the translation of the test `before`, and note its condition. Raises:
+        `Undecided`."""
         if argument.is_number and argument.is_zero is not None:
             return sp.sign(argument)
         way = self.sign(before)
@@ -335,7 +339,7 @@ class _Walk:
         return args[best]
 
     def level(self, node: sp.Expr, argument: sp.Expr) -> sp.Expr:
-        """The whole number to which floor or ceiling rounds an argument."""
+        """Return the whole number to which `node`, floor or ceiling, rounds `argument`, and note its condition."""
         if argument.is_number:
             return node.func(argument)
         low = self.decided[node]
@@ -358,7 +362,7 @@ class _Walk:
         return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, sp.sympify))
 
     def pieces(self, node: sp.Piecewise) -> Iterator[sp.Expr]:
-        """Yield the values whose conditions hold, the first of which counts."""
+        """Yield the branches of a Piecewise whose conditions hold, the first of which counts. Raises: `Undecided`."""
         for piece, condition in node.args:
             if self.holds(condition):
                 yield piece
@@ -388,17 +392,17 @@ SURE_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as ze
 
 
 class Blurred(ArithmeticError):
-    """An entry of which the precision does not decide whether it is zero."""
+    """A matrix entry in balls whose precision does not decide whether the entry is zero."""
 
 
 def believe_zeros(modulus: int) -> None:
-    """Raise `Blurred` for balls of few bits: a rank deficiency depends on entries that count as zero."""
+    """Raise `Blurred` for balls (`modulus` 0) of few bits: a deficient rank depends on entries that count as zero."""
     if not modulus and flint.ctx.prec < SURE_BITS:
         raise Blurred
 
 
 def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
-    """Indices of the rows that are linearly independent of the rows before; `modulus` 0 for balls."""
+    """Return the indices of rows linearly independent of the rows before; `modulus`: a prime, or 0 for balls."""
     if not rows or not rows[0]:
         return []
     if not modulus:
@@ -409,7 +413,8 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
 
 
 def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
-    """A basis v_1, v_2, .. of the vectors v with rows v = 0; an entry that counts as zero is 0. Raises: `Blurred`."""
+    """Return a basis v_1, v_2, .. of the vectors v (width) with row . v = 0 for all rows; an entry that counts as zero
+    is 0. `modulus`: a prime, or 0 for balls. Raises: `Blurred`."""
     if not rows:
         return [[int(i == j) for i in range(width)] for j in range(width)]
     if modulus:
@@ -429,8 +434,8 @@ def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
 
 
 def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
-    """The index, the column of the pivot and the reduced row, with 1 there, of each independent row; a pivot is the
-    largest entry of its row."""
+    """Return the index, the pivot's column and the reduced row, with 1 in that column, of each independent row; a pivot
+    is the largest entry of its row."""
     reduced: list[tuple[int, int, list[Any]]] = []
     for i, row in enumerate(rows):
         residual = list(row)
@@ -452,7 +457,7 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
 
 
 def _counts_as_zero(entry: Any) -> bool:
-    """Whether an entry counts as zero: False only for a ball that excludes zero."""
+    """Return False for a ball that excludes zero, True for a tiny one that contains it. Raises: `Blurred`."""
     if not entry.contains(0):
         return False
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
@@ -475,7 +480,7 @@ Places = Sequence[Mapping[sp.Symbol, Fraction]]
 
 @dataclass(eq=False)
 class NothingMeasured(HgogenError):
-    """A plant without outputs or without states, of which observability has no meaning."""
+    """The error of a plant without outputs or without states, of which observability has no meaning."""
 
     what: str
 
@@ -485,7 +490,7 @@ class NothingMeasured(HgogenError):
 
 @dataclass(eq=False)
 class NowhereDefined(HgogenError):
-    """A plant that is defined at none of the random points."""
+    """The error of a plant that is defined at none of the random points."""
 
     tries: int
 
@@ -497,7 +502,7 @@ class NowhereDefined(HgogenError):
 
 
 def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:
-    """The rows with values for symbols. Raises: `NowhereDefined` where a comparison then has no real operands."""
+    """Return the rows with numbers for symbols. Raises: `NowhereDefined` where a comparison has no real operands."""
     put_in = tuple(put(sp.sympify(row), values) for row in rows)
     defined = tuple(row for row in put_in if row is not None)
     if len(defined) < len(put_in):
@@ -507,9 +512,9 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Rank:
-    """The observability rank. `observable`: the unknowns whose unit vector is in the row space; `final`: whether the
-    rank was stationary; if not, more derivatives may raise it and add to `observable`.
-    """
+    """The observability rank, of the gradients d(y, y', .., y^(k))/d(unknowns). `observable`: the unknowns whose unit
+    vector is in the row space; `final`: whether the rank was stationary; if not, more derivatives may raise it and add
+    to `observable`."""
 
     dimension: Annotated[int, "number of unknowns"]
     rank: Annotated[int, "generic rank: how many unknowns are seen together"]
@@ -521,8 +526,8 @@ class Rank:
 
 @dataclass(frozen=True)
 class Ranks:
-    """The ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters together; `method`
-    says how they were computed.
+    """The observability ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters
+    together; `method` describes the computation.
 
     `local` names the functions with branches, for which the ranks are the least over several branches and hold on an
     open set only; it is "" where the ranks hold at almost every point.
@@ -545,8 +550,9 @@ def observability(
     places: Places = (),
     sides: Sides | None = None,
 ) -> Ranks:
-    """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant. With kinks,
-    jumps or tables the least ranks over the branches that are found.
+    """Return the observability ranks of x' = flow, y = output with known parameters and jointly, at a random point;
+    every other symbol is a random constant. With kinks, jumps or tables the least ranks over the branches that are
+    found.
 
     `limit`: the highest order of derivatives (None: until the rank is stationary); `places`: values of all symbols,
     near which real points are drawn, by default from the ranges `sides` of symbols that have one.
@@ -575,12 +581,12 @@ def observability(
 
 
 def branches(plant: Plant) -> str:
-    """The names of a plant's functions with branches, "" for none: a result at a point holds on its branch only."""
+    """Return the names of a plant's functions with branches, "" for none: a result at a point holds on one only."""
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHING))
 
 
 def _least(a: Rank, b: Rank) -> Rank:
-    """The lower of two ranks; an unknown is unobservable if it is in either of them."""
+    """Return the lower of two ranks, in which an unknown is unobservable if it is so in either of them."""
     low = min(a, b, key=lambda rank: rank.rank)
     hidden = {*a.unobservable, *b.unobservable}
     lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
@@ -596,7 +602,8 @@ def plant_of(
     parameters: Iterable[sp.Symbol] = (),
     places: Places = (),
 ) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """The plant as a tape, and its unknowns: states, then unknown parameters; `places`: real points are near these."""
+    """Return the plant x' = flow, y = output as a tape, and its unknowns: states, then unknown `parameters`; `places`:
+    values of all symbols, near which real points are drawn."""
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters)
     for what, part in (("states", states), ("outputs", output)):
@@ -619,7 +626,8 @@ def exact_numbers(plant: Plant) -> bool:
 def somewhere(
     plant: Plant, answer: Callable[[Arithmetic, Point], _Answer], *, first: int = 0, power: int = 1, balls: bool = False
 ) -> _Answer:
-    """The value of `answer` at the first random point at which the plant is defined, with balls precise enough.
+    """Return `answer(arithmetic, point)` at the first random point at which the plant is defined, with balls precise
+    enough.
 
     `first`: the number of the group of random points; `power`: numbers are modulo this power of a prime; `balls`: real
     points for all plants.
@@ -640,7 +648,7 @@ def somewhere(
 
 
 def modulus(numbers: Arithmetic) -> int:
-    """The prime, or 0 for balls."""
+    """Return the prime of an arithmetic modulo a prime (or its power), 0 for balls."""
     return numbers.prime if isinstance(numbers, Modular) else 0
 
 
@@ -679,7 +687,7 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
 
 
 def matrix_rows(matrix: Any) -> list[list[Any]]:
-    """The rows of a matrix of either arithmetic as lists."""
+    """Return the rows of a FLINT matrix, of balls or modulo a prime, as lists."""
     width, entries = matrix.ncols(), matrix.entries()
     return [entries[i : i + width] for i in range(0, len(entries), width)]
 
@@ -687,7 +695,8 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
 ) -> Rank | None:
-    """The rank once it is full, stationary under one more derivative of every output, or at its limit; else None."""
+    """Return the `Rank` once it is full, stationary under one more derivative of each of the p outputs, or at its
+    limit; else None. `rows`: gradients by all unknowns, of which the first `width` count; `prime`: 0 for balls."""
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]

@@ -50,7 +50,8 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """The condition under which a part of an expression is smooth: a `relation`, with {of} for the expression `of`."""
+    """A condition under which an expression is smooth, such as "{of} != 0": a `relation`, in which {of} is the
+    expression `of`."""
 
     relation: str
     of: sp.Expr
@@ -65,7 +66,7 @@ class Condition:
 
     @property
     def failure(self) -> Reason:
-        """The points where the condition fails, in words."""
+        """Return the words for the points where the condition fails, such as "at u = 0"."""
         if self.relation == NONZERO:
             return because("at {of} = 0", of=self.of)
         return because("unless {condition}", condition=self.reason)
@@ -87,7 +88,7 @@ _ENTIRE = (
 
 
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
-    """The parts that may be singular somewhere on the box, each with the condition that excludes it."""
+    """Return the powers and functions that may be singular on the box, each with the condition that excludes it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
     conditions = {node: _condition(node, box) for node in sorted(nodes, key=str)}
     return {node: condition for node, condition in conditions.items() if condition}
@@ -99,14 +100,14 @@ def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """The distinct conditions in the order of their texts, without those that another one implies."""
+    """Return the distinct conditions in the order of their texts, without u != 0 where u > 0 is one of them."""
     every = sorted(set(conditions), key=str)
     positive = {each.of for each in every if each.relation == POSITIVE}
     return tuple(each for each in every if each.relation != NONZERO or each.of not in positive)
 
 
 def _condition(node: sp.Expr, box: Box) -> Condition | None:
-    """The condition under which `node` is smooth; None if outward-rounded intervals prove it on the whole box."""
+    """Return the condition under which a power or function is smooth; None if intervals prove it on the whole box."""
     if type(node) in _SINGULAR:
         index, low, high, relation = _SINGULAR[type(node)]
         argument = node.args[index]
@@ -129,10 +130,11 @@ _CHOOSING = (sp.Piecewise, sp.Heaviside)
 
 
 def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
-    """A part of `before` that is not proved to be a finite real number on the box, and that `after` lacks; or None.
+    """Return a power or function of `before` that is not proved to be a finite real number on the box, and that `after`
+    lacks; or None.
 
-    `after` has a part if it reads it, or reads an expression that is undefined at the same points, as 1/x**2 for 1/x.
-    It lacks a part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0.
+    `after` has a part if it contains it, or an expression that is undefined at the same points, as 1/x**2 for 1/x. A
+    part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0, is lacking.
     """
     every = tuple(dict.fromkeys(part for row in before for part in parts(row)))
     rows = tuple(sides(exact(row), box)[0] for row in after)
@@ -151,14 +153,14 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
 
 
 def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
-    """The parts that are not proved to be finite real numbers on the box."""
+    """Return the powers and functions in the expressions that are not proved to be finite real numbers on the box."""
     every = tuple(dict.fromkeys(part for e in expressions for part in parts(e)))
     needs = singular(every, box)
     return tuple(part for part in every if _demands(part, needs) and not is_defined(part, box))
 
 
 def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
-    """The conditions under which the doubtful parts have values, such as u != 0 for 1/u."""
+    """Return the conditions, such as u != 0 for 1/u, under which the expressions have values on the box."""
     necessary = set[Condition]()
     for part in doubtful(expressions, box):
         needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
@@ -167,7 +169,7 @@ def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...
 
 
 def parts(e: sp.Expr) -> Iterator[sp.Expr]:
-    """The powers and functions whose values the expression reads, outermost first."""
+    """Yield the powers and functions of an expression, outermost first, without those inside a Piecewise."""
     walk = sp.preorder_traversal(e)
     for node in walk:
         if isinstance(node, (sp.Pow, sp.Function)):
@@ -177,8 +179,8 @@ def parts(e: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
-    """Yield `put` of each part separately, since SymPy may simplify the whole: (a - b)/(2 a - 2 b) with a = b + w is
-    1/2 at once. For a Piecewise also its inner parts that `put` of the Piecewise lacks."""
+    """Yield `put` of each power and function separately, since SymPy may simplify the whole: (a - b)/(2 a - 2 b) with a
+    = b + w is 1/2 at once. For a Piecewise also `put` of its inner parts that `put` of the Piecewise lacks."""
     for part in dict.fromkeys(part for e in expressions for part in parts(e)):
         whole = put(part)
         yield whole
@@ -188,7 +190,8 @@ def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr])
 
 
 def _demands(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
-    """Whether the part has a condition, or is a choice that may have no branch or one with a condition."""
+    """Return whether the part has a condition in `needs`, or is a Piecewise or Heaviside that may lack a branch, or has
+    a branch with a condition."""
     if not isinstance(part, _CHOOSING):
         return part in needs
     ends = not isinstance(part, sp.Piecewise) or part.args[-1].cond == sp.true
@@ -227,12 +230,12 @@ class _NoSeries(Exception):
 
 
 class Resolved(sp.Piecewise):  # type: ignore[misc]
-    """A quotient, or a derivative of one, as a polynomial where its base is small, else as written."""
+    """A quotient g(x) without its removable singularity: a polynomial where |x| is small, else g(x) as written."""
 
     @property
     def reads(self) -> Iterator[sp.Expr]:
-        """The expressions that its value needs: the polynomial, and the other form's parts that do not divide by the
-        base."""
+        """Yield the expressions from which the value is computed: the polynomial in x, and those powers and functions
+        of the other form that do not divide by x."""
         (within, inside), (beyond, _) = self.args
         factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
         base = sp.Mul(*factors)
@@ -246,7 +249,7 @@ class Resolved(sp.Piecewise):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class _Term:
-    """A term: the number times h/x^power."""
+    """A term number * h(x)/x^power of a quotient, with a rational `number`."""
 
     number: sp.Rational
     power: int
@@ -259,14 +262,16 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient without its singularity: the coefficients of a polynomial within `radius`, and the form `beyond`."""
+    """A quotient without its singularity at x = 0: the coefficients of a polynomial in x for |x| < `radius`, else
+    `beyond`."""
 
     coefficients: tuple[sp.Rational, ...]
     radius: sp.Rational
     beyond: sp.Expr
 
     def at(self, base: sp.Expr) -> sp.Expr:
-        """The quotient at x = `base`; an even polynomial of a root becomes a polynomial of its radicand."""
+        """Return the quotient with the expression `base` for x; an even polynomial of a root becomes one of its
+        radicand."""
         even, square = not any(self.coefficients[1::2]), base**2
         if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
             within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
@@ -288,7 +293,7 @@ def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=1024)  # each stage of a step needs the same rows
 def resolved(expression: sp.Expr) -> sp.Expr:
-    """The expression without removable singularities of quotients, and with max(e, 0)^p by cases."""
+    """Return the expression without removable singularities of quotients, and with max(e, 0)^p, p < 1, by cases."""
     if not any(_is_ramp(node) or _divides(node) for node in expression.atoms(sp.Pow)):
         return expression
     if isinstance(expression, sp.Pow) and _is_ramp(expression):
@@ -317,7 +322,7 @@ def _divides(node: sp.Pow) -> bool:
 
 
 def _bases(expression: sp.Expr) -> list[sp.Expr]:
-    """The divisors e of terms, or sqrt(e) where the expression has that root."""
+    """Return the divisors e of terms of a sum, or sqrt(e) where the sum contains this root."""
     roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
     bases = dict[sp.Expr, None]()
     for term in sp.Add.make_args(expression):
@@ -328,7 +333,7 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
 
 
 def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
-    """The expression without removable singularities at base = 0; None where it has none."""
+    """Return the expression without removable singularities at base = 0; None where it has none of them."""
     summands, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
     for term in sp.Add.make_args(expression):
         coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
@@ -353,8 +358,8 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
-    """The terms written in c x, and c. It is 1 where the sum is regular in x, else c x is the argument of a function.
-    If c is not rational, all terms must have the same power, and may depend on x by c x only."""
+    """Return the terms in x as terms in c x, and c. c is 1 where their sum is regular at 0, else c x is the argument of
+    a function. If c is not rational, all terms must have one power, and depend on x by c x only."""
     if _regular(terms):
         return terms, sp.S.One
     for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
@@ -373,14 +378,15 @@ def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
 
 
 def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """The products of the factors that read other symbols than `_X` and of the others; (h, 1) without such factors."""
+    """Return the product of the factors of h that contain symbols other than `_X`, and the product of the others; (h,
+    1) without the former."""
     factors = sp.Mul.make_args(h)
     several = [f for f in factors if f.free_symbols - {_X}]
     return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
 
 
 def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
-    """The term with `_X` for the base."""
+    """Return the term with `_X` in place of the expression `base`."""
     if base.is_Pow and base.exp == sp.S.Half:
         return term.xreplace({base.base: _ROOT**2}).xreplace({_ROOT: _X})
     return term.xreplace({base: _X, -base: -_X})
@@ -388,7 +394,8 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """The sum of the terms without its singularity at 0; None where it is not removable, or no radius is suitable."""
+    """Return the sum of the terms h(x)/x^m without its singularity at x = 0; None where it is not removable, or no
+    radius is suitable."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -414,14 +421,15 @@ def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
 
 
 def _halved(whole: sp.Expr) -> sp.Expr:
-    """The sum with cos a as 1 - 2 sin(a/2)^2, cosh a as 1 + 2 sinh(a/2)^2, exp a as 1 + 2 exp(a/2) sinh(a/2)."""
+    """Return a sum with cos a as 1 - 2 sin(a/2)^2, cosh a as 1 + 2 sinh(a/2)^2, exp a as 1 + 2 exp(a/2) sinh(a/2)."""
     put = whole.replace(sp.cos, lambda a: 1 - 2 * sp.sin(a / 2) ** 2)
     put = put.replace(sp.exp, lambda a: 1 + 2 * sp.exp(a / 2) * sp.sinh(a / 2))
     return sp.expand_mul(put.replace(sp.cosh, lambda a: 1 + 2 * sp.sinh(a / 2) ** 2))
 
 
 def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
-    """The number of coefficients q_0, q_1, .. for a remainder of at most 2^-57 of the first nonzero term, or 0."""
+    """Return the number of coefficients q_0, q_1, .. of sum of terms = x^j (q_0 + q_1 x + ..) for which the remainder
+    is at most 2^-57 of the first nonzero term for |x| < radius, or 0."""
     r = arb(_fraction(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
@@ -438,7 +446,7 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
 
 
 def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
-    """The sum of the terms' absolute values over the absolute value of their sum, the larger at +-radius."""
+    """Return the cancellation sum |t_i| / |sum t_i| of the terms t_i of `whole`, the larger one of x = +-radius."""
     terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
     sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
     return max(size / total if total else inf for size, total in sizes)
@@ -449,7 +457,7 @@ def _fraction(value: sp.Rational) -> fmpq:
 
 
 def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
-    """The first coefficients of x^m times the sum of the terms, or of its majorant. Raises: `_NoSeries`."""
+    """Return the first coefficients of x^m times the sum of the terms, or of its majorant. Raises: `_NoSeries`."""
     before, ctx.cap = ctx.cap, _ORDER
     try:
         series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
@@ -459,12 +467,12 @@ def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[f
 
 
 def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
-    """The value of x^m times the sum of the terms, or of its majorant, at a series or a ball. Raises: `_NoSeries`."""
+    """Return x^m times the sum of the terms, or its majorant, at a power series or ball x. Raises: `_NoSeries`."""
     return sum((_at(term.number * term.h, x, majorant) * x ** (m - term.power) for term in terms), 0 * x)
 
 
 def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
-    """The value of an expression of `_X`, or of its majorant, at a series or a ball. Raises: `_NoSeries`."""
+    """Return an expression of `_X`, or its majorant, at a power series or ball x. Raises: `_NoSeries`."""
     if e.is_Rational:
         return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
     if e == _X:
@@ -493,18 +501,19 @@ LEAST = sp.Rational(1, 2**126)  # the smallest normal float
 
 
 def with_limits(expression: sp.Expr) -> sp.Expr:
-    """The expression with the limit of b^p log(c b), p > 0, at b = 0; it has no value where c b < 0."""
+    """Return the expression in which b^p log(c b), p > 0, is 0 at b = 0; it has no value where c b < 0."""
     return _logs(expression, _limited)
 
 
 def bounded_logs(expression: sp.Expr) -> sp.Expr:
-    """The expression with b^p log(c b), p > 0, replaced by an expression that is finite wherever the limit is."""
+    """Return the expression with b^p log(c b), p > 0, replaced by a root of c b that is finite wherever b^p log(c b) or
+    its limit is."""
     return _logs(expression, lambda product, log, argument: product.xreplace({log: argument.bounded}))
 
 
 @dataclass(frozen=True)
 class _LogArgument:
-    """The argument of a logarithm: c b or c/b with `base` b, or, if `even`, |b| or an even power of b, with c = 1."""
+    """The argument of a logarithm: c b or c/b, b = `base`; or, if `even`, |b| or an even power of b, and c = 1."""
 
     base: sp.Expr
     c: sp.Expr
@@ -512,7 +521,7 @@ class _LogArgument:
 
     @property
     def bounded(self) -> sp.Expr:
-        """An expression that is finite for c b >= 0 and c != 0, if even for any b."""
+        """Return an expression that is finite for c b >= 0 and c != 0, if `even` for any b."""
         if self.even:
             return sp.sqrt(sp.Abs(self.base))
         return sp.sqrt(self.c * self.base) + (0 if self.c.is_number else sp.log(self.c**2))
@@ -525,7 +534,8 @@ def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp
 
 
 def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
-    """The logarithm of b in a product with b^p, p > 0, and the description of its argument; None without one."""
+    """Return the factor log(c b) of a product that also has b^p, p > 0, and the description of its argument; None
+    without one."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
@@ -569,7 +579,7 @@ _MOST = 60  # most halvings of the root of the unit, so that its inverse is a fl
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression simplified for the box: equal to it wherever it is defined there."""
+    """Return the expression without kinks whose side the box decides; it is equal wherever it is defined there."""
     return _visited(expression, box) if _has_kinks(expression) else expression
 
 
@@ -594,9 +604,9 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression as programs compute it, with arguments clamped to the box: `one_sided`, so that a slope at an end
-    of the box is that inside; with tables that are not clamped where rounding alone leaves them; with joint sides of
-    kinks at one place; and with norms that have a slope at 0."""
+    """Return the expression as programs compute it, with arguments clamped to the box: `one_sided`, so that a slope at
+    an end of the box is that inside; with tables that are not clamped where rounding alone leaves them; with one side
+    of kinks at one place; and with norms that have a slope at 0."""
     return _computed(expression, tuple(box.items())) if _has_kinks(expression) else expression
 
 
@@ -617,7 +627,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
-    """An expression with simplified parts, without the kink of its own node if the box decides its side."""
+    """Return an expression, with simplified arguments, without its outermost kink if the box decides the side."""
     if isinstance(e, sp.Mul) and any(isinstance(part, sp.sign) for part in e.args):
         whole = signed(e)
         return e if whole == e else _visited(whole, box)
@@ -635,14 +645,14 @@ def _plain(e: sp.Expr, box: Box) -> sp.Expr:
 
 
 def _size(argument: sp.Expr, box: Box) -> sp.Expr:
-    """The absolute value |e|, factor by factor."""
+    """Return the absolute value |e| of a product, with e or -e for each factor whose sign the box decides."""
     ways = {factor: _side(factor, box) for factor in sp.Mul.make_args(argument)}
     undecided = sp.Mul(*(factor for factor, way in ways.items() if not way))
     return sp.Mul(*(way * factor for factor, way in ways.items() if way), sp.Abs(undecided))
 
 
 def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
-    """The Min or Max of those arguments that may attain it on the box."""
+    """Return the Min or Max (`kind`) of those arguments that may attain it on the box."""
     way = 1 if kind is sp.Max else -1
     remaining: list[sp.Expr] = []
     for a in args:
@@ -654,8 +664,8 @@ def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
 
 
 def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
-    """The Piecewise of the branches that a point of the box may take, for a continuous one without branches that only
-    the boundary of their condition takes."""
+    """Return the Piecewise without branches whose condition no point of the box meets; a continuous one also without
+    those that only the boundary of their condition takes."""
     branches: list[tuple[sp.Expr, sp.Basic]] = []
     smooth = not with_norms(node).has(sp.Piecewise)
     for value, condition in (tuple(pair.args) for pair in node.args):
@@ -668,7 +678,8 @@ def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
 
 
 def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
-    """Whether a condition holds on the whole box (True) or nowhere on it (False); else None."""
+    """Return whether an inequality holds on the whole box (True) or nowhere on it (False); else None. `weakly`: its
+    boundary does not count."""
     if condition in (sp.true, sp.false):
         return bool(condition)
     if not isinstance(condition, (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)):

@@ -68,8 +68,8 @@ _LOST = 1e-290  # far above the effect of underflow on the norm of a matrix with
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field as a tape, the indices of its states among the tape's symbols, and the entries of its Jacobian
-    that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
+    """A vector field b as a tape. `states`: the indices of its states among the tape's symbols; `jacobian`: a second
+    tape, of the entries of db/dx that vary, at `places` (row, column); no entries where b has kinks or jumps."""
 
     program: Tape
     states: tuple[int, ...]
@@ -78,8 +78,9 @@ class Field:
 
 
 def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Cover:
-    """The cover of a bisection of the box, with bounds of |J| on its leaves, until the upper bound is within `relative`
-    of an attained value or there are `limit` boxes; `begun`: a cover with a lower limit, from which it continues."""
+    """Return a bisection of the box `root` with bounds of the spectral norm |J| of the field's Jacobian on its leaves.
+    It ends once the upper bound is within `relative` of an attained value, or at `limit` boxes; `begun`: a bisection
+    with a lower limit, from which it continues."""
 
     def look(low: Array, high: Array, node: Indices, inner: Inner, points: Array | None = None) -> tuple[Known, Inner]:
         at = middle(low, high) if points is None else points
@@ -103,8 +104,8 @@ def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover
 
 
 def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
-    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, flags where they are valid, and where the
-    field is continuous."""
+    """Return enclosures of the field's Jacobian (2 x rows x states x k) on k boxes by the slopes of its tape, flags (k)
+    where they are valid, and flags (k) where the field is continuous."""
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # a jump in a state makes the slope infinite
     continuous = np.logical_and.reduce([row.continuous for row in rows])
@@ -112,8 +113,8 @@ def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]
 
 
 def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
-    """Sharpen the slopes by the symbolic Jacobian, if there is one, on boxes where the field is `sound`. Return the
-    weight of each variable (m x k) for the choice of cuts."""
+    """Sharpen the slopes `matrix` in place by the symbolic Jacobian, if there is one, on boxes flagged `sound`, where
+    the field is continuous. Return the weight of each variable (m x k) for the choice of cuts."""
     if not field.places:
         return None
     entries = enclose(field.jacobian, low, high, slopes=True)
@@ -149,7 +150,8 @@ def _norm(matrix: Array) -> Array:
 
 
 def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
-    """Upper bounds of the spectral norms that may be below the Frobenius norms `plain`."""
+    """Return upper bounds of the spectral norms of interval matrices [low, high], `size` the largest |entries|, which
+    may be below their Frobenius norms `plain`."""
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
@@ -159,8 +161,8 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
 
 
 def _scaled(matrix: Array) -> tuple[Array, Indices]:
-    """The matrices (.. x k) divided by powers of two, so that their largest entries are below 1, and the exponents;
-    underflow changes a norm by less than `_LOST`."""
+    """Return the matrices (.. x k) divided by powers of two, so that their largest entries are below 1, and the
+    exponents; underflow changes a norm by less than `_LOST`."""
     largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
@@ -213,7 +215,8 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
 
 
 def _attained(matrix: Array, smooth: Flags) -> float:
-    """The best lower bound of |J| at some points."""
+    """Return the largest proved lower bound |J v| / |v| of the norms of Jacobians `matrix` (2 x rows x columns x k) at
+    k points, of which those flagged `smooth` count."""
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0
@@ -254,11 +257,11 @@ _DISTANCES = (10, 30, 60)  # binary digits of the distances at which the slope m
 
 @dataclass(frozen=True)
 class Lipschitz:
-    """The answer whether b is Lipschitz in some symbols on a box.
+    """The answer whether b(x) is Lipschitz in its states on a box.
 
-    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it, at a table's breakpoint as programs compute it.
-    REFUTED: `witness` is a point towards which an entry of the Jacobian tends to infinity. UNKNOWN: `reason` gives the
-    number of boxes. `variables`, `tree`: the bisection, as in `bounds.Range`.
+    PROVED: the spectral norm |db/dx| is <= `high` on the box, and >= `low` at a point of the box, at a table's
+    breakpoint as programs compute it. REFUTED: `witness` is a point towards which an entry of db/dx tends to infinity.
+    UNKNOWN: `reason` gives the number of boxes. `variables`, `tree`: the bisection, as in `bounds.Range`.
     """
 
     verdict: Verdict
@@ -274,8 +277,8 @@ class Lipschitz:
 def lipschitz_bound(
     b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
 ) -> Lipschitz:
-    """The supremum over the box of the spectral norm of db/dx, rounded outward. It is at most `relative` too large, or
-    `reason` gives the cause.
+    """Return bounds of the supremum over the box of the spectral norm of db/dx, x the `states`. The upper one is at
+    most `relative` too large, or `reason` gives the cause.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -309,7 +312,7 @@ def _lipschitz_bound(
 
 
 def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes: int, relative: float) -> Lipschitz:
-    """The bound of a field that depends on the states `read`."""
+    """Return bounds of the Lipschitz constant of the field `rows` in the states `read`, on which it depends."""
     vector = _field([with_norms(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     first = min(boxes, _FIRST)
@@ -331,7 +334,7 @@ def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes
 
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
-    """The rows as a field, with the varying entries of the Jacobian, of which the tape gives the others, if smooth."""
+    """Return the rows as a `Field`, with the varying entries of the Jacobian where the rows have no kinks or jumps."""
     smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
     places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
     slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
@@ -344,7 +347,7 @@ def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field
 
 
 def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
-    """An entry of the Jacobian, and a point towards which it tends to infinity along a line in the box; or None."""
+    """Return an entry of db/dx, b = `rows`, and a point towards which it tends to infinity along a line, or None."""
     real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
     plain = {dummy: s for s, dummy in real.items()}
     around = Sides(tuple(real.values()), around.ends)
@@ -363,7 +366,7 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
 
 
 def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
-    """Points where a root, a power, a logarithm or an inverse function of the row is singular."""
+    """Yield points of the box where a root, a power, a logarithm or an inverse function of the row is singular."""
     for argument in dict.fromkeys(_singular_arguments(row)):
         symbols = [s for s in around.symbols if s in argument.free_symbols]
         part = around.only(symbols)
@@ -411,7 +414,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
 
 
 def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
-    """The branch of Heaviside, |..|, Min or Max for small t > 0, where its arguments at t = 0 decide it."""
+    """Return Heaviside, |..|, Min or Max without its kink for small t > 0, if its arguments at t = 0 decide it."""
     if isinstance(node, (sp.Min, sp.Max)):
         way = 1 if isinstance(node, sp.Max) else -1
         ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
@@ -445,8 +448,8 @@ _FUNCTIONS = {
 
 
 def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
-    """A function of arrays, one for each symbol, to the values of the rows in floats, which prove nothing; the value of
-    a row without symbols is a number. A symbol may have the name of a function."""
+    """Return a function of arrays, one for each symbol, to the values of the rows in floats, which prove nothing; the
+    value of a row without symbols is a number. A symbol may have the name of a function."""
     replaced = [
         sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args)) for row in rows
     ]
@@ -456,9 +459,11 @@ def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable
 
 @dataclass(frozen=True)
 class SecondOrder:
-    """The claim that S = `value` < 0 for all x of `box` and all e of `around` but 0.
+    """The claim that S(e, x) = `value` is < 0 for all x of `box` and all e (the symbols `errors`) of the box `around`
+    but 0.
 
-    `matrix`: N, which reads x and the `copies`, each a tuple of symbols (n) in the order of e.
+    `matrix`: N(c, x) with S <= - e'N e for e'N e the average over copies c of e; `copies`: each c, a tuple of symbols
+    (n).
     """
 
     value: sp.Expr
@@ -472,11 +477,11 @@ class SecondOrder:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to a claim, with its `reason`: PROVED with the proofs, REFUTED with an exact point and the `value`
-    there, or UNKNOWN.
+    """The answer to the claim S(e, x) < 0, with its `reason`: PROVED with the proofs, REFUTED with an exact point and S
+    = `value` there, or UNKNOWN.
 
-    `share`: the share of the box of errors on which N is proved definite, with T = `basis`, for which T'N T is nearly
-    the unit matrix. The first proof is that of N, the others those of the slabs.
+    `share`: the share of the box of errors on which N(c, x) with S <= - e'N e is proved definite, with T = `basis`, for
+    which T'N T is nearly the unit matrix. The first proof is that of N, the others those of the slabs around.
     """
 
     verdict: Verdict
@@ -489,8 +494,9 @@ class Answer:
 
 
 def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
-    """The answer whether S < 0, by the method of the module, with at most `boxes` for each sign. With an `obstacle`,
-    the reason why N does not bound S, the answer is refuted or unknown."""
+    """Return the answer whether S(e, x) < 0 for e != 0: N with S <= - e'N e is definite near e = 0, and bisection
+    covers the remainder, with at most `boxes` for each sign. `obstacle`: the reason why N does not bound S; the answer
+    is then refuted or unknown."""
     program = _Program.of(claim)
 
     def refuted(points: Iterator[Point]) -> Answer | None:
@@ -516,7 +522,8 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 def _on_slabs(
     claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
 ) -> Answer:
-    """The answer from the signs of S on the slabs outside the share on which N is definite."""
+    """Return the answer from the signs of S(e, x) on the slabs that cover the box of e but for the `share` on which N
+    is definite, with its proof and basis."""
     proof, basis = definite
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
         total = sum(sign.range.boxes for sign in signs)
@@ -537,7 +544,7 @@ def _on_slabs(
 
 @dataclass(frozen=True)
 class _Grid:
-    """A grid of exact points of a box, each a column of whole numbers up to `_GRID`; unbounded sides are cut."""
+    """A grid of exact points of a box, each a column of whole numbers 0 .. `_GRID`; unbounded sides are cut."""
 
     symbols: tuple[sp.Symbol, ...]
     sides: tuple[tuple[Fraction, Fraction], ...]
@@ -556,7 +563,7 @@ class _Grid:
 
 
 def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.ndarray:
-    """Random points of the grid around a point, closer at later steps."""
+    """Return random grid points (m, 48) around the point `column` (m), closer at later steps."""
     reach = max(1, _GRID >> (step + 2))
     return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
 
@@ -573,7 +580,7 @@ def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
 
 @dataclass(frozen=True)
 class _Program:
-    """S as a tape and as a numpy function, of e and the other symbols that it reads."""
+    """S(e, x) of a claim as a tape (`exactly`) and as a numpy function (`floats`) of e and the other symbols in S."""
 
     claim: SecondOrder
     grid: _Grid
@@ -588,7 +595,7 @@ class _Program:
         return cls(claim, grid, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        """Yield the points where S >= 0 is proved and e is not 0, with the value there."""
+        """Yield those of the points where S >= 0 is proved and e is not 0, with the value of S there."""
         symbols, everything = self.grid.symbols, {**self.claim.box, **self.claim.around}
         sides = Sides(symbols, tuple(everything[s] for s in symbols))
         for point in points:
@@ -599,8 +606,8 @@ class _Program:
                 yield point, float(ball.mid())
 
     def ratio(self, columns: np.ndarray) -> np.ndarray:
-        """The ratios S/|e|^2 (k) at points of the grid, columns of `columns`, whose last row is a scale of e; -inf
-        where a ratio is not finite."""
+        """Return the ratios S/|e|^2 (k) at grid points, one in each column of `columns`, whose last row is a factor of
+        e; -inf where a ratio is not finite."""
         x, n = self.grid.floats(columns[:-1]), len(self.claim.errors)
         x[:n] = x[:n] * columns[-1]
         with np.errstate(all="ignore"):
@@ -610,7 +617,8 @@ class _Program:
 
 
 def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
-    """The column that random steps from a column reach, where only steps to a larger rate count."""
+    """Return the column that random steps from `best`, whose rate is `most`, reach; only steps to a larger rate count.
+    `step_to(column, step)`: candidates, as columns; `rate`: their values."""
     for step in range(_ROUNDS):
         tried = step_to(best, step)
         rates = rate(tried)
@@ -621,7 +629,7 @@ def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], 
 
 
 def _samples(program: _Program) -> Iterator[Point]:
-    """The points with the largest ratios of a fixed random set, each improved by `_uphill`; e is also scaled down."""
+    """Yield the points of largest S/|e|^2 in a fixed random set, each improved by `_uphill`; e is also scaled down."""
     rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
@@ -639,7 +647,8 @@ def _samples(program: _Program) -> Iterator[Point]:
 
 
 def _along(program: _Program) -> Iterator[Point]:
-    """Points with short e along the eigenvector of the smallest eigenvalue of N at e = 0, where that is least in x."""
+    """Yield points with short e along the eigenvector of N's smallest eigenvalue at e = 0, at the x of least
+    eigenvalue."""
     claim, n = program.claim, len(program.claim.errors)
     eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
@@ -656,8 +665,8 @@ def _along(program: _Program) -> Iterator[Point]:
 
 
 def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
-    """The largest share of the box of e, of 1, 1/2, 1/4 .., on which N is proved positive definite, and the proof; None
-    for the proof where there is none, or not even at e = 0."""
+    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which N is proved positive definite, and the proof
+    with its basis; None for the proof where there is none."""
     share, definite = Fraction(1), None
     if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
         for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
@@ -668,8 +677,8 @@ def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.
 
 
 def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """N and its box, with every copy in a `share` of the box of e; if N reads x and a copy by their difference only, it
-    is one symbol."""
+    """Return N and the box of its symbols, with every copy c in a `share` of the box of e. If N contains x and c by x -
+    c only, the difference is one symbol."""
     box, matrix = dict(claim.box), claim.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
@@ -688,7 +697,7 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 
 
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
-    """The proof that N is positive definite on the whole box, and T; or None."""
+    """Return the proof that N is positive definite on the whole box, and the T with T'N T nearly 1; or None."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
         return None
@@ -717,10 +726,8 @@ def _four_digits(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Eigenvalues:
-    """The eigenvalues of a symbolic symmetric matrix at sample points, `columns` of a grid, as floats without proof.
-
-    `least`, `most`: the extremes; `middle`: the matrix in the middle.
-    """
+    """Eigenvalues `spectra` (k, n) of a symbolic symmetric matrix at sample points, k `columns` of a grid, as floats
+    without proof. `floats`: columns -> matrices (k, n, n)."""
 
     grid: _Grid
     floats: Callable[[np.ndarray], np.ndarray]
@@ -778,7 +785,7 @@ def _spectrum(matrices: np.ndarray) -> np.ndarray:
 
 
 def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
-    """Boxes that cover the box of e outside its `share` around 0."""
+    """Yield boxes that cover the box of e outside a `share` of it around 0, each with the box of x."""
     inner: dict[sp.Symbol, tuple[Any, Any]] = dict(claim.around)
     for e in claim.errors:
         low, high = (Fraction(end) for end in claim.around[e])
