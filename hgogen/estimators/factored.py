@@ -69,8 +69,7 @@ class FilterStep:
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
     def stages(self, z: Graph | None = None) -> Stages:
-        """Return the stages and the result of a classical Runge-Kutta step of z' = f(z, u), from `z` (n), by default
-        the estimate."""
+        """Return the stages and the result of a classical Runge-Kutta step of z' = f(z, u) from `z` (n)."""
         start = {"z": self.z if z is None else z}
         return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
 
@@ -79,14 +78,13 @@ class FilterStep:
         return self._routine("flow", lambda *at: {"dz": self.part.flow(*at)})
 
     def jacobian(self, stages: Stages) -> Graph:
-        """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage in `stages`, and the input at half
-        of the step."""
+        """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage, and the input at half of the
+        step."""
         jacobian = self._routine("jacobian", lambda *at: {"F": self.part.jacobian(*at)})
         return jacobian(stages.arguments[2]["z"], 0.5)["F"]
 
     def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
-        """Return `body` as a shared subroutine, a function of z and of the fraction c in [0, 1] of the step at which u
-        and y are evaluated."""
+        """Return `body` as a subroutine of z and of the share of the step at which u and y are evaluated."""
         sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
         call = routine(name, sizes, lambda at: body(*({**at, **self.clock.constants}[key] for key in _READ)))
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
@@ -97,8 +95,7 @@ class FilterStep:
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def weights(self) -> Graph:
-        """Return h theta^(1+g) w (k), SX, where Q_theta = theta^(1+g) W diag(w) W' is the scaled process noise and h
-        the step."""
+        """Return h theta^(1+g) w (k), SX, of Q_theta = theta^(1+g) W diag(w) W' and the step h."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
 
     def row(self, output: int) -> Graph:
@@ -106,8 +103,7 @@ class FilterStep:
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Graph:
-        """Return r = R_theta/h of an output, the variance of one sample as an SX scalar; h is the output's sampling
-        period."""
+        """Return r = R_theta/h, the variance of one sample of an output, SX scalar; h is its sampling period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
     def common(self) -> dict[str, Any]:
@@ -143,8 +139,7 @@ class FilterStep:
         return np.maximum(SMALLEST * natural, TINY)
 
     def diagonal(self, values: np.ndarray) -> Field:
-        """Return the memory field of D (n) of P = L D L', with the initial `values` (n) and its lower and upper
-        limits."""
+        """Return the memory field of D (n) of P = L D L', with initial `values` (n) and its limits."""
         return Field(
             "D",
             tuple(float(value) for value in values),
@@ -198,8 +193,7 @@ class Unrolled(FilterStep, ABC):
 
     @abstractmethod
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the writes of the factors of P after a scalar measurement y = c z with c = `row` (1, n) and variance
-        `r`, and its gain K (n)."""
+        """Return the writes of P's factors after y = c z, c = `row` (1, n), of variance `r`, and the gain K (n)."""
 
     @abstractmethod
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
@@ -219,8 +213,7 @@ class Unrolled(FilterStep, ABC):
         )
 
     def prediction(self) -> Program:
-        """Return the statements that advance z by a Runge-Kutta step, and the factors to those of Phi P Phi' + h
-        Q_theta."""
+        """Return the statements that advance z, and the factors to those of Phi P Phi' + h Q_theta."""
         stages = self.stages()
         Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
         factors, names = self.time_update(Phi, sym("derived", "growth") if forgets else None)
@@ -263,7 +256,7 @@ class Unrolled(FilterStep, ABC):
     def corrected(
         self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
     ) -> Program:
-        """Return the statements z <- z + gain error, `gain` (n), and the writes `factors` of the factors of P."""
+        """Return the statements z <- z + gain error, `gain` (n), and the writes `factors` of P."""
         z = {Place("state", self.part.z.name): self.z + gain * error}
         return (Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))}),)
 
@@ -312,14 +305,13 @@ class UnitTriangular(Unrolled):
         return self.writes(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the writes of L, D after Bierman's update by y = c z, c = `row` (1, n), of variance `r`, and the gain
-        (n)."""
+        """Return the writes of L, D after Bierman's update by y = c z, c = `row` (1, n), of variance `r`, and the
+        gain."""
         *factors, gain = measurement_update(*self.symbols, row, r)
         return self.writes(*factors), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the writes of L, D of growth Phi P Phi' + h Q_theta by Thornton's update, and the intermediate values
-        with names."""
+        """Return the writes of L, D of growth Phi P Phi' + h Q_theta (Thornton), and intermediate values."""
         L, d = self.symbols
         d = d if growth is None else growth * d
         L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
@@ -355,8 +347,7 @@ class Looped(FilterStep):
         )
 
     def prediction(self) -> Program:
-        """Return the statements that advance z by a Runge-Kutta step, and L, D to the factors of Phi P Phi' + h
-        Q_theta."""
+        """Return the statements that advance z, and L, D to the factors of Phi P Phi' + h Q_theta."""
         part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.dt
         stages = self.stages()
         F = ca.sparsify(self.jacobian(stages))
@@ -416,8 +407,7 @@ class Looped(FilterStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """Return `matrix` with each entry that is no constant replaced by a symbol of the work array `name`, and the writes
-    of these entries."""
+    """Return `matrix` with symbols of the work array `name` for entries that are no constants, and their writes."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:
@@ -435,8 +425,7 @@ class _Candidate:
 
     @cached_property
     def longest(self) -> int:
-        """The number of operations in the longest section, predict or one output's update, of this candidate
-        program."""
+        """The number of operations in the longest section of this candidate: predict, or one output's update."""
         return max(map(written, (self.pieces.predict, *self.pieces.update)))
 
     def __str__(self) -> str:

@@ -116,8 +116,7 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """Return the exact (Im mu)^2/(-Re mu) of a pole mu, Re mu < 0: alpha^2 Re mu + beta (Im mu)^2 < 0 for alpha^2/beta
-    above it."""
+    """Return the exact (Im mu)^2/(-Re mu), Re mu < 0: alpha^2 Re mu + beta (Im mu)^2 < 0 for alpha^2/beta above."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 
@@ -284,8 +283,7 @@ class ScaledGain:
 
     @property
     def field(self) -> Field:
-        """The field of the derived gain, whose entries are theta K_1, theta^2 K_2, ..; chain by chain if there are
-        several."""
+        """The field of the derived entries theta K_1, theta^2 K_2, ..; chain by chain if there are several."""
         labels = []
         for place in self.places:
             powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")

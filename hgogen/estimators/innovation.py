@@ -113,8 +113,8 @@ class Predictor:
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def stepped(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """Return z (n) after a step `dt` of z' = f(z, u), u a function of the fraction of the step; not yet clamped to
-        a box."""
+        """Return z (n) after a step `dt` of z' = f(z, u), before `clamped`; u is a function of the share of the
+        step."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -143,16 +143,14 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
 
 
 def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
-    """Return whether an element of `value` (n), other than those with indices `still`, is outside the field's box, or
-    lost."""
+    """Return whether an element of `value` (n), but for the indices `still`, is outside the field's box, or lost."""
     moving = [i for i in range(value.numel()) if i not in still]
     ends = field.box_within(HUGE)
     return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """Return d/dt, the number of samples in a window d, a whole multiple of `shares`. Raises: `BadWindow` if it is
-    none."""
+    """Return the number d/dt of samples in a window d, a whole multiple of `shares`. Raises: `BadWindow`."""
     count = round(d / dt)
     if count < 1 or count % shares or abs(count * dt - d) > 1e-9 * d:
         raise BadWindow(d, dt, shares)
@@ -170,8 +168,7 @@ def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]
 
 
 def summed(weights: tuple[float, ...], squares: Graph) -> Graph:
-    """Return sum_j weights_j squares_j over the outputs (p), all weights 1 for (); limited, so that it is always
-    finite."""
+    """Return sum_j weights_j squares_j over the outputs (p), all weights 1 for (); limited to remain finite."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), MOST)
     return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), MOST)
@@ -274,8 +271,7 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """Return the write of the stored input as the previous input of the next simulated step; empty without
-        inputs."""
+        """Return the write of the stored input as the previous one of the next simulated step; empty without inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
@@ -321,8 +317,7 @@ class Staggered:
 
 @dataclass(frozen=True)
 class _Copies:
-    """M + 1 copies of the model, M = `shares`, one restarted every `count`/M samples; `count` = d/dt samples in the
-    window."""
+    """M = `shares` plus 1 copies of the model, one restarted every `count`/M of the window's `count` samples."""
 
     predictor: Predictor
     clock: Clock

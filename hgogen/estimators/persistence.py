@@ -148,8 +148,7 @@ def _periodic(
     C: sp.Matrix,
     period: Any,
 ) -> Check:
-    """Return the check for inputs that vary with time, made by `answer`; A(t) (n, n), C(t) (p, n). Raises:
-    `TooLarge`."""
+    """Return the check, made by `answer`, for inputs u(t) that vary; A(t) (n, n), C(t) (p, n). Raises: `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
@@ -198,8 +197,8 @@ def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
 
 
 def _expression(name: str, value: Any) -> sp.Expr:
-    """Return `value`, a number, a text or an expression, as an exact expression of time alone; `name`: of the argument
-    in an error. Raises: `BadGain`."""
+    """Return a number, a text or an expression as an exact expression of time alone; `name`: in errors. Raises:
+    `BadGain`."""
     try:
         expression = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
     except (BadExpression, sp.SympifyError) as error:
@@ -210,8 +209,7 @@ def _expression(name: str, value: Any) -> sp.Expr:
 
 
 def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
-    """Return A (n, n) and C (p, n) of a state-affine form with the `waveforms` u(t), by name, in place of its
-    inputs."""
+    """Return A (n, n) and C (p, n) of a state-affine form with u(t) = `waveforms`, by name, as its inputs."""
     system = form.system
     values = {u: waveforms[u.name] for u in system.inputs if u.name in waveforms}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -245,8 +243,7 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
 
 
 def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """Return why a value in `constants`, by input, is no real number, is clamped to a range, or makes A, C infinite;
-    else `NONE`."""
+    """Return why a constant input is no real number, is clamped to a range, or makes A, C infinite; else `NONE`."""
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
@@ -282,8 +279,7 @@ def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:
-    """Return the stacked rows N_0 = C, N_(k+1) = N_k A + N_k', k < `count`; A, C are matrices of rate t, t the time
-    (s)."""
+    """Return the stacked rows N_0 = C, N_(k+1) = N_k A + N_k', k < `count`; A, C depend on rate t, t the time (s)."""
     rows = [C]
     for _ in range(count - 1):
         rows.append(rows[-1] * A + rate * rows[-1].diff(t))
@@ -291,15 +287,13 @@ def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> s
 
 
 def _size(rows: sp.Matrix) -> sp.Expr:
-    """Return det(N'N) of N = `rows` (m, n), the sum of squares of its n x n minors: 0 where the rank of N is below
-    n."""
+    """Return det(N'N) of N = `rows` (m, n), the sum of squares of its n x n minors: 0 for a rank below n."""
     square = rows if rows.rows == rows.cols else rows.T * rows
     return determinant(square.tolist()).value
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
-    """Return whether N_0 = C, N_(k+1) = N_k A + N_k' are proved to have rank n at the time `when` for all
-    parameters."""
+    """Return whether N_0 = C, N_(k+1) = N_k A + N_k' are proved to have rank n at t = `when` for all parameters."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
         return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
@@ -335,8 +329,7 @@ class WindowGramian:
     W: Any
 
     def then(self, after: "WindowGramian") -> "WindowGramian":
-        """Return (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1): Phi and W over this interval 1 followed by the interval 2,
-        `after`."""
+        """Return (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1) of this interval 1 followed by the interval 2, `after`."""
         return WindowGramian(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
 
 
@@ -369,8 +362,7 @@ class Course:
         return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
     def _remainders(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
-        """Return the remainders of the Taylor series of Phi and Phi'C'C Phi at begin + length, balls whose upper ends
-        are bounds."""
+        """Return bounds, balls, of the Taylor remainders of Phi and Phi'C'C Phi over `length` (s) from `begin`."""
         h, order = flint.arb(number(length)), ORDER + 2
         A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
@@ -509,7 +501,7 @@ def _period(inputs: Persistent) -> float | None:
 
 
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
-    """Return why an observer, which clamps inputs to their ranges, may change u(t) up to the time `end`; else
+    """Return why an observer, which clamps inputs to their ranges, may change u(t) up to the time `end`, else
     `NONE`."""
     for u in form.system.inputs:
         if u.bounded and u.name in inputs.inputs:

@@ -204,8 +204,7 @@ class Riccati(Part):
         return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
 
     def scaled_factor(self) -> Graph:
-        """Return the factor Delta^-1 G (n, k) of the process noise Q_theta = theta^(1+g) Delta^-1 G diag(w) G'
-        Delta^-1, SX."""
+        """The factor Delta^-1 G (n, k) of Q_theta = theta^(1+g) Delta^-1 G diag(w) G' Delta^-1, SX."""
         return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
 
     def spread(self) -> Graph:
@@ -230,7 +229,7 @@ class AtSamples(Around):
 
 
 def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
-    """Return the entries (i, j) of a lower triangle (n, n) by columns: with its diagonal, or from the `first` one below
+    """Return the entries (i, j) of a lower triangle (n, n) by columns, from the diagonal or the `first` one below
     it."""
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
@@ -284,8 +283,7 @@ SYMMETRIC: Mapping[View, str] = {"information": "S", "covariance": "P"}  # the f
 
 
 def riccati_ode(part: Riccati, view: View) -> Ode:
-    """Return z' and S', or z' and P', of the Riccati observer as a differential equation; an invalid output has the
-    weight 0."""
+    """Return z' and S', or z' and P', of the Riccati observer; an invalid output has the weight 0."""
     name, prior = SYMMETRIC[view], ca.diag(ca.SX(ca.DM(1 / part.cap)))
 
     def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -312,8 +310,7 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
 
 
 def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
-    """Return L, unit lower triangular, and the diagonal d (n) of S = L diag(d) L', S symmetric (n, n), SX or
-    numbers."""
+    """Return L, unit lower triangular, and d (n) of a symmetric S = L diag(d) L' (n, n), SX or numbers."""
     n = S.shape[0]
     L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
     for j in range(n):
@@ -394,8 +391,7 @@ SHARE = 0.5
 
 
 def prior_status(part: Riccati, variance: list[Graph]) -> Block:
-    """Return the block that sets the status bit where sum_i P_ii S_0ii exceeds `SHARE`; P_ii = `variance`, S_0 the
-    prior."""
+    """Return the block that sets the status bit where sum_i P_ii S_0ii exceeds `SHARE`, P_ii = `variance`."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 

@@ -80,8 +80,7 @@ def triangle(stack: Graph) -> Graph:
 
 
 def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
-    """Return S after a scalar measurement, with S S' = P, of variance r and row c (1, n), f = S'c' (n), and the gain
-    (n)."""
+    """Return S, P = S S', after a measurement of variance r with row c (1, n), f = S'c' (n), and the gain (n)."""
     n, after = S.shape[0], ca.SX(S)
     alpha, b = r, ca.SX(n, 1)
     for j in reversed(range(n)):
@@ -148,14 +147,12 @@ class SquareRoot(Unrolled):
         return self.writes(ca.diag(scale) @ self.root)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the write of S after Carlson's update by y = c z, c = `row` (1, n), of variance `r`, and the gain
-        (n)."""
+        """Return the write of S after Carlson's update by y = c z, c = `row` (1, n), of variance `r`, and the gain."""
         S, gain = carlson(self.root, self.root.T @ row.T, r)
         return self.writes(S), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the write of S of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and the intermediate values with
-        names."""
+        """Return the write of S of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and intermediate values."""
         S = self.root if growth is None else ca.sqrt(growth) * self.root
         S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
         return self.writes(S), names
@@ -212,8 +209,7 @@ class Unscented(SquareRoot):
         return Transformed(middle, slopes, curvatures, drift)
 
     def prediction(self) -> Program:
-        """Return the statements that advance each sigma point by a Runge-Kutta step, and compute z and S from all
-        points."""
+        """Return the statements that advance each sigma point by a model step, then compute z and S."""
         n, sides = self.part.dynamics.n, {"above": "z + g s_", "below": "z - g s_"}
         points = {"middle": ("z", self.z)}
         for (side, title), drawn in zip(sides.items(), self.points(), strict=True):
@@ -231,8 +227,7 @@ class Unscented(SquareRoot):
         return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
 
     def correction(self, output: int) -> Program:
-        """Return the update by a sample of the output with this index; a nonlinear output is evaluated at the sigma
-        points."""
+        """Return the update by a sample of an output; a nonlinear output is evaluated at the sigma points."""
         r, e = self.variance(output), sym("work", "e")
         if self.linear(output):
             f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"

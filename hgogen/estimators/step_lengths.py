@@ -206,12 +206,11 @@ class ErrorMap(Protocol):
 
     @property
     def exact(self) -> bool:
-        """Whether the method integrates the linear core exactly, so that only the model's own motion requires a short
-        step."""
+        """Whether the method integrates the linear core exactly, so that only the model's motion limits a step."""
         ...
 
     def transition(self, core: Array, M: Array, h: float) -> Array:
-        """Return T(h) (k, N, N), the map of the errors e' = M e over a step of length h."""
+        """Return T(h) (k, N, N), e <- T(h) e, of errors e' = M e over a step of length h."""
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
@@ -239,7 +238,7 @@ def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Li
 
 @lru_cache(maxsize=16)
 def _judged(part: Ode, observer: Observer) -> Frozen:
-    """Return the frozen errors of the part at the points where M is stable, in coordinates that balance M."""
+    """Return the frozen errors at the points where M is stable, in coordinates that balance M."""
     errors = frozen(part, observer)
     decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])
@@ -305,7 +304,7 @@ def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> 
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """Return the step length at which the search for the advised one begins, short enough for every eigenvalue of M."""
+    """Return the step length at which the search for the advised one begins, which resolves every M."""
     fastest = _fastest(M)
     return DEEPEST * refused if math.isfinite(refused) else FINE / fastest if fastest else math.inf
 
@@ -376,8 +375,7 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Return, for each point (k), whether T(h) has no eigenvalue beyond 1, both with the steady P and with the
-        capped P."""
+        """Return whether T(h) has no eigenvalue beyond 1 at a point (k), with the steady P and with the capped P."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
@@ -414,14 +412,13 @@ class Loops:
         return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
 
     def _step(self, h: float) -> tuple[Array, Array, Array]:
-        """Return A, G, H (k, n, n) of the covariance step P <- H + A' P (1 + G P)^-1 A of length h, P before a
-        sample."""
+        """Return A, G, H (k, n, n) of the step h, P <- H + A' P (1 + G P)^-1 A, with P before a sample."""
         grown = math.exp(min(self.rho * h, 100.0))  # the exponent at which nothing of the past is left
         Phi = polynomial(h * self.F, HEUN.polynomial)
         return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
 
     def _transition(self, h: float, P: Array) -> Array:
-        """Return the error's map T(h) (k, n, n) over predict and correct, with the covariance P before the sample."""
+        """Return the error's map T(h) (k, n, n) over predict and correct, with P before the sample."""
         one, information, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
         corrected = one - _solved(one + P @ (information + forgotten), P @ information)
         return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))

@@ -201,8 +201,8 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 
 def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
-    """Return `theorem` with the hypotheses that `form` adds: on the chains of several outputs, and on coordinates other
-    than the plant's states. `definite`: whether Q is positive definite."""
+    """Return `theorem` with the hypotheses of `form`: on chains of several outputs, and on coordinates other than the
+    theorem's. `definite`: whether Q is positive definite."""
     if not definite:
         ranked = (_OF_LOWER_RANK if each is _DEFINITE else each for each in theorem.hypotheses)
         theorem = replace(theorem, hypotheses=tuple(ranked))
@@ -243,8 +243,8 @@ class Smoothstep:
 
 @dataclass(frozen=True)
 class Logistic:
-    """The growth fraction mu(I) = 1/(1 + exp(-slope (I - centre))) of the adaptive law: the paper's sigmoid of the
-    innovation I, never exactly 0 or 1."""
+    """The growth fraction mu(I) = 1/(1 + exp(-slope (I - centre))), I the innovation: the paper's sigmoid, never 0 or
+    1."""
 
     centre: float
     slope: float
@@ -260,8 +260,7 @@ class Logistic:
         )
 
     def fraction(self, innovation: Graph) -> Graph:
-        """Return mu(I) as an SX scalar, for the innovation I; its exponent is clamped to +-80, where exp is finite in
-        single precision."""
+        """Return mu(I), I the innovation, SX scalars; the exponent is clamped to +-80, where exp is finite in float."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
@@ -307,13 +306,11 @@ class Theta(ABC):
 
     @property
     def error_free(self) -> float | None:
-        """The value that theta reaches while the estimation error is 0, if theta can rise from there to its peak again,
-        else None."""
+        """The value that theta tends to at error 0, if theta can rise from there to its peak again, else None."""
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Return the values of theta (d) after times `dt` (d), from the values `theta` (d), at the fastest rise that
-        its law permits."""
+        """Return theta (d) a time `dt` (d) after the values `theta` (d), at the fastest rise that its law permits."""
         return theta
 
     @property
@@ -323,8 +320,7 @@ class Theta(ABC):
 
     @abstractmethod
     def law(self, unit: str) -> str:
-        """The equation of theta(t) as text for the banner of the generated code; `unit`: the text of the unit of
-        time."""
+        """The law of theta(t) as text for the banner of the generated code; `unit`: the text of the unit of time."""
 
     @property
     @abstractmethod
@@ -355,20 +351,18 @@ class Constant(Theta):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The gain theta, or none where theta is 1. Its range ends at the nominal value, the only one for which step
-        lengths are computed."""
+        """The gain theta unless it is 1; its range ends at the nominal value, for which step lengths are computed."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
 
     def law(self, unit: str) -> str:
-        """The text "theta constant" for the banner, or for theta = 1 that the observer is an extended Kalman filter."""
+        """The text for the banner that theta is constant, or that theta = 1, an extended Kalman filter."""
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
     @property
     def theorem(self) -> Theorem:
-        """The convergence theorem: local, of the extended Kalman filter, for theta = 1, else global, of the high-gain
-        one."""
+        """The convergence theorem: local, of the extended Kalman filter, for theta = 1, else global, of a high gain."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
 
@@ -402,8 +396,7 @@ class Decaying(Theta):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The gain `rate` (1/s), whose range excludes 0; theta_0 is no gain but the first value of the state's
-        theta."""
+        """The gain `rate` (1/s), whose range excludes 0; theta_0 is the initial value of the state theta."""
         return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:

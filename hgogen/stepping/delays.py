@@ -103,14 +103,16 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
 
 
 def arranged(step: Step) -> Step:
-    """Return the step that accepts late samples of the outputs in its observer's `delays`, else `step`. Raises:
-    `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a status has."""
+    """Return the step that accepts late samples of the outputs in its observer's `delays`; `step` itself without
+    delays. Raises: `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a
+    status has."""
     return _Delayed(step).step if step.observer.delays else step
 
 
 @dataclass(frozen=True, eq=False)
 class _Delayed:
-    """A step for late samples, built from the step `plain` without delays."""
+    """A step that accepts late samples, by a ring buffer of past periods, built from the step `plain` without
+    delays."""
 
     plain: Step
 
@@ -140,12 +142,12 @@ class _Delayed:
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
-        """The age signals of the outputs that may be late, by output."""
+        """The signals of a sample's age in periods, by output that may be late."""
         return dict(zip(self.plain.late, self.plain.observer.ages, strict=True))
 
     @property
     def _count(self) -> int:
-        """The number of periods in the ring, including the current one."""
+        """The number of periods in the ring buffer, including the current one."""
         return 1 + max(most for _, most in self.plain.observer.delays)
 
     # --- memory
@@ -188,14 +190,15 @@ class _Delayed:
 
     @cached_property
     def _go_back(self) -> Section:
-        """The section that restores the memory of a period. No stored period precedes the first call, which advances no
-        time, even if memory was corrupted; the next prediction then detects the loss."""
+        """The section that restores the memory of a past period. No stored period precedes the first call, which
+        advances no time, even if memory was corrupted; the next prediction then detects the loss."""
         calls = sym("state", "calls")
         begun = Block("it was predicted", {Place("state", "calls"): ca.if_else(calls >= 1, calls, 1)})
         return Section("go_back", "take the memory of a period up again", (*self._copied(MEMORY, "state"), begun))
 
     def _copied(self, source: str, target: str) -> Program:
-        """The statements that copy the fields and groups of the plain step between the state and the period `at`."""
+        """Return the statements that copy all memory of the plain step from struct `source` to `target`, between the
+        state and the current period of the ring buffer."""
         plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.layout.state))
         for group in plain.layout.groups:
             ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
@@ -234,7 +237,7 @@ class _Delayed:
         return Section("predict", "begin a period, and advance the estimate to it", program)
 
     def _update(self, output: Signal) -> Section:
-        """The section that stores the first sample of an output in its period."""
+        """Return the section that stores the first sample of an output in the period of its measurement."""
         j, size = self.plain.outputs.index(output), len(self.plain.outputs)
         samples, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
         vacant = ca.fabs(samples[j]) > LARGEST_NUMBER
@@ -246,8 +249,8 @@ class _Delayed:
         return Section(f"update_{output}", f"take a sample of {output}", program, output.name)
 
     def _dated(self, output: Signal, raw: Graph) -> tuple[Block, Block, Block]:
-        """The blocks that test whether the ring contains the period of a sample, compute its index, and mark it and all
-        later periods as incomplete."""
+        """Return the blocks that test whether the ring buffer contains the period of a sample `raw`, compute its index,
+        and mark it and all later periods as incomplete."""
         at, filled, due = self._clock
         number, begun = ca.fabs(raw) <= LARGEST_NUMBER, filled >= 1
         status, available, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
@@ -295,14 +298,15 @@ class _Delayed:
 
     @property
     def _clock(self) -> tuple[Graph, Graph, Graph]:
-        """The values `at`, `filled` and `due`; 0 for one that is out of its range because memory was corrupted."""
+        """The index of the current period, the number of stored periods and the number of incomplete ones, SX; 0 for a
+        value out of its range because memory was corrupted."""
         most = self._count
         at, filled, due = (sym(*place) for place in (AT, FILLED, DUE))
         ends = ((at, most), (filled, most + 1), (due, most + 1))
         return tuple(ca.if_else(value < end, value, 0) for value, end in ends)
 
     def _before(self, at: Graph, age: Graph) -> Graph:
-        """Return the index of the period `age` periods before that at the index `at`."""
+        """Return the index in the ring buffer of the period `age` periods before the one at the index `at`."""
         return ca.if_else(at >= age, at - age, at + self._count - age)
 
     @property

@@ -60,8 +60,8 @@ from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
-    """Return a part as memory and statements. Raises: the errors of the method for a part that it refuses;
-    `CorrectsAtSamples`."""
+    """Return the memory and statements of a part under a method. Raises: the errors of the method for a part that it
+    refuses; `CorrectsAtSamples`."""
     match part:
         case Ode():
             return method.ode(part, clock)
@@ -84,7 +84,7 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
 
 @dataclass(eq=False)
 class CorrectsAtSamples(HgogenError):
-    """An integrating method for a filter that predicts and corrects."""
+    """The error of an integrating method for a filter that predicts and corrects at samples."""
 
     method: str
     filter: str
@@ -105,8 +105,8 @@ class NoEquation(HgogenError):
 
 
 def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:
-    """Return the differential equation of a part, with the covariance in this view; None for a part that changes only
-    at samples. Raises: `NoEquation`."""
+    """Return the differential equation of a part, with S = P^-1 or P by `view`; None for a part that changes only at
+    samples. Raises: `NoEquation`."""
     match part:
         case Ode():
             return part
@@ -124,7 +124,7 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
 
 
 def tuned(part: Part, clock: Clock) -> Program:
-    """Return the program by which `tune` computes constants for the differential equation of a part."""
+    """Return the program that computes constants of the differential equation of a part when parameters are tuned."""
     match part:
         case Ode(tune=tune):
             return tune
@@ -134,7 +134,7 @@ def tuned(part: Part, clock: Clock) -> Program:
 
 
 def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
-    """Yield the step lengths of each part that limits them, computed as far as `dt` requires."""
+    """Yield the step lengths, advised and refused, of each part that limits them, computed as far as `dt` requires."""
     for part in observer.parts:
         match part:
             case Ode():
@@ -156,8 +156,8 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
 
 
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
-    """Return the step length up to which the model, or a `part` without samples, is resolved while samples are missing,
-    if `dt` is longer; none for a method without a tableau."""
+    """Return the step length up to which a Runge-Kutta `tableau` resolves the model, or a `part`, while samples are
+    missing, if `dt` is longer; no limit without a tableau."""
     limits = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
     return limits if dt > limits.take else Lengths()
 
@@ -184,14 +184,14 @@ RESTARTED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Curved(Around):
-    """A Riccati observer at theta = 1 with second derivatives of the outputs; `rate` (1/s): SX scalar, at most
-    `fastest`."""
+    """A Riccati observer at theta = 1 with the term -s D of the outputs' second derivatives in Pi', D = sum_j R_j (y_j
+    - h_j) d2h_j/dz2, s <= 1; `rate` (1/s) limits s D: SX scalar, at most `fastest`."""
 
     rate: Graph
     fastest: float
 
     def equation(self, view: View) -> Ode:
-        """The differential equation of z and Pi (its name is S), or of z and P."""
+        """Return the differential equation of z and Pi = P^-1 (its field is S), or of z and P, by `view`."""
         name, plain, n = SYMMETRIC[view], riccati_ode(self.plain, view), self.plain.dynamics.n
 
         def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -210,7 +210,8 @@ class Curved(Around):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """Return the pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
+    """Return memory and statements of a step: by an explicit method in its view S or P, else by Runge-Kutta on (z,
+    P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     integration = explicit.step(part.equation(explicit.view), clock)
@@ -223,7 +224,8 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Return the step lengths without the second derivatives, and those of their term, which limits every method."""
+    """Return the step lengths without the second derivatives of the outputs, and 1/fastest, which limits every
+    method."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
@@ -234,7 +236,7 @@ def _explicit(method: Any) -> Explicit:
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:
-    """Return the statements that reset a packed symmetric matrix (n, n) for which a pivot of L D L' is not positive."""
+    """Return the statements that reset a packed matrix (n, n) = L D L' to its first value unless D > 0."""
     place = Place("state", covariance.name)
     definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
@@ -263,7 +265,7 @@ class StepTooShort(HgogenError):
 
 
 def demand_motion(form: Form, dt: float, real: str) -> None:
-    """Raise `StepTooShort` where rounding certainly freezes a state of the form near the end of its range."""
+    """Raise `StepTooShort` where rounding in the type `real` certainly freezes a state near the end of its range."""
     for name, (low, high), fastest in _fastest(form):
         end = max(abs(low), abs(high))
         share, power = math.frexp(end)
@@ -278,7 +280,7 @@ def demand_motion(form: Form, dt: float, real: str) -> None:
 
 
 def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
-    """Raise `StepTooShort` where no state of the form moves by this part of its range in `most` samples."""
+    """Raise `StepTooShort` where no state of the form can move by the share `part` of its range in `most` samples."""
     times = [part * (high - low) / fastest for _, (low, high), fastest in _fastest(form)]
     if times and most * dt < min(times):
         why = f"no state moves by {part:.0%} of its range in the {most} samples that can be counted"

@@ -53,8 +53,8 @@ from hgogen.stepping.members import read_fields
 
 @dataclass(frozen=True)
 class Entry:
-    """An element of a vector; `array`: the name of its array, equal to its own for a scalar, `label`: its name
-    there."""
+    """A named number in a vector of the model: with its unit and range; `array`: the name of its array, equal to `name`
+    for a scalar, `label`: its name in the array."""
 
     name: str
     initial: float
@@ -71,7 +71,7 @@ class Entry:
 
 @dataclass(frozen=True, repr=False)
 class Vector:
-    """The elements of an input or output of a function, in order; `title` describes the vector."""
+    """An argument or result of a CasADi function, as its named elements in order; `title` describes the vector."""
 
     title: str
     entries: tuple[Entry, ...]
@@ -125,12 +125,12 @@ class Vector:
 
 
 def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
-    """Return the vector of signals, each with its value at equilibrium."""
+    """Return the vector of signals, each with its value at equilibrium as initial value."""
     return Vector(title, tuple(Entry(s.name, resting(s), s.unit, *s.interval, s.meaning, s.name) for s in signals))
 
 
 def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
-    """Yield the elements of a field; those of an array are `name[0]` and so on."""
+    """Yield the elements of a field, in the unit `unit`; those of an array are `name[0]` and so on."""
     name = name or field.name
     labels = field.labels or tuple(f"row {i}, column {j}" for i, j in field.entries) or ("",) * field.size
     for k, (value, (low, high), label) in enumerate(zip(field.initial, field.box, labels, strict=True)):
@@ -140,14 +140,15 @@ def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
 
 
 def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
-    """Yield the elements of a group's field in the order of memory: member by member, the outermost group first."""
+    """Yield the elements of a field of the last group of `line`, nested groups from the outermost on, in memory
+    order."""
     for members in product(*(range(group.count) for group in line)):
         path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
         yield from of_field(field, unit, f"{path}.{field.name}")
 
 
 def distinct(entries: Iterable[Entry], names: Iterable[str], prefix: str) -> tuple[Entry, ...]:
-    """Return the entries, with the prefix for each whose name is among `names`."""
+    """Return the entries, each of which gets the prefix if its array is among `names`."""
     names = set(names)
     return tuple(
         replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in names else e for e in entries
@@ -159,7 +160,8 @@ Shape = tuple[int, int]
 
 
 def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
-    """Return the shapes of a state in memory; for a group in a group, a column holds all inner members in sequence."""
+    """Return the shape of each place of a state, (size, 1) or (size, members); a group in a group has the inner members
+    below one another in a column."""
     shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
     for line in lines_of(groups):
         inner = prod(group.count for group in line[1:])
@@ -171,19 +173,19 @@ def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shap
 
 @dataclass(frozen=True, eq=False)
 class Symbolic(Reader[Memory]):
-    """A reader of programs as MX graphs. `groups`: each group by its name, with its enclosing groups, the outermost
-    first; `graph` returns the function of a block."""
+    """A translator of programs to CasADi MX expressions. `lines`: each group by its name, with its enclosing groups,
+    the outermost first; `graph` returns the function of a block."""
 
     lines: Mapping[str, tuple[Group, ...]]
     graph: Callable[[Block], ca.Function]
 
     def section(self, program: Program, memory: Memory) -> Memory:
-        """Return the memory after a program with its own work values."""
+        """Return the values of all places after a program, from those before, with work values that begin at 0."""
         work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
         return self.program(program, {**memory, **work})
 
     def program(self, program: Iterable[Statement], *before: Memory) -> Memory:
-        """Return the memory after statements as a function of that before them, including their work values."""
+        """Return the values of all places after statements, as expressions of those before, work values included."""
         (memory,) = before
         for statement in program:
             memory = {**memory, **self.statement(statement, memory)}
@@ -239,7 +241,8 @@ class Symbolic(Reader[Memory]):
 
 
 class _Choice:
-    """Two results of the branches of a condition, from which a flag selects one; a constant flag needs no selection."""
+    """The values after the two branches of a condition, of which a flag selects one; a constant flag needs no
+    selection."""
 
     def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
         self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
@@ -250,7 +253,8 @@ class _Choice:
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Graph, memory: Memory) -> Memory:
-        """Return the places that the selected branch writes, with their values."""
+        """Return the values of the places that a branch writes, by the branch that `flag` selects, from those in
+        `memory`."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}
@@ -267,12 +271,12 @@ def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memor
 
 
 def _number(place: Graph, total: int) -> Graph:
-    """Return the index of a member, 0 where it is beyond the last, as in C."""
+    """Return the index of a group's member, 0 where it is not below `total`, as in C."""
     return ca.if_else(place < total, place, 0)
 
 
 def _at(table: Graph, member: Graph) -> Graph:
-    """Return the indices of the column of a member in a table."""
+    """Return the indices of the elements of the column `member` in a matrix stored by columns."""
     rows = table.shape[0]
     return rows * member + ca.DM(range(rows))
 
@@ -293,7 +297,8 @@ def _with_column(table: Graph, member: Graph | int, value: Graph) -> Graph:
 
 @dataclass(frozen=True)
 class Flow:
-    """The continuous observer: two functions, their state, and the names of its constant fields."""
+    """The observer as a differential equation: the function (state, u, y, p) -> rate, the function (state, u, p) -> x,
+    the estimate, the vector `state`, and the names of its constant fields."""
 
     derivative: ca.Function
     estimate: ca.Function
@@ -303,14 +308,15 @@ class Flow:
 
 @dataclass(frozen=True, eq=False)
 class Graphs:
-    """The functions of the step `source`; `graph` returns that of a block."""
+    """The CasADi functions of the step `source`, of one call and of its differential equation; `graph` returns that of
+    a block."""
 
     source: Step
     graph: Callable[[Block], ca.Function]
 
     @cached_property
     def memory(self) -> Vector:
-        """The vector of the memory of a step."""
+        """All stored numbers of the step between two calls, as a vector with names."""
         step = self.source
         entries = [entry for field in step.layout.state for entry in self._of(field)]
         for line in lines_of(step.layout.groups):
@@ -319,7 +325,7 @@ class Graphs:
 
     @cached_property
     def inputs(self) -> tuple[Vector, Vector, Vector]:
-        """The vectors u, y, and the parameters: the gains, then the plant's tunable parameters."""
+        """Three vectors with names: u, y, and the parameters: the gains, then the plant's tunable parameters."""
         step = self.source
         layout = step.layout
         gains = [entry for field in layout.gains for entry in self._of(field)]
@@ -333,7 +339,8 @@ class Graphs:
         return of_signals("estimates", self.source.states)
 
     def step(self) -> ca.Function:
-        """Return the function of a call; its status is a number, or one for each 32 bits."""
+        """Return the function (state, u, y, p) -> next, x, status of one call; the status is a number, or one for each
+        32 bits."""
         step, state, lies = (
             self.source,
             ca.MX.sym("state", len(self.memory)),
@@ -352,7 +359,7 @@ class Graphs:
         return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, values)
 
     def flow(self) -> Flow:
-        """Return the continuous observer. Raises: `NoEquation`."""
+        """Return the observer as a differential equation. Raises: `NoEquation`."""
         if self.source.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
         elements = [field for ode in self._odes for field in ode.fields]
@@ -416,7 +423,8 @@ class Graphs:
         return of_field(field, self.source.unit(field))
 
     def _tuned(self, tuning: Program) -> Memory:
-        """Return the parameters limited to their ranges, the derived ones, and the status bits of these limits."""
+        """Return the values of the parameters clamped to their ranges, of the derived ones, and of the status bits of
+        the clamps, after the program `tuning`."""
         step = self.source
         lies = {
             Place(kind, f.name): (f.size, 1)

@@ -124,7 +124,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
 
 
 def or_lower(observer: Observer) -> str:
-    """Return the advice to lower the high gain against peaking; "" without a high gain, or if a proof would be lost."""
+    """Return the advice " or lower theta" against peaking; "" without a high gain, or if a proof would be lost."""
     if any(check.id.fact == "theta" and check.verdict is Verdict.PROVED for check in observer.checks):
         return ""
     high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
@@ -132,8 +132,8 @@ def or_lower(observer: Observer) -> str:
 
 
 def outside(observer: Observer, margin: float = 0.0) -> Graph:
-    """Return whether the estimate, or the plant's state behind it, is outside its declared range by more than `margin`
-    of its width, so that the model is evaluated at the edge; SX."""
+    """Return whether the estimate z, or the plant's state computed from z, is outside its declared range by more than
+    `margin` of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
     tests = [leaves(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
@@ -141,13 +141,14 @@ def outside(observer: Observer, margin: float = 0.0) -> Graph:
 
 
 def outside_bit(observer: Observer) -> Block:
-    """Return the block that raises the bit for an estimate outside its declared range."""
+    """Return the block that raises the status bit OUTSIDE_BOX for an estimate outside its declared range."""
     bit = {Place("status", "OUTSIDE_BOX"): outside(observer)}
     return Block("outside the declared box the model is evaluated at its edge", bit)
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Return the status block for a plant's state that cannot be computed from the form's; empty if it always can."""
+    """Return the block that raises a status bit where the plant's state cannot be computed from the estimate z; empty
+    if it always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -161,7 +162,7 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
 
 
 def any_of(tests: Iterable[Graph]) -> Graph:
-    """Return whether one of the truth values holds; 0 for none."""
+    """Return whether one of the SX truth values holds; 0 for none."""
     tests = list(tests)
     return reduce(partial(binary, ca.OP_OR), tests) if tests else ca.SX(0)
 
@@ -171,8 +172,8 @@ def _within(value: Graph, limit: float) -> Graph:
 
 
 def guard_inputs(observer: Observer) -> Block:
-    """Return the guard of the inputs: each is clamped to its range; one that is not a number or absurd is replaced by
-    the last valid one."""
+    """Return the block that clamps each input to its range; a value that is not a number or absurd is replaced by the
+    last valid one."""
     values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
@@ -188,7 +189,8 @@ def guard_inputs(observer: Observer) -> Block:
 
 
 def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
-    """Return whether a sample is a number in the range of the sensor, widened by its width at both ends."""
+    """Return whether a sample `raw` is a number in the sensor's range `reading`, widened by its width at both ends;
+    SX."""
     low, high = reading
     width = high - low
     in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
@@ -196,7 +198,7 @@ def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
 
 
 def implausible(reading: tuple[float, float]) -> str:
-    """Return the text of which samples are implausible."""
+    """Return the text of when a sample is implausible, for the sensor's range `reading`."""
     low, high = reading
     width = high - low
     place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
@@ -204,8 +206,8 @@ def implausible(reading: tuple[float, float]) -> str:
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
-    """Return whether a sample is usable, and its writes to the status: a usable sample is a number, plausible, and not
-    absurdly far from the prediction."""
+    """Return whether a sample `raw` is usable, and its status bits: a usable sample is a number, in the sensor's range
+    `reading` widened, and its `error` y - yhat is not absurdly large."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
@@ -216,7 +218,7 @@ def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Gra
 
 
 def readings(form: Form) -> list[tuple[float, float]]:
-    """Return the interval of readings of each output: its declared range, or the range that follows from those of
+    """Return the range of each sensor: the declared range of its output, or the range that follows from those of
     states, inputs and parameters."""
     signals = box((*form.states, *form.system.inputs, *form.system.parameters))
     signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
@@ -228,8 +230,8 @@ def readings(form: Form) -> list[tuple[float, float]]:
 
 
 def hold(observer: Observer, clock: Clock) -> Program:
-    """Return the block that stores the last finite values of rows with a fallback at the begin of a call. It raises the
-    bits of rates whose fallback is used at the begin, middle or end of the input's change."""
+    """Return the block that stores, at the begin of a call, the last finite values of rates and outputs that may have
+    none. It raises the status bits of rates without one at the begin, middle or end of the input's change."""
     dynamics, z = observer.dynamics, observer.z
     named = dynamics.fallback
     writes, bits = {}, {}
@@ -245,7 +247,7 @@ def hold(observer: Observer, clock: Clock) -> Program:
 
 
 def undefined_rates(observer: Observer, clock: Clock) -> Program:
-    """Return the block with the bits of rates that have no finite value or derivative at the end of a call."""
+    """Return the block that raises status bits for rates without a finite value or derivative at the end of a call."""
     accepted = observer.dynamics.rate_slopes_valid(observer.z, clock.u(1.0))
     bits = {_bit(observer, i): ca.logic_not(each) for i, each in accepted.items()}
     return (Block("has each rate a finite value now?", bits),) if bits else ()
@@ -256,7 +258,7 @@ def _bit(observer: Observer, i: int) -> Place:
 
 
 def hold_fields(observer: Observer) -> tuple[Field, ...]:
-    """Return the fields for the last finite value of each row that may have none, initially 0."""
+    """Return the state's fields of the last finite value of each rate and output that may have none, initially 0."""
     holding = observer.dynamics.fallback
     meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
     meanings |= {y.name: f"last finite value of {y.name} at the estimate" for y in holding.outputs.values()}
@@ -266,8 +268,8 @@ def hold_fields(observer: Observer) -> tuple[Field, ...]:
 
 
 def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Graph]]:
-    """Return the sample of output j, and for an output that may be undefined at the estimate, nan there, and its
-    bits."""
+    """Return the sample of output j, nan where the output is undefined at the estimate, and the status bits for an
+    output that may be undefined."""
     name = observer.form.system.outputs[j].name
     raw, readable = sym("output", name), observer.dynamics.output_slopes_valid(observer.z, u)
     if j not in readable:
@@ -278,7 +280,7 @@ def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Gra
 
 
 def measure(observer: Observer, clock: Clock, j: int) -> Program:
-    """Return the blocks that read output j, compute its innovation, and test whether the sample is usable."""
+    """Return the blocks that read output j, compute its innovation y - yhat, and test whether the sample is usable."""
     signal = observer.form.system.outputs[j]
     accepted, undefined_bits = sample(observer, clock.u_now, j)
     measurement = Block(f"the measurement of {signal}", {Place("work", "reading"): accepted})
@@ -291,8 +293,8 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the guard of all samples for a part that integrates with the measurement: y now, y at the last call,
-    valid."""
+    """Return the block that tests all samples for a part that integrates with the measurement, with the work values y
+    now, y at the last call, and valid."""
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
     last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
@@ -319,11 +321,11 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 def guard_state(
     program: Program, state: tuple[Field, ...], others: Program = (), before: Program = (), keep: Program = ()
 ) -> Program:
-    """Return the program that clamps to its box what a program wrote to the state.
+    """Return the program that clamps to their boxes the fields of `state` that `program` has written.
 
-    If a value is lost, all values are reset, those in `others` by that program. Values inside their boxes, the usual
-    case, cost one test. `before`: a program with the same guard earlier in this call, so that its unchanged values are
-    not tested again. `keep`: a call that replaces the inline program `boxed`.
+    If a value is lost, all fields are reset, those that the program `others` writes by that program. Values inside
+    their boxes, the usual case, cost one test. `before`: a program with such a clamp earlier in this call, so that its
+    unchanged values are not tested again. `keep`: a call that replaces the inline program `boxed`.
     """
     fields = guarded(program, state)
     if not fields:
@@ -340,14 +342,15 @@ def guard_state(
 
 
 def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
-    """Return the fields of the state that a program writes and that are clamped to their boxes."""
+    """Return the real fields of the state that a program writes, which are clamped to their boxes after it."""
     written = _written(program)
     return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
 
 
 def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """Return the program that clamps these fields of the state to their boxes, or resets it all where a value is lost.
-    `each`: each value is tested again for being a number, which an analyser cannot infer from a loop over many."""
+    """Return the program that clamps `fields` to their boxes; where a value is lost it resets the `state`, by the
+    program `others` what that writes. `each`: each value is tested again for being a number, which an analyser cannot
+    infer from a loop over many."""
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
@@ -362,7 +365,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
-    """Return the elements of the state that the blocks of a program change, by place."""
+    """Return, by place, the indices of the elements of the state that a program changes."""
     changed: dict[Place, set[int]] = {}
     blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
@@ -393,7 +396,8 @@ LIMITED = Place("status", "PARAMETER_LIMITED")
 
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
-    """Return the program that limits the parameters and then computes the derived gains."""
+    """Return the program that clamps parameters `plant` and `gains` to their ranges, then runs `derived`, which
+    computes the derived gains."""
     limits = list[tuple[Field, list[Limit]]]()
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
@@ -430,7 +434,7 @@ EXACT = 32  # bits in each real number that reports a status, of its 53
 
 
 def word(bits: Sequence[Bit]) -> np.dtype:
-    """Return numpy's type of the narrowest status word that holds these bits."""
+    """Return numpy's unsigned type of the narrowest status word that holds these bits."""
     return np.dtype(f"u{next(size for size in WIDTHS if len(bits) <= size) // 8}")
 
 
@@ -492,6 +496,6 @@ _LEAST, _MOST = 0x01, 0xFE  # of a byte
 
 
 def mark_number(digest: bytes) -> int:
-    """Return the mark of the programs with this digest."""
+    """Return the 16-bit mark that init writes to the memory of the program with this digest."""
     high, low = _LEAST + digest[0] % (_MOST - _LEAST + 1), _LEAST + digest[1] % (_MOST - _LEAST)
     return (high << 8) + low + (low >= high)  # so that the bytes differ

@@ -30,7 +30,7 @@ Bound = tuple[Action, list[np.ndarray]]
 
 
 def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
-    """Return the block as an action that reads the arrays `arguments` in place, and its result arrays."""
+    """Return a function that evaluates the block's graph on the arrays `arguments` in place, and its result arrays."""
     buffer: Any  # its type stubs require the size, which it reads from the memory itself
     buffer, evaluate = block.graph.buffer()
     results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
@@ -48,8 +48,8 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
 
 
 class Reading(Reader[Action]):
-    """Programs as closures over one memory. `memory` maps each place to an array, initially 0: (size), (count, size)
-    for a field of a group, (count, count, size) for a field of a group in a group. `status`: the raised bits."""
+    """An interpreter of programs over one memory. `memory` maps each place to an array, initially 0: (size), (count,
+    size) for a field of a group, (count, count, size) for a field of a group in a group. `status`: the raised bits."""
 
     def __init__(
         self,
@@ -82,11 +82,11 @@ class Reading(Reader[Action]):
             self.memory[place][:] = np.ravel(values[place])
 
     def action(self, program: Program) -> Action:
-        """Return the program as a function that runs it."""
+        """Return the program as a Python function without arguments that runs it on the memory."""
         return self.program(program)
 
     def joined(self, parts: Iterable[Action]) -> Action:
-        """Return the action of several actions in sequence."""
+        """Return the function that calls the functions `parts` in sequence."""
         actions = list(parts)
 
         def run() -> None:
@@ -142,7 +142,7 @@ class Reading(Reader[Action]):
         return run
 
     def _inside(self, place: Place, group: str) -> bool:
-        """Whether the place is one of a group in the members of `group`."""
+        """Return whether a place belongs to a group that is nested in `group`."""
         return any(above.name == group for above in self._groups.get(place.struct, ())[:-1])
 
     def _copy(self, copy: Copy) -> Action:
@@ -176,7 +176,7 @@ class Reading(Reader[Action]):
 
 
 class Machine(Reading):
-    """The memory of a step and its programs."""
+    """An interpreter of the generated step in Python: its memory and its programs."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ class Machine(Reading):
         self.reset()
 
     def tune(self) -> int:
-        """Limit the parameters to their ranges and compute the derived ones; returns the status."""
+        """Clamp the parameters to their ranges and compute the derived ones; return the status."""
         return self._run(self._tune)
 
     def reset(self) -> None:
@@ -216,11 +216,11 @@ class Machine(Reading):
                 self.memory[Place(name, field.name)][:] = np.asarray(field.initial, self._dtype)
 
     def section(self, name: str) -> int:
-        """Run one section; returns its status."""
+        """Run one section, such as "predict"; return its status."""
         return self._run(self._sections[name])
 
     def call(self) -> int:
-        """Run all sections, then the estimate; returns the status."""
+        """Run all sections of a step, then compute the estimate; return the status."""
         status = 0
         for section in self.step.code.sections:
             status |= self._run(self._sections[section.name])
@@ -228,7 +228,7 @@ class Machine(Reading):
         return status
 
     def estimate(self) -> None:
-        """Compute only the estimate."""
+        """Compute the estimate of the plant's state from the memory, without a step."""
         self._run(self._estimate)
 
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -33,8 +33,8 @@ from hgogen.program import (
 
 @dataclass(frozen=True)
 class Substitution:
-    """A map of places: `places` maps a place to another, or a place that is only read to an SX column; `groups` maps
-    names."""
+    """A map of the places in programs: `places` maps a place to another one, or a place that is only read to an SX
+    column; `groups` maps names of groups."""
 
     places: Mapping[Place, Graph]
     groups: Mapping[str, str]
@@ -57,7 +57,7 @@ class Substitution:
         return sym(*self.place(place), size) if substituted is None or isinstance(substituted, Place) else substituted
 
     def values(self, *graphs: Graph) -> list[Graph]:
-        """Return SX graphs of the new places."""
+        """Return the SX graphs with the substituted places in place of the original ones."""
         symbols = ca.symvar(ca.veccat(*graphs))
         if not symbols:
             return list(graphs)
@@ -99,7 +99,7 @@ _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
-    """Return the pieces with other names for fields and groups; `places`: substitutions as in `Substitution`."""
+    """Return `pieces` with the names name(old) for fields and groups; `places`: further substitutions of places."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     substituted = Substitution({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
     programs: dict[str, Any] = {name: substituted.program(getattr(pieces, name)) for name in _PROGRAMS}
@@ -129,8 +129,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
 
 
 def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
-    """Return the program that resets a member's fields, counters in a separate block; `part`: prefix of the blocks'
-    part."""
+    """Return the program that resets `fields` of the struct `group` to their initial values, counters in a separate
+    block; `part`: prefix of the names of the blocks' functions."""
     programs = list[Block]()
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
         writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
@@ -139,8 +139,9 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
 
 
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that resets the groups in `above`, a member or the state of these fields, except lasting
-    fields. Their estimates become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
+    """Return the program that resets the groups nested in the struct `above` with these fields, except lasting fields.
+    Their copies of the estimate become that of `above`; `z` is the observer's estimate, an SX of places of the
+    state."""
     loops = []
     for group in groups:
         copied, start = _copied(above, fields, group, z)
@@ -151,8 +152,8 @@ def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z
 
 
 def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that only sets the estimates of the groups in `above` to that of `above`, as in
-    `fresh_groups`."""
+    """Return the program that only sets the copies of the estimate in the groups nested in `above` to that of `above`;
+    arguments as in `fresh_groups`."""
     loops = []
     for group in groups:
         _, start = _copied(above, fields, group, z)
@@ -162,7 +163,8 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
 
 
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:
-    """Return the fields of a group that hold the estimate of `above`, and the block that copies it."""
+    """Return the fields of `group` that are copies of the estimate of the struct `above`, and the program that sets
+    them."""
     known = {field.name for field in fields} | {"z"}
     inside = Substitution({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
     source = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}

@@ -48,8 +48,8 @@ class BadPeriod(HgogenError):
 
 
 def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
-    """Raise `BadGain` unless it is a single observer without delays; messages: `bank` for a bank, `late` with
-    delays."""
+    """Raise `BadGain`, for the wrapper `name`, unless `observer` is a single one without delays; messages: `bank` for a
+    bank, `late` with delays."""
     if not isinstance(observer, Observer):
         kind = type(observer).__name__
         raise BadGain(name, f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
@@ -61,8 +61,8 @@ def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Parallel(Part):
-    """`count` copies of `member`, the oldest restarted every `period` (s). The members are compared by the output error
-    of the newest sample, or by `innovation`, by default over a share of the period."""
+    """A bank of `count` copies of `member`, the oldest restarted every `period` (s). Copies are compared by the output
+    error of the newest sample, or by `innovation`, by default over a share of the period."""
 
     member: Observer
     count: int
@@ -78,7 +78,7 @@ class Parallel(Part):
 
 
 def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> Pieces:
-    """Return the members in loops, with the pieces of their parts."""
+    """Return the memory and statements of a bank: the copies in loops, with the `pieces` of each part of a copy."""
     period = round(part.period / clock.dt)
     if period < 1 or abs(period * clock.dt - part.period) > 1e-9 * part.period:
         raise BadPeriod(part.period, clock.dt)
@@ -127,7 +127,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 
 def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:
-    """Return the section that clamps each member to its box, or resets it, after any program."""
+    """Return the section that clamps each copy to its box, or resets it, after one of `programs`."""
     names = {field.name for program in programs for field in guarded(program, every.fields)}
     boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
     loop = Loop("member", count, substitution.program(boxes))
@@ -135,7 +135,7 @@ def _keep(count: int, every: Pieces, substitution: Substitution, programs: Itera
 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-    """Return a member's correction by output j, skipped for an absurd error, and then its score."""
+    """Return the program `correct` of a copy by output j, skipped for an absurd error, and then its `score`."""
     error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
     if not correct:
         return score
@@ -162,13 +162,13 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
 
 
 def _judge(part: Parallel, dt: float) -> Innovation:
-    """Return the innovation by which members are compared, by default over a share of the period."""
+    """Return the innovation by which the copies of a bank are compared, by default over a share of the period."""
     share = PREDICTORS * dt
     return part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
 
 
 def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
-    """Return the step lengths of the predictors by which the members are compared; () without predictors."""
+    """Return the step lengths of the predictors by which the copies of a bank are compared; () without predictors."""
     if part.newest:
         return ()
     judge = _judge(part, dt).part(part.member.dynamics, state_field(part.member.form, None, 1.0))
@@ -194,7 +194,8 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Return the selection of the smallest score among members that do not restart, if better by the hysteresis."""
+    """Return the program that selects the copy with the smallest score, other than one that restarts, if that score is
+    below hysteresis times the selected one's; a restart is due every `period` samples."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -231,7 +232,7 @@ def _choose(part: Parallel, period: int) -> Program:
 
 
 def _restart(part: Parallel, alone: Pieces) -> Program:
-    """Return the restart of the oldest member when it is due: estimate and score of the selected one, the others
+    """Return the program that restarts the oldest copy when due: with estimate and score of the selected one, all else
     reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]

@@ -62,8 +62,9 @@ ELSEWHERE = 32  # tried points of the ranges
 def nearest(
     observer: Observer, clock: Clock, fields: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
-    """Return the blocks that set the fields of the state to x of the module; `samples` by output, the most trusted
-    last: the measurement, and whether it is plausible."""
+    """Return the blocks that set the `fields` x to the point nearest to x_0, their initial values, at which the
+    linearised outputs equal the samples: x <- sat(x + V g (y_j - h_j)/(g' V g)), g = dh_j/dx. `samples` by output, the
+    most trusted last: the measurement, and whether it is plausible."""
     u = sym("state", "u", len(observer.form.system.inputs))
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
     h = observer.dynamics.output(observer.z, u)
@@ -87,19 +88,19 @@ def nearest(
 
 
 def clamped_or(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
-    """Return a value clamped to a range, or `other` where it is lost. No value is lost after a plausible sample; the
-    test lets a static analyser infer this."""
+    """Return a value clamped to the range `end`, or `other` where it is lost. No value is lost after a plausible
+    sample; the test lets a static analyser infer this."""
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
-    """Return the writes of an SX column to the fields in sequence."""
+    """Return the writes of the SX column `value` to the fields in sequence."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in fields)]).tolist())
     return {Place("state", field.name): part for field, part in zip(fields, parts, strict=True)}
 
 
 def weights(fields: tuple[Field, ...]) -> Graph:
-    """Return the squared widths of the outer box, V of the module, as a column."""
+    """Return V, the squared widths of the outer boxes of the fields, as a column."""
     widths = np.array([high - low for field in fields for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     weights = ca.DM(widths)
@@ -126,7 +127,8 @@ def _start_point(
     V: Graph,
     limits: list[tuple[float, float]],
 ) -> np.ndarray:
-    """Return x_0: the initial values, or the point of the ranges at which most outputs have information."""
+    """Return x_0 of a restart: the initial values, or the point of the ranges at which most outputs depend on x (dh/dx
+    != 0)."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [Place("state", field.name) for field in fields]
     sizes = np.cumsum([field.size for field in fields])[:-1]
@@ -156,7 +158,8 @@ def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Fiel
 
 
 def projection(observer: Observer, pieces: Pieces) -> Program:
-    """Return the program that projects the estimate of an observer with these pieces onto its ranges."""
+    """Return the program that projects the estimate of an observer onto its declared ranges, in the metric of P if
+    `pieces` has one."""
     if pieces.project:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
@@ -190,7 +193,8 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
-    """Return the last point from x to `projected` that is in the outer box; a clamp removes rounding errors."""
+    """Return the last point on the way from x to `projected` that is in the outer box; a clamp removes rounding
+    errors."""
     step, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(step[i] > 0, high - x[i], x[i] - low)
@@ -200,7 +204,7 @@ def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) ->
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:
-    """Yield g as an SX of the fields x (k), its gradient (k) and its ends, for each declared range: first those of
+    """Yield g, an SX of the fields x (k), its gradient dg/dx (k) and its range, for each declared range: first those of
     plant states that are no coordinates, then those of the coordinates."""
     z, dynamics, u = observer.z, observer.dynamics, sym("state", "u", len(observer.form.system.inputs))
     map_ = ca.jacobian(z, x)

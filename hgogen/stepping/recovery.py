@@ -99,13 +99,15 @@ SAMPLES = 10  # the inverse of a rate, where none is known
 
 
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
-    """Return T of the module, in the model's time unit; r is the width of the outer box over the declared one."""
+    """Return the settling time T = max(2 ln(100 r)/mu, 2/lambda) in the model's time unit, mu the observer's slowest
+    rate, lambda the plant's typical rate, `r` the width of the outer box over the declared one."""
     plant = plant_rate(observer)
     return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
 
 def plant_rate(observer: Observer) -> float | None:
-    """Return the rate lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
+    """Return lambda, the median over points of the box of the geometric mean of the plant's |eigenvalues|; None where
+    the Jacobian is 0, or not finite at a point."""
     try:
         slopes, _ = jacobians_on_box(observer.dynamics, POINTS)
     except Singular:
@@ -114,13 +116,15 @@ def plant_rate(observer: Observer) -> float | None:
 
 
 def _typical(decays: np.ndarray) -> float | None:
-    """Return the median over points (k, n) of the geometric mean of the rates above rounding; None without points."""
+    """Return the median over k points of the geometric mean of the rates `decays` (k, n) above rounding; None for all
+    0."""
     means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in decays if row.max() > 0]
     return float(np.median(means)) if means else None
 
 
 def rate(observer: Observer, clock: Clock) -> float:
-    """Return the rate mu of the observer's slowest part; that of ten samples where none is known."""
+    """Return the slowest rate mu at which errors of the observer decay; the inverse of ten samples where none is
+    known."""
     mu = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(mu, default=1 / (SAMPLES * clock.dt))
 
@@ -151,9 +155,10 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign of a fault: of `output`, or of the ranges for None. `meaning`: the text after "at which"; `time` (the
-    model's unit): the shortest duration of the sign before a guard first acts; `wait` (W), `most` (M) and `change` (m)
-    as counts."""
+    """A sign of a fault, counted at samples: a large error of `output` (index), or for None an estimate outside its
+    ranges. `meaning`: the text after "at which"; `time` (the model's unit): the shortest duration of the sign before a
+    restart or projection; as counts, `wait` W, the first limit, `most` M, the largest, and `change` m, the decrease for
+    an error of the other sign."""
 
     name: str
     output: int | None
@@ -165,17 +170,17 @@ class Sign:
 
     @property
     def count(self) -> str:
-        """The field of the fault counter c."""
+        """The name of the state's field of the fault count c."""
         return f"fault_count_{self.name}"
 
     @property
     def limit(self) -> str:
-        """The field of the count w at which a guard acts."""
+        """The name of the state's field of the limit w: at |c| >= w the observer restarts or is projected."""
         return f"fault_limit_{self.name}"
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields of a sign."""
+        """The state's fields of the fault count c and of its limit w."""
         least = 0 if self.output is None else -self.most
         signed = "" if self.output is None else ", sign of the last error"
         return (
@@ -185,7 +190,7 @@ class Sign:
 
     @property
     def counted(self) -> Block:
-        """The block that changes the count by `work.moves_NAME`, with the sign of `work.side_NAME`.
+        """The block that adds the work value `moves_NAME` to |c|, and gives the count c the sign of `side_NAME`.
 
         Count and limit were tested to be in their ranges, and stay there. A count at its maximum is at its limit as
         well, which a static analyser need not infer.
@@ -202,17 +207,18 @@ class Sign:
 
     @property
     def over(self) -> Graph:
-        """Whether the count is at its limit, which it has only just reached; SX."""
+        """Whether the size |c| of the fault count has reached its limit w, SX."""
         return self.size >= sym("state", self.limit)
 
     @property
     def size(self) -> Graph:
-        """|c|; SX."""
+        """The size |c| of the fault count, SX."""
         count = sym("state", self.count)
         return count if self.output is None else ca.fabs(count)
 
     def _signed(self, side: Graph, size: Graph) -> Graph:
-        """Return a count of that size, with the sign of `side`."""
+        """Return a count with the absolute value `size` and the sign of `side`; `size` itself for the sign of the
+        ranges."""
         return size if self.output is None else ca.if_else(side < 0, -size, size)
 
     @property
@@ -222,7 +228,7 @@ class Sign:
 
     @property
     def later(self) -> Block:
-        """The block that doubles the limit after a guard has acted."""
+        """The block that doubles the limit w after a restart or projection, up to M, and sets |c| to min(w, M/2)."""
         count, limit = sym("state", self.count), sym("state", self.limit)
         least = ca.fmin(limit, self.most / 2)  # the size of the count has reached it
         doubled = {self.count: self._signed(count, least), self.limit: ca.fmin(2 * limit, self.most)}
@@ -242,7 +248,7 @@ LONGEST = 1 << 23  # a float adds two such counts exactly
 
 @dataclass(frozen=True)
 class Sampled:
-    """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` before the correction."""
+    """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` y - yhat before the correction."""
 
     y: Graph
     valid: Graph
@@ -254,7 +260,8 @@ Samples = Mapping[int, Sampled]  # by output
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The law for an observer with the parts `pieces`, called in `sections` sections of its step; see the module."""
+    """The law that counts signs of a fault, and then restarts or projects the estimate, for an observer with the parts
+    `pieces`, evaluated in `sections` sections of its step."""
 
     observer: Observer
     clock: Clock
@@ -263,8 +270,8 @@ class Recovery:
 
     @cached_property
     def judged(self) -> tuple[int, ...]:
-        """The outputs that judge the estimate, the least trusted first, those without a range before the others; all,
-        in their order, for an observer without noise."""
+        """The indices of the outputs by which the estimate is judged, the least trusted first, those without a range
+        before the others; all, in their order, for an observer without noise."""
         trust, bounded = self._trust, np.isfinite(self._spans)
         if trust is None or not bounded.any():
             return tuple(range(len(bounded)))
@@ -274,13 +281,13 @@ class Recovery:
 
     @cached_property
     def _trust(self) -> np.ndarray | None:
-        """The trust of a filter in each output, 0 for one without a range; None for an observer without noise."""
+        """The trust s_j^2/R_j in each output (p), s_j its range, 0 without one; None for an observer without noise."""
         riccati, spans = _riccati(self.observer), np.array(self._spans)
         return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
-        """The signs that are counted for this observer."""
+        """The signs of a fault that this observer counts; empty for a step without guards."""
         outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not self._outside.is_constant()
         longest = LONGEST // max(1, len(outputs) + ranges)
@@ -315,7 +322,7 @@ class Recovery:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields of the law."""
+        """The state's fields of the law: counts, limits, and a checksum of these."""
         fields = tuple(field for sign in self.signs for field in sign.fields)
         if not fields:
             return ()
@@ -325,30 +332,33 @@ class Recovery:
 
     @property
     def _sum(self) -> Graph:
-        """The sum of the sizes of all fault counts, and of the limits beyond the first; SX."""
+        """The checksum: the sum of the sizes of all fault counts, and of all limits less their first values; SX."""
         return sum(s.size + (sym("state", s.limit) - s.wait) for s in self.signs)
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
-        """The sections that several others call: one that counts the range, one that projects the estimate onto it."""
+        """Sections that several others call: one counts estimates outside the ranges, one projects the estimate onto
+        them."""
         return (*self._counting, *self._projecting)
 
     @cached_property
     def _counting(self) -> tuple[Section, ...]:
-        """The section that counts the range at each sample, for several sections with samples at every period."""
+        """The section that counts an estimate outside its ranges, if several sections have samples at every period;
+        else ()."""
         if self.sections < 2 or self.clock.every or not self.signs:
             return ()
         return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
 
     @cached_property
     def _projecting(self) -> tuple[Section, ...]:
-        """The section that projects the estimate, if several call it."""
+        """The section that projects the estimate onto its ranges, if several sections call it; else ()."""
         if self.sections < 2 or not self._projection:
             return ()
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """Return the program that resets corrupted fault counters and limits, and changes that of range by a weight."""
+        """Return the program that resets corrupted fault counts and limits, and changes the count of range by
+        `weight`."""
         unchanged = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
@@ -368,13 +378,13 @@ class Recovery:
 
     @cached_property
     def _projection(self) -> Program:
-        """The program that projects the estimate onto its ranges, if they have a sign."""
+        """The program that projects the estimate onto its ranges, if these are judged; else ()."""
         ranges = any(sign.output is None for sign in self.signs)
         return projection(self.observer, self.pieces) if ranges else ()
 
     def watch(self, samples: Samples, notice: bool) -> Program:
-        """Return the law at the end of a section that has corrected the estimate. `notice`: whether this section also
-        raises OUTSIDE_BOX."""
+        """Return the statements of the law at the end of a section that has corrected by `samples`. `notice`: whether
+        they also raise the status bit OUTSIDE_BOX."""
         bit = {Place("status", "OUTSIDE_BOX"): self._outside} if notice else {}
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
@@ -413,19 +423,21 @@ class Recovery:
 
     @cached_property
     def cleared(self) -> Program:
-        """The program that resets fault counters and limits."""
+        """The program that resets fault counts and limits to their values before the first call."""
         return fresh("state", self.fields, part="clear_fault_counts")
 
     @cached_property
     def other_memory(self) -> Program:
-        """The program that resets all memory except estimate and lasting fields; members start from the estimate."""
+        """The program that resets all memory except the estimate and lasting fields; copies of the model start from the
+        estimate."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the change of a count's size at these samples, and a value with the sign of the new count."""
+        """Return the writes of the change of |c| of a sign at these samples, and of a value with the sign of the new
+        count c."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
@@ -439,7 +451,8 @@ class Recovery:
         }
 
     def _limit(self, j: int) -> Graph:
-        """Return the error of an output beyond which it is a sign."""
+        """Return the error of output j, SX scalar, beyond which it is a sign: max(SHARE s_j, min(SIGMAS sqrt(S_j),
+        SHARE s_j r_j))."""
         least, trust, riccati = SHARE * self._spans[j], self._trust, _riccati(self.observer)
         noisier = float(np.sqrt(trust.max() / trust[j])) if trust is not None and trust[j] > 0 else 1.0
         if riccati is None or noisier <= 1:
@@ -453,11 +466,13 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Return whether a sample judges the estimate: a valid one, or one that is absurdly far from the prediction."""
+        """Return whether a sample of output j judges the estimate: one that is valid, or in the sensor's range though
+        far from yhat."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
-        """Return the program that acts where a count is at its limit."""
+        """Return the program that restarts or projects the estimate where the count of one of `signs` is at its
+        limit."""
         acts, lost = Place("work", "acts"), Place("work", "lost")
         over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
         helpless = []
@@ -497,7 +512,8 @@ class Recovery:
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
-        """Return r, the largest ratio over the coordinates of the widths of the outer box and the declared one."""
+        """Return r, the largest ratio over the coordinates of the width of the outer box to that of the declared
+        box."""
         fields = self._estimate_fields()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
         values = {Place("state", field.name): np.array(field.initial) for field in fields}

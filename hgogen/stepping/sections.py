@@ -73,8 +73,8 @@ class BadRate(BadArgument):
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
-    """Return the number of dt between two samples of each output; 1 for an output that is not in `periods` (by name).
-    Raises: `BadRate`."""
+    """Return the number of steps dt between two samples of each output; `periods`: sampling periods by name, dt for an
+    output without one. Raises: `BadRate`."""
     names = [signal.name for signal in plant.outputs]
     if not isinstance(periods, Mapping):
         fix = f"must name outputs with their sampling periods in {plural(plant.time)}"
@@ -96,7 +96,7 @@ def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
 
 
 def period_fields(outputs: tuple[Signal, ...], adapts: bool) -> tuple[Field, ...]:
-    """Return the fields of time of a step; `adapts`: whether it has an `adapt`."""
+    """Return the state's fields that count periods and mark used samples; `adapts`: whether the step has an `adapt`."""
     adapted = scalar("adapted", 0, kind="index", high=1, meaning="1 when adapt was called now")
     used = (scalar(_used(s), 0, kind="index", high=1, meaning=f"1 when a sample of {s} was used now") for s in outputs)
     return (
@@ -111,7 +111,8 @@ def _used(output: Signal) -> str:
 
 
 def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
-    """Return the block that begins the next period; the first call begins period 0."""
+    """Return the block that counts the next period, of number 0 in the first call, and clears the marks of used
+    samples."""
     now = sym("state", "now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
     fresh = {Place("state", name): ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
@@ -120,8 +121,8 @@ def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
 
 
 def once(output: Signal, correct: Program) -> Program:
-    """Return an update by one output, at most once per period, none before the first; `correct`: the valid sample's
-    effects."""
+    """Return the update by an output, at most once per period, none before the first; `correct`: the program for a
+    valid sample."""
     used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
     test = {
         Place("work", "fresh"): ca.logic_and(used < 1, begun),
@@ -132,31 +133,31 @@ def once(output: Signal, correct: Program) -> Program:
 
 
 def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
-    """Return the fields of a step with sections in free order: whether a sample of an output was used since predict."""
+    """Return the state's fields that mark, for each output, whether its sample was used since the last predict."""
     meaning = "0: an update with {} may come, 1: none before the next predict"
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
 
 def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
-    """Return the block after a predict that permits samples again."""
+    """Return the block after a predict that permits one sample of each output again."""
     fresh = {Place("state", _used(output)): ca.SX(0) for output in outputs}
     return (Block("samples may come", fresh),) if fresh else ()
 
 
 def in_order(output: Signal, correct: Program) -> Program:
-    """Return an update by one output, at most once after a predict; `correct`: the valid sample's effects."""
+    """Return the update by an output, at most once after a predict; `correct`: the program for a valid sample."""
     fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
     raised = Block("there was no predict since the last", {Place("status", "OUT_OF_ORDER"): ca.SX(1)})
     return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
 
 
 def use(output: Signal) -> Block:
-    """Return the block that notes a valid sample."""
+    """Return the block that marks the sample of an output as used."""
     return Block(f"{output} is used", {Place("state", _used(output)): ca.SX(1)})
 
 
 def adapt_once(program: Program) -> Program:
-    """Return the adaptation, at most once per period."""
+    """Return the adaptation `program` with a test, so that it runs at most once per period."""
     done = sym("state", "adapted")
     test = {Place("work", "fresh"): done < 1, Place("status", "ADAPTED"): done >= 1}
     mark = Block("adapted", {Place("state", "adapted"): ca.SX(1)})
@@ -164,7 +165,7 @@ def adapt_once(program: Program) -> Program:
 
 
 def timed(section: Section, output: Signal) -> Section:
-    """Return the update section of an output for a sample with a time stamp."""
+    """Return the update section of an output with a time stamp, which skips late and early samples."""
     now, at = sym("state", "now"), sym(*AT)
     age = ca.if_else(now >= at, now - at, ROUND - 1 - at + now + 1)
     test = {
@@ -178,7 +179,8 @@ def timed(section: Section, output: Signal) -> Section:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """The parts of an observer, combined into sections for a clock."""
+    """The memory and statements `pieces` of an observer's parts, combined into the sections predict, update, adapt of a
+    step."""
 
     observer: Observer
     clock: Clock
@@ -186,52 +188,52 @@ class Assembly:
 
     @cached_property
     def combined(self) -> Pieces:
-        """The pieces of all parts as one."""
+        """The memory and statements of all parts in sequence, as one `Pieces`."""
         return joined(self.pieces)
 
     @cached_property
     def law(self) -> Recovery:
-        """The law of recovery, which restarts a lost estimate."""
+        """The law that restarts or projects a lost estimate."""
         return Recovery(self.observer, self.clock, self.combined, max(1, len(self.correcting)))
 
     @cached_property
     def adapt(self) -> Program:
-        """The program of the parts once after the updates; each part tests whether time has passed."""
+        """The program that runs once after the updates of a call, such as the law of theta."""
         return flat(piece.adapt for piece in self.pieces)
 
     @property
     def uses_output(self) -> bool:
-        """Whether the parts integrate with the last sample, which is then stored."""
+        """Whether a part integrates with the last sample y, which is then stored in the state."""
         return any(piece.uses_output for piece in self.pieces)
 
     @property
     def rated(self) -> bool:
-        """Whether sensors have different rates."""
+        """Whether sensors have periods other than dt."""
         return bool(self.clock.every)
 
     @cached_property
     def still(self) -> bool:
-        """Whether the estimate of this call is final before `adapt`, which does not change it."""
+        """Whether `adapt` leaves the estimate unchanged."""
         read_places = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
         return not any(read_places & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
 
     @cached_property
     def correcting(self) -> tuple[int, ...]:
-        """The indices of the outputs that correct."""
+        """The indices of the outputs whose samples correct the estimate."""
         count = range(self.clock.outputs)
         return tuple(j for j in count if any(piece.update and piece.update[j] for piece in self.pieces))
 
     @property
     def _ordered(self) -> tuple[Signal, ...]:
-        """The outputs whose updates may be called one by one, without a period count."""
+        """The outputs whose updates may be called one by one, at most once after each predict."""
         outputs = self.observer.form.system.outputs
         counted = self.rated or self.uses_output or not self.clock.guarded
         return () if counted else tuple(outputs[j] for j in self.correcting)
 
     @cached_property
     def state(self) -> tuple[Field, ...]:
-        """The parts' fields, those of the law of recovery, then the clock's: calls, the last input, and the last sample
-        where predict reads it."""
+        """All fields of the step's state: those of the parts, of the law of recovery, and of the clock: calls, the last
+        input, and the last sample where predict reads it."""
         system = self.observer.form.system
         counted = period_fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
@@ -253,7 +255,8 @@ class Assembly:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """The sections in order, without statements whose results are never read."""
+        """The sections predict, update of each output, adapt, in order, without statements whose results are never
+        read."""
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # the last one that can change the estimate
         outside = () if self.still and not self.rated else (outside_bit(self.observer),)
@@ -268,14 +271,14 @@ class Assembly:
 
     @property
     def timed(self) -> tuple[Section, ...]:
-        """The updates for samples with a time stamp, for sensors of different rates."""
+        """The update sections for samples with a time stamp; none where all sensors have the period dt."""
         updates = {section.corrects: section for section in self.sections}
         outputs = self.observer.form.system.outputs
         return tuple(timed(updates[y.name], y) for y in outputs if self.rated and y.name in updates)
 
     @property
     def estimate(self) -> Program:
-        """The program that computes the plant's state."""
+        """The program that computes the estimate of the plant's state."""
         observer = self.observer
         values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
         writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
@@ -283,11 +286,13 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """The program that resets fault counts and all memory but the estimate where the state is lost."""
+        """The program that resets fault counts and all memory but the estimate, called where a value of the state is
+        lost."""
         return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
-        """Return a program with the guard of the state after it; `before`: an earlier guarded program."""
+        """Return `program`, then the clamp of what it wrote to the state; `before`: a clamped program earlier in the
+        section."""
         if not self.clock.guarded:
             return program
         keep = tuple(map(Call, self._keep))
@@ -295,13 +300,13 @@ class Assembly:
 
     @property
     def inner(self) -> tuple[Section, ...]:
-        """The sections that other sections call."""
+        """The sections that the sections predict, update and adapt call."""
         return (*self.combined.inner, *self._keep, *self.law.inner)
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:
-        """The section that clamps the state to its box, called in the first call and by the guards after programs: the
-        estimate, and the fields that programs write."""
+        """The section that clamps to their boxes the estimate and the fields that programs write; none without
+        guards."""
         if not self.clock.guarded:
             return ()
         programs = (self.combined.predict, *map(self._correct, self.correcting), self.adapt)
@@ -315,7 +320,7 @@ class Assembly:
 
     @property
     def _predict(self) -> Section:
-        """The section that predicts.
+        """The section that advances the estimate from the last call to now.
 
         The first call clamps the state to its box, in case its memory was corrupted, and starts copies of the model
         from the estimate. Where no output corrects, this section evaluates the law of recovery.
@@ -344,7 +349,7 @@ class Assembly:
 
     @property
     def _samples(self) -> dict[int, Sampled]:
-        """The samples for the law of recovery where no output corrects."""
+        """The samples y_j with their errors, by output, for the law of recovery where no output corrects."""
         read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
         raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
         return {j: Sampled(y, self.clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
@@ -380,7 +385,6 @@ class Assembly:
 
 
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """Return the entries of all tuples."""
     return tuple(item for items in tuples for item in items)
 
 
@@ -388,20 +392,19 @@ def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
 
 
 def plain_inputs(observer: Observer) -> Block:
-    """Return the block that reads the current input."""
+    """Return the block that reads the current input, unchecked, as the work value u."""
     values = column(sym("input", signal.name) for signal in observer.form.system.inputs)
     return Block("the input", {Place("work", "u"): values})
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the block that reads all samples for a part that integrates with the measurement: y now, y at the last
-    call."""
+    """Return the block that reads all samples, unchecked, as the work values y, now, and y_last, at the last call."""
     now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
 
 
 def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
-    """Return the block that reads the sample of output j and computes its innovation."""
+    """Return the block that reads the sample of output j, unchecked, and computes its innovation y - yhat."""
     signal = observer.form.system.outputs[j]
     raw = sym("output", signal.name)
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
