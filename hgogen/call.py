@@ -34,10 +34,10 @@ from hgogen.system import System
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CallableStep(Step):
-    """A step with a memory: see `Step` for its program.
+    """A step of an observer that Python can call, with its memory; the program itself is a `Step`.
 
-    `engine`: "c" for the compiled step or "python" for its program as Python; None: C where there is a compiler. The
-    two compute the same bits, and share the memory. `real`: the precision of both, "float" or "double".
+    `engine`: "c" for the compiled step or "python" for its program as Python; None: C where there is a compiler. Both
+    compute equal bits, and share the memory. `real`: their precision, "float" or "double".
     """
 
     engine: Engine | None = None
@@ -123,7 +123,7 @@ class CallableStep(Step):
         return Sample(self._legend, self._output_bytes(), status)
 
     def adapt(self) -> Sample:
-        """Adapt the gain, once after the updates of a sample; a constant gain does not change."""
+        """Adapt an adaptive gain, once after the updates of a sample, and return the estimate."""
         self._demand_sections()
         status = self._entries["adapt" if "adapt" in self._entries else "estimate"]()
         return Sample(self._legend, self._output_bytes(), status)
@@ -187,7 +187,7 @@ class CallableStep(Step):
         return self._many.run(records, bytes(self._kept.whole), engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:
-        """Set the state to its value before the first call; tuned parameters stay."""
+        """Set the estimate and all other memory to their values before the first call; tuned parameters stay."""
         self._kept.reset()
         self._clock[0] = 0
 
@@ -215,14 +215,15 @@ class CallableStep(Step):
         return {name: tuple(map(float, self._kept.places[place].ravel())) for name, (place, _) in known}
 
     def save(self) -> bytes:
-        """Return the state as NAME_save saves it: a digest of the program, the bytes of the C struct, a checksum."""
+        """Return the memory between calls as bytes, as NAME_save in C: a digest of the program, the C struct, a
+        checksum."""
         return sealed(self, self.real, bytes(self._kept.state))
 
     def restore(self, saved: bytes) -> None:
-        """Restore the state from `save`; the times of `run` begin at 0 again, as after `reset`.
+        """Set the memory to `saved`, bytes from `save`; the times of `run` begin at 0 again, as after `reset`.
 
-        Raises: `BadShape` for a value that is no bytes; `NotSaved`, without a change of the state, for a damaged state,
-        or one of another program.
+        Raises: `BadShape` for a value that is no bytes; `NotSaved`, without a change of the memory, for damaged bytes,
+        or those of another program.
         """
         self._kept.state[:] = self._kept.saved(saved)
         self._clock[0] = 0
@@ -241,8 +242,9 @@ class CallableStep(Step):
         guards: Guards | None = None,
         prefer: Prefer | None = None,
     ) -> "CallableStep":
-        """Return a step of the same observer with another form of its plant, another method, period or precision, other
-        guards or another preference; the same where None. Raises: as `sample` and the observer do."""
+        """Return a step of the same observer with another `form` of its plant, method, period dt, precision `real`,
+        guards or preference `prefer`; an option that is None keeps its value. Raises: as `sample` and the observer do.
+        """
         observer = self.observer.on(form) if form else self.observer
         requested = {"real": real, "guards": guards, "prefer": prefer}
         options = self._options | {key: value for key, value in requested.items() if value}
@@ -265,7 +267,7 @@ class CallableStep(Step):
         return _quietly(plain, self.method, self.dt, self._options) if self.ages else self
 
     def flags(self, status: int) -> tuple[str, ...]:
-        """Return the names of the bits that are set in a status."""
+        """Return the names of the bits that are set in `status`, the word that a call returns."""
         return self._legend.flags(status)
 
     def __copy__(self) -> "CallableStep":
@@ -282,7 +284,7 @@ class CallableStep(Step):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """The options of `sample` besides observer, method and dt."""
+        """The options of `sample` with which this step was made, besides observer, method and dt."""
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
@@ -294,7 +296,7 @@ class CallableStep(Step):
         return bytes(self._kept.whole), self._clock[0]
 
     def _resumed(self, memory: bytes, clock: int) -> "CallableStep":
-        """Return the step itself, with the `_memory` of a step of the same program."""
+        """Return the step itself, its memory set to `memory`, from an equal program, at the call number `clock`."""
         self._kept.whole[:] = memory
         self._clock[0] = clock
         return self
@@ -366,7 +368,7 @@ def sample(
 
 
 def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:
-    """Return a step without the warning that it may fail, which was given for its original."""
+    """Return the step as `sample` does with the `options`, without a warning that it may fail."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
         return sample(observer, method, dt, **options)

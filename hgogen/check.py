@@ -27,11 +27,11 @@ class Verdict(StrEnum):
 
 
 class ClaimId(str):
-    """The name of a claim, the text of its parts: "triangular.a_3" of ("triangular", "a", 3).
+    """The name of a claim, as text its parts: "triangular.a_3" for ("triangular", "a", 3).
 
-    `maker`: the form, observer or question that claims, "" for a user's name; `fact`: the subject of the claim; `at`:
-    the indices of a repeated fact, chain before state; `unqualified`: the text without the maker. The text is never
-    parsed.
+    `maker`: the form, observer or question that makes the claim, "" for a name by the user; `fact`: the subject of the
+    claim; `at`: the indices of a repeated fact, chain before state; `unqualified`: the text without the maker. The text
+    is never parsed.
     """
 
     maker: str
@@ -91,7 +91,7 @@ class Check(Encoded):
 
     @property
     def advice(self) -> str:
-        """Advice to a user, to accept it among that, in no model's language; "" where nothing is known."""
+        """Advice to a user on a claim that is not proved, such as to accept it; "" where nothing can be advised."""
         if not self.consequence:
             return self.fix
         return f"{self.fix} Or accept {self.id}, knowing that {self.consequence}."
@@ -156,8 +156,8 @@ def worst(checks: Iterable[Check]) -> Check:
 
 
 def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable[ClaimId] = ()) -> tuple[Check, ...]:
-    """Return the refuted checks that `accept` does not name. `accept` may also name the claims `later`, whose checks do
-    not exist yet. Raises: `UnknownCheck` for another name."""
+    """Return the refuted checks whose ids are not in `accept`. `accept` may also name the claims `later`, whose checks
+    do not exist yet. Raises: `UnknownCheck` for any other name in it."""
     checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
     known = (*(check.id for check in checks), *later)
     for name in accept:
@@ -169,7 +169,8 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable
 def demand(
     checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None, later: Iterable[ClaimId] = ()
 ) -> None:
-    """Raise `Refuted` if a check of the `form` is refuted and not accepted. Other verdicts do not stop building."""
+    """Raise `Refuted` if one of the `checks` of the `form` is refuted and not in `accept`, which may also name the
+    claims `later`, whose checks do not exist yet. Other verdicts do not stop building."""
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     unaccepted = refuted(checks, accept, later)
     if unaccepted:

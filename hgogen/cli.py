@@ -9,7 +9,7 @@ import _signal as signal  # type: ignore[import-not-found]  # `signal` makes enu
 
 
 def main() -> None:
-    """Run the command line of this output."""
+    """Run the command line of this process."""
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # or its parent ignores Ctrl-C
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # there is nothing to clean up yet

@@ -23,7 +23,7 @@ class HgogenError(Exception):
 
 @dataclass(eq=False)
 class BadArgument(HgogenError):
-    """An error with the argument and its fault."""
+    """An error about an argument or input `what`, with the `reason` why it cannot be used."""
 
     what: str
     reason: str

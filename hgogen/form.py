@@ -34,7 +34,8 @@ class OneOutput(NoForm):
 
 
 def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> None:
-    """Raise `error` for a plant that has not exactly one output; `advice`: what has one, and what to do."""
+    """Raise `error` for a plant that has not exactly one output. `advice`: the end of its sentence, what to use
+    instead."""
     if len(plant.outputs) != 1:
         names = ", ".join(y.name for y in plant.outputs)
         raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{advice}")
@@ -42,12 +43,12 @@ def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> N
 
 @dataclass(frozen=True)
 class Asking:
-    """The settings by which a survey tries a form.
+    """The settings by which a survey of all forms tries one form.
 
-    `place`: its order among the forms, the narrowest first; `options`: those of each variant; `least` and `most`: the
-    numbers of outputs that it applies to (0: any number); `costly`: whether the attempt takes seconds; `slow`: whether
-    building an observer on it does; `candidate`: whether it may be the best form, which a form without a claim of
-    observability may not.
+    `place`: its order among the forms, the narrowest first; `options`: the arguments of each variant of the form;
+    `least` and `most`: the numbers of outputs that it applies to (0: any number); `costly`: whether the attempt takes
+    seconds; `slow`: whether building an observer on it does; `candidate`: whether it may be the best form, which a form
+    without a claim of observability may not.
     """
 
     place: int = 100
@@ -59,7 +60,7 @@ class Asking:
     candidate: bool = True
 
     def refusal(self, outputs: int) -> str:
-        """Return why the form is not tried for a plant with so many outputs, "" if it is."""
+        """Return why the form is not tried for a plant with this number of outputs, "" if it is."""
         if outputs < self.least:
             return f"for {self.least} outputs or more"
         return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
@@ -149,7 +150,7 @@ class Form:
 
     @property
     def leads(self) -> tuple[int, ...]:
-        """The numbers of the outputs with which a chain begins."""
+        """The numbers of the outputs that have a chain of states."""
         return tuple(k for k, size in enumerate(self.blocks) if size)
 
     @property
@@ -173,7 +174,7 @@ class Form:
         return all(check.verdict is Verdict.PROVED for check in self.about("structure"))
 
     def about(self, fact: str) -> tuple[Check, ...]:
-        """Return the checks of a fact, such as "rank", but not those of a row of the plant with that name."""
+        """Return the checks whose fact has this name, such as "rank", but not those of an equation with that name."""
         return tuple(check for check in self.checks if check.id.fact == fact and check.id.maker != MAKER)
 
     @cached_property
@@ -199,7 +200,7 @@ class Form:
 
     @property
     def nonlinear(self) -> tuple[sp.Expr, ...]:
-        """The nonlinear part: b, and the terms of A z whose factor reads a state."""
+        """The nonlinear part (n) of z': b, and the terms of A z whose coefficient depends on a state."""
         known = {*self.states}
         terms = (
             (a * z if a.free_symbols & known else sp.S.Zero for a, z in zip(self.A.row(i), self.states, strict=True))
@@ -224,7 +225,7 @@ class Form:
 
 
 def valued(make: Make) -> Make:
-    """Return a case of `hg.forms` whose checks begin with the checks of rows that may have no finite value."""
+    """Return a case of `hg.forms` that puts the checks `singular.NAME` of equations without finite values first."""
 
     @wraps(make)
     def make_valued(*args: Any, **options: Any) -> Form:

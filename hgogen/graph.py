@@ -72,7 +72,8 @@ _OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
 def sx(value: Graph) -> Graph:
-    """Return the value as an SX, to be read only: an SX is not copied, because a copy costs as much as a sum."""
+    """Return a number, matrix or SX as an SX, to be read only: an SX is not copied, because a copy costs as much as a
+    sum."""
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
@@ -89,7 +90,7 @@ def binary(operation: int, a: Graph, b: Graph) -> Graph:
 
 
 def leaves(value: Graph, low: float, high: float) -> Graph:
-    """Return whether a value is below its range, or above it; SX."""
+    """Return an SX: whether a value is below `low` or above `high`."""
     return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
 
 
@@ -139,7 +140,8 @@ def _step(argument: sp.Expr, at_zero: sp.Expr) -> sp.Expr:
 
 
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return the sum, with a - b as a subtraction, so that the C reads as the formula does."""
+    """Return the sum as a graph, with a - b as a subtraction, so that the C reads as the formula does. `inner`: the
+    conversion of a term."""
     total: Graph = None
     for term, negative in _signed(node):
         value = inner(term)
@@ -157,7 +159,7 @@ def _signed(node: sp.Add) -> tuple[tuple[sp.Expr, bool], ...]:
 
 
 def _terms(node: sp.Add) -> list[sp.Expr]:
-    """Return the terms in SymPy's order, but with numbers in names in numerical order: x10 after x2."""
+    """Return the terms of a sum in SymPy's order, but with numbers in names in numerical order: x10 after x2."""
     if not any(re.search(r"\d\d", s.name) for s in node.free_symbols):
         return list(node.as_ordered_terms())
     counted = {s: re.sub(r"\d+", lambda digits: digits[0].zfill(6), s.name) for s in node.free_symbols}
@@ -168,7 +170,8 @@ def _terms(node: sp.Add) -> list[sp.Expr]:
 
 
 def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return number times numerator over denominator: one multiplication by the number, no division by constants."""
+    """Return a product as the graph number * numerator/denominator, without division by constants. `inner`: the
+    conversion of a factor."""
     number, quotient = node.as_coeff_Mul()
     numerator, denominator = sp.fraction(quotient, exact=True)
     value = reduce(partial(binary, ca.OP_MUL), map(inner, sp.Mul.make_args(numerator)))
@@ -197,7 +200,8 @@ def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
 
 
 def _piecewise(node: sp.Piecewise, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return the first branch whose condition holds, as nested choices; NaN where none does."""
+    """Return a Piecewise as a graph of nested choices, the first branch whose condition holds; NaN where none does.
+    `inner`: the conversion of an expression."""
     value = ca.SX.nan()
     for branch, condition in reversed(node.args):
         value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
@@ -254,7 +258,7 @@ def _chosen(condition: sp.Basic, value: sp.Expr) -> sp.Expr:
 
 
 def _added(a: sp.Expr, b: sp.Expr) -> sp.Expr:
-    """Return the sum; for CasADi's two halves of an if_else, one Piecewise."""
+    """Return a + b; for the two halves that CasADi makes of an if_else, one Piecewise."""
     halves = [t.args for t in (a, b) if isinstance(t, sp.Piecewise) and len(t.args) == 2 and t.args[1].expr == 0]
     if len(halves) == 2 and halves[1][0].cond == sp.Not(halves[0][0].cond):
         return sp.Piecewise(halves[0][0].args, (halves[1][0].expr, True), evaluate=False)

@@ -56,7 +56,7 @@ Pattern = tuple[bool, ...]  # which outputs have a sample
 
 @dataclass(eq=False)
 class InfiniteCore(HgogenError):
-    """A linear error core whose numbers overflow."""
+    """A linear error dynamics e' = M e (the core) whose numbers overflow."""
 
     def __str__(self) -> str:
         return "the error core has numbers beyond the range of a double; choose smaller gains, or other units"
@@ -64,7 +64,7 @@ class InfiniteCore(HgogenError):
 
 @dataclass(eq=False)
 class NoCovariance(HgogenError):
-    """A method for a covariance with an observer that has none."""
+    """A method that integrates the covariance P, for an observer without P."""
 
     method: str
 
@@ -73,13 +73,14 @@ class NoCovariance(HgogenError):
 
 
 class NoRealisation(BadArgument):
-    """An observer without a linear core with constant coefficients."""
+    """An observer without a linear part x' = M x + B v with constant coefficients that `Realising` could discretise."""
 
     text = "{what} realises a linear error core with constant coefficients; {reason}"
 
 
 class Method(Protocol):
-    """A discretisation: one rule for differential equations, one for the covariance of a Riccati observer."""
+    """A discretisation: one rule for the differential equations of an observer, one for the covariance of a Riccati
+    observer."""
 
     @property
     def name(self) -> str:
@@ -93,7 +94,7 @@ class Method(Protocol):
 
     @property
     def prediction(self) -> Tableau | None:
-        """The tableau that integrates the model while samples are missing; None for a method that realises a core."""
+        """The tableau that integrates the model while samples are missing; None if the method is `Realising`."""
         ...
 
     def __hash__(self) -> int:
@@ -101,19 +102,19 @@ class Method(Protocol):
         ...
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return the part over one step, the measurement on the line between two valid samples."""
+        """Return memory and statements that integrate `part` over a step, y on the line between two valid samples."""
         ...
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the Riccati observer over one step."""
+        """Return memory and statements that integrate a Riccati observer, estimate and covariance, over a step."""
         ...
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return the step lengths for a part of the observer, as far as `dt` requires them."""
+        """Return the refused and the advised step length for the stability of `part`, as far as `dt` requires."""
         ...
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Return the step lengths for the Riccati observer, as far as `dt` requires them."""
+        """Return the step lengths up to which the Riccati observer is stable, computed as far as `dt` requires."""
         ...
 
 
@@ -122,57 +123,60 @@ class OnErrors(Protocol):
     """A method whose effect on an observer's error is known, so that its step can be proved."""
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """Return why the effect on an error of this inclusion is not known, or `NONE`."""
+        """Return why the effect of the method on the error dynamics e' in `error` is not known, or `NONE`."""
         ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return a step of length h for the inclusion of the error; for h = 0 its limit."""
+        """Return the method's step of length h for e' in Lur'e form, the uncertain error `e`; for h = 0 its limit."""
         ...
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """Return the plant's deviation from a step of the method, as an input of the error. Raises: `Unbounded`."""
+        """Return the plant's local error in a step of the method at theta, as input of e'. Raises: `Unbounded`."""
         ...
 
 
 @dataclass(frozen=True)
 class Staged:
-    """The stages of a tableau for a differential equation, and for the model while samples are missing."""
+    """A method that applies the stages of a Runge-Kutta tableau, also to the model while samples are missing."""
 
     prediction: Tableau = RK4
     exact = False  # every eigenvalue of the core limits the step
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """Return no obstacle: the stages apply to any inclusion."""
+        """Return `NONE`: the stages apply to any error dynamics."""
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the stages of the tableau."""
+        """Return the stages of the tableau with step length h, applied to the error `e`."""
         return stagewise(self.prediction, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """Return the plant's deviation from its step by the tableau, and from the line between two samples."""
+        """Return the local error of the plant's solution against a step by the tableau, and the deviation of its output
+        from the line between two samples, at the gain theta."""
         return StageDeviation(plant, self.prediction).error_input
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return a step of every field of the part at once."""
+        """Return the memory and statements that integrate all fields of the part by the tableau."""
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return the step lengths that the linear core admits, and the core with the model's Jacobian."""
+        """Return the step lengths at which the tableau is stable, with the linear core and with the Jacobian."""
         name = self.prediction.name
         why = f"beyond it the linear error core leaves the stability region of {name}"
         return lengths(part, observer, dt, self, Limit(paced(part, observer, self.prediction), why), name)
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
-        """Return R(h M) (k, N, N), R the stability polynomial."""
+        """Return the amplification matrices R(h M) (k, N, N) of a step, R the stability polynomial of the tableau."""
         return polynomial(h * M, self.prediction.polynomial)
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """Return the h (k) at which h times an eigenvalue of M leaves the stability region."""
+        """Return the least step length h (k) at which h times an eigenvalue of M (k, N, N) leaves the stability region
+        of R."""
         return decay_limits(M, self.prediction.polynomial)
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
-        """Return a step of every field of any part at once."""
+        """Return the memory and statements that integrate all fields of any differential equation, a covariance
+        included, by the tableau."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
         def equations(moving: Values) -> dict[str, Graph]:
@@ -195,8 +199,9 @@ class Staged:
         )
 
     def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block | Repeat]:
-        """Yield the step as one block; or as a loop over the stages where a stage reads little of the stages before it,
-        so that their slopes need not stay in memory."""
+        """Yield the statements of the step: one block, or a loop over the stages where each stage depends on few
+        earlier ones, so that their slopes need not stay in memory. `rate`: the right-hand side; `start`: the fields
+        before."""
         title = f"{', '.join(start)}: one step of {self.prediction.name}"
         notes = ("its tableau:", *(f"  {row}" for row in self.prediction.rows))
         if not self.prediction.chained:
@@ -226,7 +231,8 @@ class Staged:
 
 @dataclass(frozen=True)
 class Explicit(Staged):
-    """An explicit Runge-Kutta method of (z, S), or (z, P), of a Riccati observer, and with (z, S) of any other part."""
+    """An explicit Runge-Kutta method. `view`: the variables of a Riccati observer that it integrates, (z, S) with the
+    information matrix S = P^-1, or (z, P) with the covariance. Only a method with (z, S) integrates other parts."""
 
     view: Literal["information", "covariance"] = "information"
 
@@ -242,17 +248,17 @@ class Explicit(Staged):
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """The stages of the tableau, and their sum."""
+        """The equations of the tableau's stages, and of their sum, as lines for reports."""
         return self.tableau.equations
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return a step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
+        """Return the memory and statements that integrate the part. Raises: `NoCovariance` in the view (z, P)."""
         if self.view == "covariance":
             raise NoCovariance(self.name)
         return self.step(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the step of z and S, or z and P, as one differential equation."""
+        """Return the memory and statements that integrate z and S, or z and P, as one differential equation."""
         pieces, (covariance, limited) = (
             self.step(riccati_ode(part, self.view), clock),
             symmetric_covariance(part, self.view),
@@ -262,7 +268,8 @@ class Explicit(Staged):
         return replace(pieces, rule=self.name, covariance=covariance)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Return the step lengths that the covariance equation admits; `take` is also within the plant's pace."""
+        """Return the step lengths at which the Riccati equation is stable; the advised one is also short against the
+        plant's time scales."""
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Lengths(
             refused=limits[-1].dt,
@@ -275,14 +282,14 @@ class Explicit(Staged):
 
 
 def equations(method: Method, rule: str) -> tuple[str, ...]:
-    """Return the lines of the rule that integrates an observer: the method, or classical Runge-Kutta for a part that
-    the method leaves to it; none for a part's own rule."""
+    """Return the equations, as lines for reports, of the method that integrates an observer: `method`, or classical
+    Runge-Kutta if `rule` names it, for a part that the method leaves to it; () for a part with its own rule."""
     return {RK4.name: RK4.equations, method.name: method.equations}.get(rule, ())
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
-    """Return the largest step length at which the tableau keeps the linear error core stable. Raises: `InfiniteCore`,
-    `stability.UnstableCore`."""
+    """Return the largest step length at which the tableau keeps e' = M e, the linear error dynamics, stable. Raises:
+    `InfiniteCore`, `stability.UnstableCore`."""
     line = core(part, len(observer.form.system.outputs))
     matrix = part.core if line is None else numbers(line.M, nominal(observer))
     if matrix is None:
@@ -325,7 +332,8 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The matrices Phi, Psi_0, Psi_1 (N, N), Gamma_0, Gamma_1 (N, p) as SX of the places that `program` writes."""
+    """The matrices Phi, Psi_0, Psi_1 (N, N), Gamma_0, Gamma_1 (N, p) of a step x+ = Phi x + Gamma_0 v_0 + Gamma_1 v_1 +
+    Psi_0 r_0 + Psi_1 (r_1 - r_0), as SX of the places that `program` writes; index 0 and 1: the ends of the step."""
 
     program: Program
     Phi: Graph
@@ -337,9 +345,10 @@ class Matrices:
 
 @dataclass(frozen=True)
 class Realising:
-    """A method that realises the linear core. `matrices`: its matrices for a core and a step length (s); `numbers`:
-    (Phi, Psi_0, Psi_1) (N, N) for h M; `equations`: lines for reports; `realisation`: the matrices in proofs about the
-    error of an observer; `local_error`: that of a plant whose residual terms are known at both ends of a step."""
+    """A method that discretises the linear core x' = M x + B v by matrices, and the nonlinear rest r(x) by two stages.
+    `matrices`: the `Matrices` of a core and a step length (s); `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M;
+    `equations`: lines for reports; `realisation`: the matrices in proofs about an observer's error; `local_error`: the
+    local error for a plant whose r is known at both ends of a step."""
 
     name: str
     matrices: Callable[[Core, float], Matrices]
@@ -351,7 +360,7 @@ class Realising:
     prediction = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return a step of every field of the part at once. Raises: `NoRealisation`."""
+        """Return the memory and statements that integrate all fields of the part. Raises: `NoRealisation`."""
         if part.frozen:
             raise NoRealisation(self.name, f"here {min(part.frozen)} adapts, and the core with it: take rk4")
         if part.linear is None:
@@ -372,17 +381,17 @@ class Realising:
         )
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return the step lengths of the nonlinear residual terms: the core sets no limit."""
+        """Return the step lengths at which the nonlinear rest r(x) is stable: the linear core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
-        """Return a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the residual's slope (k, N, N)."""
+        """Return (k, N, N) of e+ = a + Psi_1 J (a - e), a = (Phi + Psi_0 J) e, J = M - core the slope of r(x)."""
         J, (Phi, Psi_0, Psi_1) = M - core, self.numbers(core, h)
         first = Phi + Psi_0 @ J
         return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """Return the refused step lengths (k), by trying lengths in turn."""
+        """Return the least step lengths (k) at which `transition` is unstable, found by trial."""
         return first_unstable(core, M, self)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -394,17 +403,19 @@ class Realising:
         return Lengths()
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """Return the obstacle of a varying core, which is not realised, or `NONE`."""
+        """Return why the error dynamics `error` is not realised, a linear core that varies, or `NONE`."""
         if any(slope.realised is None for slope in error.slopes):
             return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the step of the realised core, and of the residual terms by two stages."""
+        """Return the step of length h of the realised core, and of the nonlinear terms by two stages, for the error
+        `e`."""
         return realised(self.realisation, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """Return the deviation of the plant's samples at both ends, with its residual terms by two stages."""
+        """Return the local error of the plant's solution, given at both ends of a step with its terms r, at the gain
+        theta."""
         return CoreDeviation(plant, error, theta).error_input(self.realisation, self.local_error)
 
 
@@ -416,13 +427,14 @@ def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces
 
 
 def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pieces:
-    """Return the step for one pattern of samples: derived matrices, their computation in `tune`, and `predict`."""
+    """Return the memory and statements of a step for a `pattern` of valid outputs: its matrices, which `tune` computes,
+    and `predict`, which applies them."""
     line = core(part, clock.outputs, tuple(map(float, pattern)))
     assert line is not None
     (label, suffix), valid = _named(pattern), ca.SX(ca.DM(list(map(float, pattern))))
 
     def residual(x: Graph, c: float) -> Graph:
-        """Return the nonlinear residual r (N) for the column of the fields (N) at an end of the step, 0 or 1."""
+        """Return the nonlinear rest r (N) at the fields x (N), at the begin (c = 0) or end (c = 1) of the step."""
         rates = part.residual(_split(part, x), clock.u(c), clock.y(c), valid)
         return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
@@ -454,7 +466,7 @@ def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pie
 
 
 def _source(part: Ode, clock: Clock, c: float) -> Graph:
-    """Return the measurement without its offset, v (p), at an end of the step."""
+    """Return v = y - offset(u) (p), the input of the linear core, at the begin (c = 0) or end (c = 1) of a step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
@@ -464,12 +476,12 @@ def _split(part: Ode, x: Graph) -> dict[str, Graph]:
 
 
 def _stored(place: Place, matrix: Graph) -> Graph:
-    """Return a sparse matrix whose elements are stored in a place, by columns."""
+    """Return an SX with the sparsity of `matrix` whose nonzeros are the elements of an array at `place`, by columns."""
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
 def _named(pattern: Pattern) -> tuple[str, str]:
-    """Return the suffix of names of values for this pattern of samples, and the end of a sentence about it."""
+    """Return a suffix for the names of values for this pattern of valid outputs, and the end of a sentence about it."""
     if all(pattern):
         return "", ""
     present = ", ".join(str(j) for j, valid in enumerate(pattern, 1) if valid)
@@ -494,7 +506,8 @@ def balanced(X: Graph) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Graph, size: int) -> Graph:
-    """Return S F S^-1 (N, N) of a function F of S^-1 X S, stored by rows, without its structural zeros."""
+    """Return S F S^-1 (N, N), F a function of S^-1 X S stored by rows in `place`, without structural zeros of X's
+    powers."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0

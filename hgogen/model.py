@@ -70,10 +70,11 @@ class MissingPart(BadArgument):
 class Model:
     """A loaded model file.
 
-    `module` has its parts; `fixes`: for a part that is missing, the definition to add; `default`: the name of the
-    tuning in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model in which SymPy
-    removed a part; `setting`: the user's settings of steps, which replace those of the file; `tables`: the user's
-    tunings, which replace those of the same name; `take`: the name of the one that is the step's own.
+    `module` has its parts, such as `plant` and `tuning`; `fixes`: for a part that is missing, the definition to add;
+    `default`: the name of the tuning in the table `observer` of a plain-text model; `folds`: the texts of a plain-text
+    model in which SymPy removed a part; `setting`: the user's settings of steps, which replace those of the file;
+    `tables`: the user's tunings by name, which replace equal names in the file; `take`: the name of the tuning among
+    them that the model's step uses.
     """
 
     name: str
@@ -87,9 +88,9 @@ class Model:
     take: str = ""
 
     def set(self, setting: Setting) -> "Model":
-        """Return the model with a form, a method or a period of its steps, tunings, or values of parameters, in place
-        of those in its file, which is read again for parameters. Raises: `UnknownCase`; `BadFile`, `BadParameters`,
-        `BadValue`; `Misfit` for a value that is no setting."""
+        """Return the model with the `setting` (a form, a method or a period of its steps, tunings, values of
+        parameters) in place of the file's own, which is read again for parameters. Raises: `UnknownCase`; `BadFile`,
+        `BadParameters`, `BadValue`; `Misfit` for a value that is no setting."""
         if not isinstance(setting, Setting):
             raise Misfit("set", setting, "a Setting, as of hgogen.modelfiles.setting")
         setting.demand()
@@ -107,7 +108,7 @@ class Model:
         return replace(fresh, setting=self.setting, tables=self.tables, take=self.take)
 
     def sampled(self, dt: float) -> "Model":
-        """Return the model at another period of its steps, with its present parameters."""
+        """Return the model with the sampling period `dt` for its steps, and its present parameters."""
         return self.set(replace(self.setting, dt=dt, parameters=None))
 
     @property
@@ -125,7 +126,8 @@ class Model:
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """The inequality (38) that the file declares, proved or not; None without one. Raises: `MissingPart`."""
+        """The declared inequality (38), dV/dt <= -2 mu V along errors, proved or not; None without. Raises:
+        `MissingPart`."""
         if not self.has("dissipation"):
             return None
         try:
@@ -143,12 +145,12 @@ class Model:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The notes on expressions whose reading differs from the text on the declared box. Raises: `MissingPart`."""
+        """Notes on expressions that SymPy reads otherwise than the text on the declared box. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
         return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
     def has(self, part: str) -> bool:
-        """Return whether the file defines `part`; a tuning with a period makes a step."""
+        """Return whether the file defines `part`, such as "trial"; for "step" a tuning with a period suffices."""
         return hasattr(self.module, part) or (part == "step" and bool(self._first))
 
     @property
@@ -187,9 +189,9 @@ class Model:
         return _guarded(self.path, lambda: tuning.step(name, default_period, dt, start))
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
-        """Return its tunings with one for the observer `name`. An observer without a tuning gets starting gains: at the
-        period `dt`, else at the one in the setting, else at that of the model's own step. Raises: `MissingPart` for an
-        unknown observer, or one that no form of the plant admits."""
+        """Return the model's tunings, completed by one for the observer `name` if it has none: starting gains at the
+        period `dt`, else at the period in the setting, else at that of the model's own step. Raises: `MissingPart` for
+        an unknown observer, or one that no form of the plant admits."""
         tuning = self.tuning
         if name in tuning.tables:
             return tuning
@@ -209,7 +211,7 @@ class Model:
 
     @cached_property
     def _default_period(self) -> float:
-        """The sampling period (s) of tunings that have none, from one step for all of them."""
+        """The sampling period (s) of tunings that have none, that of the model's own step."""
         if hasattr(self.module, "step"):
             return self._written_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
@@ -235,14 +237,14 @@ class Model:
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _written_step(self) -> CallableStep:
-        """Return the result of `step()`, without the setting, which may be for another observer."""
+        """Return the result of the file's `step()`, without the user's setting, which may be for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
         return step
 
     def trials(self) -> tuple[Trial, ...]:
-        """Return the result of its `trial()`, one trial or several. Raises: `MissingPart`, `ModelFails`."""
+        """Return the result of the file's `trial()`, one trial or several. Raises: `MissingPart`, `ModelFails`."""
         returned = self._called("trial")
         trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):

@@ -30,7 +30,7 @@ _LAST = 32  # calls of each case whose observers are remembered
 
 
 def age_of(name: str) -> str:
-    """Return the name of the signal with the age of an output's sample; two underscores are reserved by C++."""
+    """Return the name of the signal that gives the age of a late sample of the output `name`; C++ reserves "__"."""
     return f"{name.rstrip('_')}_age"
 
 
@@ -116,8 +116,8 @@ class Observer:
         return make(form(without_rates(base.system.declared)), **gains)
 
     def clamping(self, clamped: bool) -> "Observer":
-        """Return the observer with its arguments clamped to their ranges, or with its equations as they are written.
-        Without clamps it has no claims but those of the form.
+        """Return the observer with the arguments of b and h clamped to their ranges (True), or with its equations as
+        they are written (False), which has no claims but those of the form.
 
         Raises: `BadGain` for an observer that is not from `hg.observers`, or around a member.
         """
@@ -129,7 +129,8 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """The case of the observer, its form or member, and its other arguments. Raises: `BadGain`."""
+        """The function of `hg.observers` that made the observer, its form or member, its other arguments. Raises:
+        `BadGain`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
         case, args, keywords = self.construction.func, self.construction.args, self.construction.keywords
@@ -170,8 +171,9 @@ def _again(
 
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """Return a case of `hg.observers` whose observers know their construction. The last observers are cached: equal
-    arguments on the same form give the same observer, which is immutable, as are the cached arguments."""
+    """Return a function of `hg.observers` whose observers hold their arguments in `construction`. The last observers
+    are cached: equal arguments on the same form give the same observer, which is immutable, as are the cached
+    arguments."""
 
     def new(call: _Call) -> Observer:
         accepted = names("accept", call.keywords.get("accept", ()))
@@ -269,8 +271,8 @@ def demand_form(
 
 
 def _never(name: str, form: Form, requires: Callable[[str, Form], Any] | None, known: Collection[Check | None]) -> str:
-    """Return a sentence why the observer does not apply to the form, whatever is accepted, without the reason of a
-    check that is `known` already; "" where it applies."""
+    """Return a sentence why `requires` refuses the form for any accepted claims, without the reason of a check that is
+    in `known`; "" where the observer `name` applies."""
     try:
         if requires is not None:
             requires(name, form)
@@ -314,8 +316,8 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
 
 def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], dict[Signal, float]]:
-    """Return the initial values of the states of the form's system, from those of the plant as first declared, and of
-    its inputs. Raises: `BadNames`, `BadGain`."""
+    """Return the initial values of the states of the form's system, and of its inputs, from `initial`, values by name
+    of the plant as first declared. Raises: `BadNames`, `BadGain`."""
     origin, inputs = form.system.origin, form.system.inputs
     states = form.system.declared.states
     defaults = {s.name: resting(s) for s in (*states, *inputs)}
@@ -352,8 +354,8 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
 
 def high_gain_parameter(theta: Any) -> Field:
-    """Return the gain `theta`, tunable from 1 to its declared value, at which step lengths are judged. Raises:
-    `BadGain` for theta < 1 or not finite."""
+    """Return the field of the gain `theta`, tunable from 1 to the given value, for which step lengths are judged.
+    Raises: `BadGain` for theta < 1 or not finite."""
     value = real("theta", theta)
     if not 1 <= value < np.inf:
         raise BadGain(f"theta = {value!r}", "must be a finite number, at least 1")
@@ -361,8 +363,8 @@ def high_gain_parameter(theta: Any) -> Field:
 
 
 def any_theta(theta: Any) -> Field:
-    """Return the gain `theta` > 0 of a constant injection. It may be below 1, outside of the theorem, and is then
-    fixed. Raises: `BadGain`."""
+    """Return the field of the gain `theta` > 0 of an observer with a constant gain matrix. A theta below 1, outside of
+    the theorem, is not tunable. Raises: `BadGain`."""
     value = positive("theta", theta)
     return high_gain_parameter(value) if value >= 1 else gain("theta", value, value, value, "high-gain parameter")
 

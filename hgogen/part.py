@@ -29,9 +29,10 @@ Prefer = Literal["speed", "flash"]
 
 @dataclass(frozen=True)
 class Clock:
-    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples; the numbers of
-    inputs and outputs; `every`: the number of steps between two samples of each output, empty where it is 1 for all;
-    the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short program."""
+    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples, "line" or
+    "hold"; the numbers `inputs` and `outputs`; `every`: the number of steps between two samples of each output, empty
+    where it is 1 for all; the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short
+    program."""
 
     dt: float
     between: str
@@ -43,7 +44,7 @@ class Clock:
 
     @property
     def guarded(self) -> bool:
-        """Whether the step has guards."""
+        """Whether the step has guards: clamps, and tests of samples."""
         return self.guards == "all"
 
     @property
@@ -60,7 +61,7 @@ class Clock:
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
-        """Return the input (m) at the fraction c of a step between two samples."""
+        """Return the input (m) at the fraction c of a step between `last` and `now`: on their line, or held."""
         return now if self.between == "hold" else on_line(c, last, now)
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
@@ -69,12 +70,12 @@ class Clock:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The sizes of the signals that are not constant."""
+        """The sizes of u, y and valid by name, as far as they vary: without guards `valid` is constant."""
         return {"u": self.inputs, "y": self.outputs} | ({"valid": self.outputs} if self.guarded else {})
 
     @property
     def constants(self) -> dict[str, Graph]:
-        """The signals that are constant: without guards every sample is used."""
+        """The signals that are constant, by name: without guards `valid` is 1, since every sample is used."""
         return {} if self.guarded else {"valid": self.valid}
 
     @property

@@ -115,7 +115,8 @@ class Group:
 
 
 def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator[tuple[Group, ...]]:
-    """Yield the path to every group, the outermost first; a group follows its inner groups."""
+    """Yield for every group its tuple of groups from the outermost to itself; a group follows its inner groups.
+    `above`: the groups around these."""
     for group in groups:
         yield from lines_of(group.groups, (*above, group))
         yield (*above, group)
@@ -123,10 +124,10 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """A bit of the status: its name for callers of every language, its meaning, and the action of the caller, which
+    """A bit of the status word: its `name` for callers, its `meaning`, and the `action` asked of the caller, which
     `Step.action_of` completes.
 
-    `raised`: the name of its place, which a block writes to, if it differs.
+    `raised`: the name of the place in `status` to which a block writes, if it differs from `name`.
     """
 
     name: str
@@ -136,12 +137,12 @@ class Bit:
 
     @property
     def place(self) -> Place:
-        """The place of the status that raises the bit."""
+        """The place in `status` that a block sets to raise the bit."""
         return Place("status", self.raised or self.name)
 
 
 def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
-    """Return the bits with names in capitals, as constants have them.
+    """Return the bits with names in capitals, as C constants have them.
 
     A name that has capitals already stays; a repeated name gets a number.
     """
@@ -172,7 +173,7 @@ Sized = tuple[tuple[Place, int], ...]  # places with their sizes
 
 
 class _Statement:
-    """The interface of every statement, with the names of its members that are places or programs."""
+    """The interface of every statement: the names of its members that are places read, places written, and programs."""
 
     _read: tuple[str, ...] = ()
     _write: tuple[str, ...] = ()
@@ -240,7 +241,7 @@ class Block(_Statement):
 
     @cached_property
     def graph(self) -> ca.Function:
-        """The SX function from the places read to the places written, then the named values."""
+        """The SX function from the places read to the places written and, after these, the values in `names`."""
         inputs = [sym(*place, size) for place, size in self.reads]
         values = [dense(value) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, values, {"cse": True})
@@ -284,7 +285,7 @@ class When(_Statement):
 
 @dataclass(frozen=True, eq=False)
 class Repeat(_Statement):
-    """Run `body` once for each row of numbers, assigned to the places of `given`, scalars of work."""
+    """Run `body` for each row k of numbers: the k-th numbers in `given`, assigned to its scalar places, in `work`."""
 
     given: Mapping[Place, tuple[float, ...]]
     body: tuple["Statement", ...]
@@ -293,7 +294,7 @@ class Repeat(_Statement):
 
     @property
     def written(self) -> Sized:
-        """The places that receive the numbers of a row."""
+        """The places in `given`, which receive the numbers of a row."""
         return tuple((place, 1) for place in self.given)
 
     @cached_property
@@ -417,7 +418,7 @@ def pruned(program: Sequence[Statement]) -> Program:
 
 
 def within(statement: Statement, change: Callable[[Program], Program]) -> Statement:
-    """Return the statement with its programs changed."""
+    """Return the statement with `change` applied to each program in it."""
     bodies: dict[str, Any] = {name: change(body) for name, body in statement.bodies.items()}
     return replace(statement, **bodies)
 
@@ -426,11 +427,11 @@ T = TypeVar("T")
 
 
 class Reader(Generic[T]):
-    """A fold over programs: a method for each kind of statement returns its result, and `joined` combines results in
-    order.
+    """A function on programs, defined by a method for each kind of statement, which returns its result, and `joined`,
+    which combines the results of successive statements.
 
-    `known`: information from the enclosing statements. A `Repeat` is read without its loop, unless a reader has a
-    method for it.
+    `known`: information from the enclosing statements. A `Repeat` is evaluated as its unrolled statements, unless a
+    reader has a method for it.
     """
 
     def program(self, program: Iterable[Statement], *known: Any) -> T:
@@ -443,7 +444,7 @@ class Reader(Generic[T]):
         return result
 
     def joined(self, parts: Iterable[T]) -> T:
-        """Return the result of several statements from the result of each."""
+        """Return the result of successive statements from the result of each."""
         raise NotImplementedError
 
     def _repeat(self, repeat: Repeat, *known: Any) -> T:

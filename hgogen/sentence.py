@@ -42,14 +42,14 @@ def down(value: float | Fraction, digits: int = 4) -> str:
 
 
 def same(value: float) -> str:
-    """Return a float as text that reads back as the same: in six digits if they suffice, else in more."""
+    """Return a float as text that reads back as an equal float: in six digits if they suffice, else in more."""
     six_digits = f"{value:g}"
     return six_digits if float(six_digits) == value else repr(float(value))
 
 
 @dataclass(frozen=True)
 class Up:
-    """A number that is printed by `up`."""
+    """A number `value` that is printed rounded up, by `up` with its other arguments."""
 
     value: float | Fraction
     digits: int = 4
@@ -62,7 +62,7 @@ class Up:
 
 @dataclass(frozen=True)
 class Down:
-    """A number that is printed by `down`."""
+    """A number `value` that is printed rounded down, by `down` to so many `digits`."""
 
     value: float | Fraction
     digits: int = 4
@@ -92,7 +92,7 @@ class Sentence:
 
     @classmethod
     def of(cls, pattern: str, /, **values: Any) -> Self:
-        """Return the sentence with that pattern, a constant, and its values by name."""
+        """Return the sentence of a constant `pattern`, such as "{x} is not 0", with the values by name."""
         return cls(pattern, tuple((name, _frozen(value)) for name, value in values.items()))
 
     def part(self, name: str) -> Any:
@@ -110,7 +110,8 @@ class Sentence:
         return _Written(text).format(self.pattern, **dict(self.values))
 
     def as_dict(self) -> dict[str, Any]:
-        """The pattern and the values that it names, a bound as its value and how it is rounded."""
+        """The pattern and its values by name; a number that is rounded is given in full, with the direction of
+        rounding."""
         return {"pattern": self.pattern, "values": {name: _data(value) for name, value in self.values}}
 
 
@@ -123,7 +124,7 @@ NONE = Reason("")
 
 
 def joined(*reasons: Reason) -> Reason:
-    """Return the nonempty reasons as one, one after the other."""
+    """Return one reason whose text is the nonempty reasons, one after the other."""
     parts = tuple(filter(None, reasons))
     return because("{parts:; }", parts=parts) if len(parts) > 1 else next(iter(parts), NONE)
 

@@ -210,7 +210,8 @@ def resting(signal: Signal) -> float:
 
 
 def spread(signal: Signal) -> tuple[float, float]:
-    """Return the ends between which sample points lie: the range, or without one the resting value twice."""
+    """Return the ends (low, high) between which sample points lie: the range, or without one the resting value
+    twice."""
     return signal.interval if signal.bounded else (resting(signal),) * 2
 
 
@@ -252,7 +253,8 @@ def plural(time: str) -> str:
 
 
 def of_time(unit: str, time: str, declared: Iterable[str] = ()) -> str:
-    """Return a unit that is written with s, as y^2 s, in the model's time; a unit of a signal is not changed."""
+    """Return `unit`, written with s as in y^2 s, with the model's unit `time` in place of s; a unit in `declared`,
+    those of signals, is not changed."""
     return unit if time == "s" or unit in declared else re.sub(r"\bs(\d*)\b", rf"{time}\1", unit)
 
 

@@ -37,10 +37,10 @@ Make = TypeVar("Make", bound=Callable[..., Observer])
 
 @dataclass(frozen=True)
 class Scale:
-    """The numbers of the rules: theta, dt and D in the plant's time, S and Q by the names of the form's states
-    (`states`, `process`), Y and sigma by those of the outputs (`outputs`, `noise`), and the lengths of the chains
-    (`blocks`). `spread`: the ratio of the fastest to the slowest pole, of poles about -1; `corner`: the speed of
-    filters over theta."""
+    """The numbers from which starting gains are computed: theta, dt and the longest time D in which a state crosses its
+    range (`longest`), in the plant's time; ranges S and process scales Q by the form's states (`states`, `process`);
+    ranges Y and noise sigma by output (`outputs`, `noise`); the lengths of the chains (`blocks`). `spread`: the ratio
+    of the fastest to the slowest pole, of poles about -1; `corner`: the speed of filters over theta."""
 
     theta: float
     dt: float
@@ -60,12 +60,13 @@ class Scale:
 
     @property
     def units(self) -> dict[str, float]:
-        """The process noise S_i^2/D by name: the variance grows by S_i^2 in the time D."""
+        """The process noise S_i^2/D by the name of state i: its variance grows by S_i^2 in the time D."""
         return {name: s * s * (1 / self.longest) for name, s in self.states.items()}
 
     @property
     def poles(self) -> Any:
-        """The poles, all at -1 or with that geometric mean, as a tuple for each chain where there are several."""
+        """The poles, all at -1 or spread about it with geometric mean -1, as a tuple for each chain if there are
+        several."""
         each = tuple(tuple(-whole(two(self.spread**k)) for k in evenly(size)) for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
@@ -85,15 +86,16 @@ class Scale:
         return next(iter(self.outputs.values()))
 
     def start(self, exponent: int = 1) -> Gains:
-        """Return P_i(0), or its inverse, by name."""
+        """Return P_i(0)^exponent by the name of state i: P_i(0), or for -1 its inverse."""
         return {name: weight(two(s * s / 4) ** exponent) for name, s in self.states.items()}
 
     def density(self, exponent: int = 1) -> Gains:
-        """Return Q_i, or its inverse, by name."""
+        """Return Q_i^exponent by the name of state i: the process noise Q_i, or for -1 its inverse."""
         return {name: weight(two(q) ** exponent) for name, q in self.process.items()}
 
     def variance(self, exponent: int = 1) -> Any:
-        """Return R, or its inverse, a number for one output."""
+        """Return R_j^exponent by the name of output j, a number for one output: the variance R_j, or for -1 its
+        inverse."""
         each = {name: weight((sigma**2 * self.dt) ** exponent) for name, sigma in self.noise.items()}
         return each if len(each) > 1 else next(iter(each.values()))
 
@@ -123,7 +125,7 @@ def starts(
     quick: float = MANY,
     costly: bool = False,
 ) -> Callable[[Make], Make]:
-    """Attach a rule to an observer, as its attribute `rule`."""
+    """Return a decorator that attaches a `Rule` with these fields to an observer, as its attribute `rule`."""
 
     def tied(make: Make) -> Make:
         vars(make)["rule"] = Rule(where, asks, state, gains, quick, costly)
@@ -133,7 +135,7 @@ def starts(
 
 
 def rule(observer: Callable[..., Observer]) -> Rule:
-    """Return the rule of an observer, or the empty rule."""
+    """Return the `Rule` of an observer: when to use it, and its starting gains; or the empty rule."""
     attached: Rule = getattr(observer, "rule", Rule())
     return attached
 
@@ -177,7 +179,7 @@ def starting_gains(
 
 
 def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
-    """Return the gains by the rule of an observer at a scale, or a sentence why there are none."""
+    """Return the starting gains of an observer for the `numbers` of a plant, or a sentence why there are none."""
     try:
         return rule(observer).gains(numbers)
     except ArithmeticError:
@@ -185,7 +187,8 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
-    """Return the numbers of the rules for a form and its plant. Raises: `BadGain`, as `starting_gains`."""
+    """Return the numbers T, theta, dt, S, .. from which the starting gains on a form are computed, with a fixed period
+    `dt` and the noise by output where known. Raises: `BadGain`, as `starting_gains`."""
     dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
@@ -207,7 +210,7 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
 
 
 def _slopes(form: Form) -> dict[int, float]:
-    """Return a_i by the number of z_i, for the a_i with one sign at the sample points of the box."""
+    """Return |a_i| by i for the gains a_i of the chains that have one sign at the sample points of the box."""
     chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
     links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
     flow = dict(zip(form.states, form.flow, strict=True))
@@ -250,7 +253,7 @@ def whole(value: float) -> float:
 
 
 def _span(low: float, high: float) -> float:
-    """Return half the distance of two ends, 1 for unknown ends and for an output that does not vary."""
+    """Return half the distance high - low, 1 where it is unknown, and for an output that does not vary."""
     half = (high - low) / 2
     return half if 0 < half < math.inf else 1.0
 

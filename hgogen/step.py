@@ -68,9 +68,9 @@ def demand_step(step: object, what: str) -> None:
 
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
-    """A step length at which the discretisation is unstable at a point of the declared box. It is refused above `limit`
-    and advised up to `take`; `basis`: the basis of the advice; `certified`: how to find the dt up to which there is a
-    proof."""
+    """A step length `dt` at which the discretisation is unstable at a point of the declared box. A dt is refused above
+    `limit` and advised up to `take`; `rule`: the method; `why`: the cause; `basis`: the basis of the advice; `unit`: of
+    time; `certified`: how to find the dt up to which there is a proof."""
 
     dt: float
     limit: float
@@ -95,7 +95,7 @@ def _time(value: float, unit: str) -> str:
 
 
 def _advice(take: float, unit: str, basis: str) -> str:
-    """Return the end of a sentence on a step that is too long."""
+    """Return the end of a sentence on a step that is too long: the dt to `take` and the `basis` of this advice."""
     return f"take dt <= {_time(take, unit)} ({basis}), or another method"
 
 
@@ -114,8 +114,8 @@ _LAST = 32  # cached steps
 @dataclass(frozen=True)
 class Layout:
     """The memory of a step: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, the memory
-    between calls; `bits`, the status; `mark`, the field of a stored state, and of parameters, that identifies them,
-    None without guards."""
+    between calls; `bits`, those of the status; `mark`, the field that identifies a stored state, and parameters, as
+    this step's, None without guards."""
 
     plant: tuple[Field, ...]
     gains: tuple[Field, ...]
@@ -137,7 +137,7 @@ class Layout:
 
     @property
     def word(self) -> np.dtype:
-        """The type of a status, an unsigned whole number of 32 or 64 bits."""
+        """The numpy type of the status word, an unsigned whole number of 32 or 64 bits."""
         return word(self.bits)
 
     @property
@@ -215,7 +215,7 @@ class Step:
 
     @property
     def choice(self) -> str:
-        """The program of a part that was selected among two, and why; "" where there was no choice."""
+        """Which of two programs for a part was taken, and why; "" where there was no choice."""
         return self.code.choice
 
     @property
@@ -254,12 +254,13 @@ class Step:
         return self.observer.form.system.time
 
     def unit(self, item: Field) -> str:
-        """Return the unit of a field; a unit of the observer's own, which is written with s, in the model's time."""
+        """Return the unit of a field; where the observer gave it, written with s, in the model's unit of time."""
         form = self.observer.form
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
     def action_of(self, bit: Bit) -> str:
-        """Return the action that a bit asks of the caller, which may depend on what is proved of the observer."""
+        """Return the action that a status bit asks of the caller, which may depend on what is proved of the
+        observer."""
         return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
     @property
@@ -341,7 +342,8 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
-    """Raise `BadStep` for an option whose samples need the status."""
+    """Raise `BadStep` for an option that needs the status, such as late samples or periods, on a step without
+    guards."""
     late = "samples that come late" if observer.delays else "sensors of different rates" if every else ""
     if late:
         raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
@@ -403,6 +405,6 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
 
 
 def _demand_room(name: str, bits: Sequence[str]) -> None:
-    """Raise `BadStep` for bits of these names that no status word can hold."""
+    """Raise `BadStep` if the names `bits` are more than a status word has bits; `name`: the step."""
     if excess := shortage(bits):
         raise BadStep(f"{name} with {len(bits)} status bits or more", excess)

@@ -29,7 +29,8 @@ class BadValue(BadArgument):
 
 @dataclass(frozen=True)
 class Origin:
-    """The origin of a recast plant, with new states in terms of its states (`forward`), and the reverse."""
+    """The origin of a recast plant: the original `plant`, the new states as expressions of its states (`forward`), and
+    its states as expressions of the new ones (`backward`)."""
 
     plant: "System"
     forward: tuple[sp.Expr, ...]
@@ -248,7 +249,7 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
-    """Return a mapping of the parameters with these names to the ones with new values. Raises: `BadValue`."""
+    """Return a mapping from each parameter named in `values` to an equal one with the new value. Raises: `BadValue`."""
     if plant.origin is not None:
         raise BadValue(f"plant {plant.name!r}", "is recast; give the values to the plant that it was recast from")
     known = {p.name: p for p in plant.parameters}

@@ -200,7 +200,7 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
 
 
 def _below(root: Path, name: str) -> Path:
-    """Return the path of a name below the root, on which no link leads elsewhere."""
+    """Return the path root/name after a check that no link on it leads elsewhere."""
     pure = PurePath(name)
     if not pure.parts or pure.anchor or ".." in pure.parts:
         raise CannotWrite(quoted(name), f"it leaves the folder {root}", "take a name that stays in it")
@@ -216,7 +216,8 @@ def _below(root: Path, name: str) -> Path:
 
 
 def _kind(path: Path, follow: bool = False) -> int | None:
-    """Return the kind of an existing file, as `stat` calls it; None where there is none. A dangling link is a kind."""
+    """Return the type bits of an existing file's mode (`stat.S_IFMT`), also of a dangling link; None where there is
+    none."""
     try:
         return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:
@@ -229,7 +230,8 @@ def _misplaced(path: Path, wanted: str) -> CannotWrite:
 
 
 def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
-    """Return a new file, locked until `opened` is closed, so that no other process removes it as incomplete."""
+    """Return a new temporary file, its descriptor and path, locked until `opened` is closed, so that no other process
+    removes it as incomplete."""
     while True:
         path = folder / f"{_STAGED}{secrets.token_hex(8)}"
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)

@@ -25,7 +25,7 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """Return the knowledge of an observer's convergence from its own checks: of convergence, of its gain theta, and of
+    """Return whether an observer is proved to converge, from its own checks: of convergence, of its gain theta, and of
     how long it holds a gain, for which a larger theta compensates."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
@@ -37,7 +37,8 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
 
 
 class Beyond(NamedTuple):
-    """A claim about the step as it runs that, where proved, is stronger than the theorem; `reason`: its subject."""
+    """A proof about the step as it runs that is stronger than an observer's theorem, by its `claims`; `reason`: its
+    subject."""
 
     claims: Claims
     reason: str
@@ -83,7 +84,7 @@ class Theorem:
 
 @dataclass(frozen=True)
 class Row(Encoded):
-    """A hypothesis with its `verdict`, None where it is left to the user."""
+    """A hypothesis of a theorem with its `verdict`, None where it is left to the user."""
 
     json_keys = "claim verdict=standing reason reason_data=reason.as_dict checks reference"
 
@@ -100,7 +101,8 @@ class Row(Encoded):
 
 
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
-    """Return the theorem's hypotheses, each with the verdict of its worst check; unknown where no check decides it."""
+    """Return the theorem's hypotheses, each with the worst verdict of the checks that decide it; unknown without a
+    check."""
     known = tuple(checks)
     result = []
     for hypothesis in theorem.hypotheses:
@@ -224,6 +226,6 @@ HURWITZ = Hypothesis(
 
 
 def large_theta(observer: str) -> Hypothesis:
-    """Return the hypothesis that theta is above the bound in the observer's claim of that name."""
+    """Return the hypothesis that theta exceeds the bound that the check `OBSERVER.theta` proves."""
     reason = "of its declared value; it can be tuned down to 1"
     return Hypothesis("theta is large enough", (Claims(observer, "theta"),), reason=reason)

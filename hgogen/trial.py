@@ -72,7 +72,7 @@ class OrnsteinUhlenbeck:
     tau: float = 0.0
 
     def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
-        """Return the noise (N, k) at evenly spaced `times` (N) of each of k generators."""
+        """Return the noise (N, k) at evenly spaced `times` (N), a column for each of the k generators."""
         normal = np.column_stack([rng.standard_normal(len(times)) for rng in rngs])
         rho = math.exp(-(times[1] - times[0]) / self.tau) if self.tau > 0 else 0.0
         scaled = self.sigma * normal
@@ -90,7 +90,7 @@ class Sine:
     omega: float
 
     def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
-        """Return the noise (N, k) at `times` (N)."""
+        """Return the tone (N, k) at `times` (N), a column for each of the k generators."""
         return np.tile(self.amplitude * np.sin(self.omega * times)[:, None], len(rngs))
 
 
@@ -105,7 +105,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class Settled:
-    """The criterion of "settled": |error of `state`| <= `band` for `hold` from then on."""
+    """The criterion of settling: |error of `state`| <= `band` from a time on, for at least the time `hold`."""
 
     state: str
     band: float
@@ -160,13 +160,14 @@ class Trial:
 
     @property
     def steady_from(self) -> float:
-        """The time `steady`, or the start of the last tenth."""
+        """The time from which errors count as steady: `steady`, or the start of the trial's last tenth."""
         return 0.9 * self.duration if self.steady is None else self.steady
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; at a jump the values after it."""
+    """The noise-free course of a plant: t (N,), x (N, n), u (N, m), y (N, p) at the samples; at a jump the values after
+    it."""
 
     t: np.ndarray
     x: np.ndarray
@@ -362,7 +363,7 @@ def first_memory(step: CallableStep, trial: Trial) -> bytes:
 
 
 def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
-    """Return the response of the step to runs, each from the memory `start`."""
+    """Yield the response of the step to each run, beginning with the memory `start`."""
     for one in runs:
         step.restore(start)
         run = step.run(u=one.u, y=step.arriving(one.y), engine=engine)
@@ -370,7 +371,8 @@ def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine
 
 
 def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[Feed]:
-    """Return the runs of seeds on a truth of the step's plant; the noise of as many as fit is computed at once."""
+    """Yield the inputs and noisy measurements of each seed on a `truth` of the plant; noise is computed for many seeds
+    at once."""
     system = step.observer.form.system
     u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
     for first in range(0, len(seeds), truth.at_once):
@@ -454,7 +456,7 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
 
 
 def _recursion(values: Any, rho: float) -> Any:
-    """Return values_k + rho values_(k-1), in place, of a list of numbers or of the rows of an array."""
+    """Return v (N) or (N, k) with v_k = values_k + rho v_(k-1), in place, of a list or of the rows of an array."""
     for k in range(1, len(values)):
         values[k] += rho * values[k - 1]
     return values
@@ -499,7 +501,8 @@ def _noise(value: Any) -> Any:
 
 
 def _instance(entry: Any, kind: Any) -> Any:
-    """Return an instance of a class above, after a check that its fields are numbers, or the name of a state."""
+    """Return `entry` as an instance of `kind`, such as `Jump`, whose fields are checked to be numbers or a state's
+    name."""
     if not isinstance(entry, kind):
         raise TypeError
     for key, value in vars(entry).items():
@@ -592,7 +595,7 @@ class March:
 
     @cached_property
     def _step(self) -> Any:
-        """The CasADi function (x, t, h, p) -> x+ and |e|."""
+        """The CasADi function (x, t, h, p) -> (x+, |e|) of one extrapolated step."""
         t, h = ca.SX.sym("t"), ca.SX.sym("h")
         x, p = self._ode["x"], self._ode["p"]
         rate = ca.Function("rate", [x, self._ode["t"], p], [ca.densify(self._ode["ode"])])
@@ -686,7 +689,7 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """Return the time until the plant leaves its ranges, by integrations over durations that double."""
+    """Return the time until the trial's motion leaves the plant's ranges, by integrations over doubled durations."""
     low, high = np.array([s.interval for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:

@@ -50,7 +50,7 @@ class Row(Encoded):
 
     @property
     def name(self) -> str:
-        """The form with its options, such as "triangular, measured=True"."""
+        """The name of the form with its options, such as "triangular, measured=True"."""
         return ", ".join([self.kind, *(f"{key}={value!r}" for key, value in self.options.items())])
 
 
@@ -62,36 +62,37 @@ class Survey:
     rows: Annotated[tuple[Row, ...], "each form in each variant, and the test of Gauthier and Bornard"]
 
     def __getitem__(self, name: str) -> Row:
-        """Return the row of that name, such as "triangular" or "triangular, measured=True"."""
+        """Return the verdict on the form of that name, such as "triangular" or "triangular, measured=True"."""
         return {row.name: row for row in self.rows}[name]
 
     @property
     def answered(self) -> tuple[Row, ...]:
-        """The rows with a verdict."""
+        """The forms with a verdict, those that were tried and apply to the plant."""
         return tuple(row for row in self.rows if row.verdict is not None)
 
     @property
     def proved(self) -> tuple[Row, ...]:
-        """The first row of each form in which the plant is proved to be."""
+        """The forms in which the plant is proved to be, each in its first such variant."""
         rows = [row for row in self.rows if row.form and row.verdict is Verdict.PROVED]
         return tuple({row.kind: row for row in reversed(rows)}.values())[::-1]
 
     @property
     def candidates(self) -> tuple[Row, ...]:
-        """The rows of forms with a claim of observability and a structure that the plant has, proved ones first."""
+        """The forms with a claim of observability and a structure that the plant has, proved ones first."""
         rows = [row for row in self.answered if asking(row.kind).candidate]
         shaped = [row for row in rows if row.form and row.form.structured]
         return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
 
     @property
     def silent(self) -> tuple[Row, ...]:
-        """The rows of forms without a claim of observability and with a structure that the plant has."""
+        """The forms without a claim of observability and with a structure that the plant has."""
         rows = [row for row in self.answered if not asking(row.kind).candidate]
         return tuple(row for row in rows if row.form and row.form.structured)
 
     @property
     def best(self) -> Form:
-        """The first proved form, else the first with the plant's structure, else any that applies, else `original`."""
+        """The plant in the first proved form, else in the first whose structure it has, else in any, else
+        `original`."""
         answering = [row for row in self.answered if asking(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
@@ -109,7 +110,7 @@ class Survey:
 @requires_plant
 @requires_switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
-    """Return every form of the plant on its declared box; forms that take seconds only if `deep`."""
+    """Return the verdict on every form for the plant on its declared box; forms that take seconds only if `deep`."""
     names = sorted(forms.__all__, key=lambda name: asking(name).place)
     rows = []
     for name in names:
@@ -125,7 +126,7 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
 
 
 def of(name: str, plant: System) -> Row:
-    """Return the row of one form of the folder, without options."""
+    """Return the verdict on the plant in the form `name` of the folder `forms`, without options."""
     return _row(name, {}, plant)
 
 

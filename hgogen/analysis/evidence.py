@@ -258,7 +258,7 @@ class NotCertifiable(BadArgument):
 
 
 class OtherNumbers(BadArgument):
-    """A certificate for an observer whose proofs hold for other gains than those the certificate states."""
+    """An observer whose proofs name other numbers than the checker's table `recheck.rules.OBSERVERS` expects."""
 
     text = (
         "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "

@@ -172,8 +172,8 @@ def checks(change: Change) -> tuple[Check, ...]:
 
 def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
     """Return the check `recast.inverse` that the maps w(x) and x(w) of a change as it is `written` are smooth and
-    inverse to each other; `change`: the change in symbols `signed` as the declared ranges. The values of one map need
-    not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
+    inverse to each other. `change`: with both maps simplified; `signed`: symbols with the signs of the declared ranges.
+    The values of one map need not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
     id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
