@@ -59,7 +59,8 @@ WRONG = 5.0  # in units of sigma: larger residuals are outliers
 
 @dataclass(frozen=True)
 class Whiteness(Encoded):
-    """Ljung and Box's test of a sequence."""
+    """The result of Ljung and Box's test whether a sequence is white noise: its `statistic`, the `limit` for white
+    noise, the number of `lags`."""
 
     json_keys = "test statistic limit lags white"
 
@@ -79,7 +80,8 @@ class Whiteness(Encoded):
 
 
 def whiteness(e: Array) -> Whiteness | None:
-    """Ljung and Box's test of a sequence (N,); None where it is too short or constant."""
+    """Return Ljung and Box's test whether the sequence e (N,) is white noise; None where it is too short or
+    constant."""
     N = len(e)
     lags = min(LAGS, N // LEAST)
     r = correlations(e, lags)
@@ -90,7 +92,8 @@ def whiteness(e: Array) -> Whiteness | None:
 
 
 def correlations(e: Array, lags: int) -> Array | None:
-    """The first autocorrelations of a sequence (N,), N - 1 at most; None where it is constant."""
+    """Return the first `lags` autocorrelations of a sequence (N,), N - 1 at most; None where the sequence is
+    constant."""
     e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # scaled by a power of two, so that no square overflows
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
@@ -107,23 +110,25 @@ def quantile(p: float, freedom: float) -> float:
 
 
 def alike(residuals: Array) -> float:
-    """The number tau of residuals (N,) that have the information of one independent residual."""
+    """Return the number tau of residuals (N,) in a row that together have the information of one independent
+    residual."""
     r = correlations(residuals, len(residuals))
     return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
 
 
 def deviation(residuals: Array) -> float:
-    """The robust standard deviation sigma of residuals (N), in units of their output's scale."""
+    """Return a robust standard deviation sigma of residuals (N), in units of their output's scale."""
     return max(OF_MEDIAN * float(np.median(np.abs(residuals))), ROUNDING)
 
 
 def corner(residuals: Array) -> float:
-    """The corner c of the loss rho for residuals (N)."""
+    """Return the corner c of the pseudo-Huber loss rho(e) = c^2 (sqrt(1 + (e/c)^2) - 1) for residuals (N)."""
     return CORNER * deviation(residuals)
 
 
 def influence(residuals: Array, c: float) -> Array:
-    """Return the influence psi(e)/E psi' of each residual (N)."""
+    """Return psi(e)/E psi' (N) of residuals e (N), with the derivative psi = rho' of the pseudo-Huber loss with corner
+    `c`."""
     growth = 1 + (residuals / c) ** 2
     share = float(np.mean(growth**-1.5))
     return np.asarray(residuals / np.sqrt(growth) / share)
@@ -138,7 +143,7 @@ WORSE = 1.05  # times the error of another prediction: worse
 
 @dataclass(frozen=True)
 class OfOutput:
-    """The innovations of one output."""
+    """Statistics of the innovations e of one output: RMS, mean of e^2/s with its 95 % band, whiteness."""
 
     output: Annotated[str, "the output"]
     count: Annotated[int, "number of innovations"]
@@ -151,7 +156,7 @@ class OfOutput:
 
 @dataclass(frozen=True)
 class OfStates:
-    """The errors of states whose truth is known."""
+    """Statistics of the estimation errors of states whose truth is known: the mean of e' P^-1 e with its 95 % band."""
 
     states: Annotated[tuple[str, ...], "the states"]
     count: Annotated[int, "number of samples"]
@@ -162,7 +167,8 @@ class OfStates:
 
 @dataclass(frozen=True)
 class Consistency:
-    """The consistency of a run."""
+    """Statistics of a run's innovations, by output, and of its estimation errors, relative to the observer's
+    covariance."""
 
     outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
@@ -244,7 +250,7 @@ def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None
 
 
 def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
-    """A sentence for each output that is predicted worse than by copying."""
+    """Yield a sentence for each output that a model predicts worse than its last measured value does."""
     for output in dict.fromkeys(one.output for one in predictions):
         rows = [one for one in predictions if one.output == output and one.copying is not None]
         if rows and not any(one.copying for one in rows):
@@ -275,7 +281,8 @@ class BadWindow(BadArgument):
 
 @dataclass(frozen=True)
 class Suggestion:
-    """Noise and thresholds that a record without excitation suggests."""
+    """The noise and the thresholds of an adaptive theta that a log without excitation suggests: deviation sigma,
+    correlation time tau, window d, gamma_0, gamma_1, R."""
 
     output: Annotated[str, "the output"]
     samples: Annotated[int, "number of samples"]
@@ -290,8 +297,8 @@ class Suggestion:
 
 
 def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
-    """The mask of the evenly spaced times t (N,), N >= 2, in begin..end (None: the first, the last); `unit` of the
-    times. Raises: `BadInterval` unless the interval lies within the log, up to a sample."""
+    """Return the mask of the evenly spaced times t (N,), N >= 2, in begin..end (None: the first, the last time); `unit`
+    of the times. Raises: `BadInterval` unless the interval lies within the log, up to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
@@ -302,8 +309,9 @@ def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit:
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
-    """The noise and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`; `unit`: that of
-    both times. Raises: `TooLittle`, `BadWindow`."""
+    """Return the sensor noise and the thresholds of an adaptive theta from y (N,), sampled every `dt` without
+    excitation, NaN where missing; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises: `TooLittle`,
+    `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST_SAMPLES:
         least = f"give at least {LEAST_SAMPLES} from a quiet part of the record"
@@ -337,7 +345,8 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") ->
 
 
 def correlation_time(residual: np.ndarray, dt: float) -> float:
-    """The lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for white noise.
+    """Return the lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for white
+    noise.
 
     Between samples the logarithm is interpolated, which is exact for an Ornstein-Uhlenbeck process. White: the first
     lag's correlation is within two standard deviations, 2/sqrt(N), of 0.
@@ -360,7 +369,8 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
 
 
 def spread(window: int, dt: float, tau: float) -> float:
-    """The standard deviation over the mean of the innovation of pure noise over `window` samples."""
+    """Return the ratio of standard deviation to mean of the innovation I_d of pure noise over `window` samples, `dt`
+    apart, with correlation time `tau`."""
     if tau == 0:
         return math.sqrt(2 / window)
     k = np.arange(1, window)

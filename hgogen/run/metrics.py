@@ -34,7 +34,8 @@ ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 
 @dataclass(frozen=True)
 class Response:
-    """The response to an event, None where it did not happen or does not apply."""
+    """The response to an event of a trial (start, jump): times to settle, and the course of theta; None for what did
+    not happen or does not apply."""
 
     time: Annotated[float, "time of the event (s)"]
     settled: Annotated[float | None, "time to settle (s); null: never"]
@@ -46,7 +47,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Metrics:
-    """The metrics of a trajectory."""
+    """The metrics of one trajectory (one seed): the response to each event, and the steady errors by state."""
 
     seed: Annotated[int, "seed of the noise"]
     engine: Annotated[str, "who ran the step: c or python"]
@@ -56,7 +57,7 @@ class Metrics:
 
 
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
-    """The metrics of a trajectory of `step`."""
+    """Return the metrics of a trajectory of `step`: times to settle after each event, RMS errors."""
     trial, t = trajectory.trial, trajectory.truth.t
     pairs = pairwise((*trial.events, math.inf))
     spans = [(begin, (t >= begin - 1e-9) & (t < end - 1e-9)) for begin, end in pairs]
@@ -79,21 +80,23 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """Return the criterion by which a trial is settled, in words; `unit`: that of the plant's time."""
+    """Return in words when a trial counts as settled, such as the band of the error; `unit`: that of the plant's
+    time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
 
 
 def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
-    """The width (n) of each state's range."""
+    """Return the width (n) of each state's declared range, or of its course along the trajectory without one."""
     spans = np.ptp(trajectory.truth.x, axis=0)
     widths = [s.interval[1] - s.interval[0] if s.bounded else spans[i] or 1.0 for i, s in enumerate(step.states)]
     return np.array(widths, dtype=float)
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    """Return the response to an event at the time `begin`, in its `span`, a mask (N,)."""
+    """Return the response to an event at the time `begin`; `span`: the mask (N,) of the samples before the next
+    event."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
         settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
@@ -115,14 +118,16 @@ def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray
 
 
 def _past(holds: np.ndarray, dt: float) -> float | None:
-    """The time (s) from the first sample until `holds` (k,) is false for good; None if it is true at the end."""
+    """Return the time (s) from the first sample until `holds` (k,) is false for good; None if it is true at the end.
+    `dt` (s): between samples."""
     samples = np.flatnonzero(holds)
     first = int(samples[-1]) + 1 if len(samples) else 0
     return first * dt if first < len(holds) else None
 
 
 def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
-    """The time (s) from the first sample until |error| (k,) remains in the band for `hold`; None for never."""
+    """Return the time (s) from the first sample until |error| (k,) remains in the band of `settled` for its time
+    `hold`; None for never."""
     samples = round(settled.hold / dt) + 1
     inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
     begins = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
@@ -130,14 +135,15 @@ def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
 
 
 def crossings(theta: np.ndarray) -> np.ndarray:
-    """The samples at which theta rises through 1.5."""
+    """Return the numbers of the samples at which theta (N,) rises through 1.5."""
     above = theta > TRIGGERED
     return np.flatnonzero(above[1:] & ~above[:-1]) + 1
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened)."""
+    """The metrics of several seeds of one trial: medians and worst values; of a quantity that some seed lacks, the
+    worst is None (it never happened)."""
 
     trial: Annotated[str, "name of the trial"]
     criterion: Annotated[str, "what settled means"]
@@ -157,7 +163,7 @@ class Summary:
 
 
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
-    """The metrics of all seeds (at least one) in one; `unit`: that of the plant's time."""
+    """Return the metrics of all seeds (at least one) of a trial as one `Summary`; `unit`: that of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
     settled: list[list[Any]] = [[r.settled for r in event] for event in events]
     peaks, triggers, louds = (
@@ -184,13 +190,13 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """The median of times, where None counts as infinitely late."""
+    """Return the median of times, where None counts as infinitely late."""
     middle = float(np.median([math.inf if value is None else value for value in values]))
     return middle if math.isfinite(middle) else None
 
 
 def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]) -> float | None:
-    """The alarm ratio of an adaptive theta, which says whether an alarm can sustain itself:
+    """Return the alarm ratio of an adaptive theta, which says whether an alarm can sustain itself:
 
         ratio = (mean of I_d with theta fixed at 2 theta_1, without a fault) / gamma_0
 
@@ -220,7 +226,7 @@ def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequenc
 
 
 def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
-    """A sentence for every trial with an innovation in which theta does not recover."""
+    """Yield a sentence for every trial in which an adaptive theta does not recover from an alarm."""
     for one in each:
         if one.latched and one.alarm_ratio is not None:
             fed = one.alarm_ratio > ITSELF
@@ -232,7 +238,8 @@ def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
 
 
 def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
-    """The initial state, but with the truth as the estimate (also of each predictor) and theta at its peak."""
+    """Return the step's memory (bytes) at the start of a trial, but with the truth as the estimate (also of each
+    predictor) and theta at its peak."""
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
     values |= {u: resting(u) for u in form.system.inputs}
@@ -251,7 +258,8 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Interventions:
-    """The times at which the recovery law acted."""
+    """The times at which guards acted on an estimate: restarts, and projections onto the declared ranges; `runs`: of
+    how many runs."""
 
     restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
     projections: Annotated[tuple[float, ...], "times of projections onto the ranges"] = ()
@@ -265,7 +273,8 @@ class Interventions:
         return Interventions(restarts, projections, self.runs + other.runs)
 
     def sentence(self, unit: str) -> str:
-        """A clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4 s)"."""
+        """Return a clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4
+        s)"."""
         named = (("restart", "from the sample", self.restarts), ("projection", "onto the ranges", self.projections))
         parts = []
         for action, where, times in named:
@@ -276,7 +285,7 @@ class Interventions:
 
 
 def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Interventions:
-    """Return the interventions that a status (N,) reports at the times t (N,)."""
+    """Return the restarts and projections of an estimate that the status (N,) reports at the times t (N,)."""
     names = {bit.name: k for k, bit in enumerate(step.layout.bits)}
 
     def raised(name: str) -> tuple[float, ...]:
@@ -286,7 +295,8 @@ def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Intervention
 
 
 def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool, unit: str) -> Iterator[str]:
-    """A sentence for a trial with interventions, as a warning if it has no disturbance."""
+    """Yield a sentence for a trial with restarts or projections of the estimate, as a warning if the trial has no
+    disturbance. `trial`, `observer`: names; `unit`: of time."""
     if each and disturbed:
         yield f"trial {trial}, {observer}: {each.sentence(unit)}"
     elif each:
@@ -308,7 +318,7 @@ class Leaving:
     farthest: Annotated[float, "its value farthest from the range"]
 
     def sentence(self, unit: str) -> str:
-        """A sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
+        """Return a sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
         return (
             f"{self.signal} leaves its range {self.low:g}..{self.high:g} at t = {self.time:.6g} {unit}, where it is "
             f"{self.value:.6g}, and gets as far as {self.farthest:.6g}"
@@ -316,7 +326,7 @@ class Leaving:
 
 
 def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ...]:
-    """The states and inputs of the plant as first declared that leave their ranges along the truth."""
+    """Return the states and inputs of the plant as first declared that leave their ranges along the true trajectory."""
     plant, truth = system.declared, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
     leaving = []
@@ -331,7 +341,7 @@ def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ..
 
 
 def leaving_notes(trial: str, each: Iterable[Leaving], unit: str) -> Iterator[str]:
-    """A sentence for a trial in which signals leave their ranges."""
+    """Yield a sentence for a trial in which signals leave their ranges; `trial`: its name."""
     sentences = "; ".join(one.sentence(unit) for one in each)
     if sentences:
         yield (
@@ -347,8 +357,8 @@ def before_loss(run: Run) -> int:
 
 
 def loss(step: Step, run: Run, t: Array, u: Array, y: Array) -> Iterator[str]:
-    """A sentence on the loss of an estimate, if it is lost, over inputs u (N, m) and samples y (N, p) at times t (N,):
-    the time, the cause and the remedy."""
+    """Yield a sentence on the loss of an estimate (not finite), if it is lost, over inputs u (N, m) and samples y (N,
+    p) at times t (N,): the time, the cause and the remedy."""
     first = before_loss(run)
     if first == len(t):
         return

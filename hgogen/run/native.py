@@ -92,14 +92,14 @@ Failed = Callable[[tuple[str, ...], str], HgogenError]  # of a command and its o
 
 
 def compiler() -> str | None:
-    """The path of the C compiler; None where there is none."""
+    """Return the path of the C compiler; None where there is none."""
     command = _compiler()
     return command[0] if command else None
 
 
 def _compiler() -> tuple[str, ...] | None:
-    """The C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc and
-    clang that is installed; None where none is."""
+    """Return the C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc
+    and clang that is installed; None where none is."""
     named, commands = os.environ.get("CC", ""), [["cc"], ["gcc"], ["clang"]]
     if named.strip():
         with suppress(ValueError):  # a quotation mark that is not closed
@@ -118,7 +118,8 @@ def engine() -> Literal["c", "python"]:
 
 
 def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
-    """The C files compiled into a shared library and loaded; a library of the same text is used again.
+    """Return the C files (text by name) compiled into a shared library and loaded; a library of equal text is used
+    again.
 
     `flags`: further flags of the compiler, after those of every library. The default is -O1: up to some 100,000 samples
     -O2 takes more time to compile than it saves.
@@ -139,7 +140,7 @@ def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDL
 
 
 def machine_flags() -> tuple[str, ...]:
-    """The flags for code of this machine's processor; none where the compiler has no such flag."""
+    """Return the compiler's flags for code of this machine's processor; none where the compiler has no such flag."""
     command = _compiler()
     flags = ("-march=native",)
     return flags if command and _macros(command, flags) else ()
@@ -147,8 +148,8 @@ def machine_flags() -> tuple[str, ...]:
 
 @cache
 def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    """Return the predefined macros with these flags, which identify the processor in a shared cache of libraries; ""
-    where the compiler fails within `SOON` seconds."""
+    """Return the text of the compiler's predefined macros with these flags, which identify the processor in a shared
+    cache of libraries; "" where the compiler fails within `SOON` seconds."""
     try:
         return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)
     except CompilerFailed:
@@ -156,7 +157,7 @@ def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
 
 
 def _demanded() -> tuple[str, ...]:
-    """The C compiler as a command. Raises: `NoCompiler`."""
+    """Return the C compiler as a command. Raises: `NoCompiler`."""
     command = _compiler()
     if command is None:
         raise NoCompiler()
@@ -187,7 +188,8 @@ def _load(
 
 @contextmanager
 def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable[str], name: str) -> Iterator[Path]:
-    """The file `name` that the C compiler builds from C files, in a context at whose end it is removed.
+    """Yield the path of the file `name` that the C compiler builds from C files; the file is removed when the context
+    ends.
 
     Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
     """
@@ -257,17 +259,18 @@ def run_recipe(files: Sources) -> str:
 
 
 def _program(name: str, folder: str) -> str:
-    """The path of a recipe's program: one that was built in the folder, as ./check, or a tool of this machine."""
+    """Return the path of a program in a self-check's commands: one built in `folder`, as ./check, or a tool of this
+    machine."""
     return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
 def variable(name: str) -> str:
-    """The environment variable that names another program: RUSTC for rustc, CXX for c++."""
+    """Return the name of the environment variable that replaces a program: RUSTC for rustc, CXX for c++."""
     return name.upper().translate({ord("+"): "X"})
 
 
 def tool(name: str) -> str:
-    """The path of a program: the one in its environment variable, else the one in the search path.
+    """Return the path of a program: the one in its environment variable, else the one in the search path.
 
     Raises: `NoTool`.
     """
@@ -278,7 +281,8 @@ def tool(name: str) -> str:
 
 
 def with_main(files: Iterable[str]) -> list[str]:
-    """The flags that enable the main of self-checks among files of C: NAME_check.c with NAME_CHECK_MAIN defined."""
+    """Return the compiler's flags that enable the main functions of self-checks among C files: NAME_CHECK_MAIN for
+    NAME_check.c."""
     return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
 
 
@@ -311,7 +315,7 @@ def cache_folder() -> Iterator[Path]:
 
 
 def _private_path(folder: Path, opened: ExitStack) -> Path:
-    """A path to a folder that only this user can change, which renaming of folders above it does not redirect.
+    """Return a path to a folder that only this user can change, and that no renaming of folders above it redirects.
 
     Raises: `CannotWrite`, `OSError` where it belongs to another user or cannot be written.
     """
@@ -330,7 +334,7 @@ def _private_path(folder: Path, opened: ExitStack) -> Path:
 
 
 def process_folder() -> Path:
-    """The folder of this process for its libraries, which is removed when the process ends."""
+    """Return the folder of this process for its libraries, which is removed when the process ends."""
     return Path(_temporary().name)
 
 
@@ -345,7 +349,7 @@ def keep(library: Path, content: bytes) -> None:
 
 
 def is_kept(library: Path) -> bool:
-    """Whether a library is as `keep` wrote it: this user's, writable by no other, and with its digest."""
+    """Return whether a library is as `keep` wrote it: owned by this user, writable by no other, and with its digest."""
     try:
         known = _trusted_content(_digest_file(library)).decode(errors="replace")
         return known == _digest(library, _trusted_content(library))
@@ -362,7 +366,7 @@ def _digest(library: Path, content: bytes) -> str:
 
 
 def _trusted_content(path: Path) -> bytes:
-    """The content of a regular file that only this user can write. Raises: `OSError` for another file."""
+    """Return the content of a regular file that only this user can write. Raises: `OSError` for another file."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
         status = os.fstat(stream.fileno())

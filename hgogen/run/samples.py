@@ -56,7 +56,7 @@ class Sample:
     __slots__ = ("_legend", "_numbers", "_status", "_x")
 
     def __init__(self, legend: Legend, numbers: bytes, status: int) -> None:
-        """Store a result; `numbers`: the estimate, then the traces, as bytes."""
+        """Store the result of a call of a step; `numbers`: the estimate, then the traces, as bytes."""
         self._legend = legend
         self._numbers = numbers
         self._status = status
@@ -64,14 +64,14 @@ class Sample:
 
     @property
     def x(self) -> np.ndarray:
-        """The estimate (n)."""
+        """The estimate x (n) after the call."""
         if self._x is None:
             self._x = np.frombuffer(self._numbers, self._legend.kind, len(self.names)).astype(float)
         return self._x
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the states."""
+        """The names of the estimated states."""
         return self._legend.names
 
     @property
@@ -103,7 +103,7 @@ class Sample:
 
 
 class Replayed(Protocol):
-    """A replay of the samples of a run."""
+    """A second pass over the samples of a run that computes innovations."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -118,7 +118,8 @@ class Replayed(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """The results of a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
+    """The results of a step over a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and
+    the engine, "c", "python" or another.
 
     `replay` computes `innovations`, `variances` and `covariance` on access; this run has its samples from number
     `first` on.
@@ -183,10 +184,11 @@ class Run:
 
 
 def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
-    """A function that writes a sample of signals into an array, from index `at` on; `name`: the argument in messages.
+    """Return a function that writes one sample of the signals into an array, from index `at` on; `name`: the argument
+    in error messages.
 
-    It accepts floats, a mapping by the signals' names, and whatever numpy converts. It raises `BadShape` or `BadNames`,
-    and then writes nothing.
+    The function accepts floats, a mapping by the signals' names, and whatever numpy converts. It raises `BadShape` or
+    `BadNames`, and then writes nothing.
     """
     size, values = len(signals), cast(Any, array.data)  # setting an item of it takes a third of the time
 
@@ -215,7 +217,8 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
 
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
-    """The given value as an array (size), NaN where an entry is masked. Raises: `BadShape`."""
+    """Return the given value as an array (size), NaN where an entry is masked; `name`, `order`: the argument and the
+    order of its elements in the message. Raises: `BadShape`."""
     array = reals(name, value, with_value=True).reshape(-1)
     if array.shape != (size,):
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{order}")
@@ -223,8 +226,8 @@ def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
 
 
 def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
-    """The array (N, number of signals) of a log, given as an array or as columns (N) by the names of signals; NaN where
-    an entry is masked.
+    """Return a log of `signals` as an array (N, number of signals), from an array or from columns (N) by the names of
+    signals; NaN where an entry is masked. `name`: the argument in messages; `rows`: the demanded N, None for any.
 
     Raises: `BadShape`, `BadNames`.
     """
@@ -269,7 +272,8 @@ def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
 
 
 def _frame_columns(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
-    """The columns of the signals in a DataFrame, which may have other columns. Raises: `BadShape`."""
+    """Return the columns (N) of the signals in a pandas DataFrame by name; the frame may have other columns. Raises:
+    `BadShape`."""
     absent = [signal.name for signal in signals if signal.name not in frame.columns]
     if absent:
         there = ", ".join(map(str, frame.columns))
@@ -290,7 +294,8 @@ def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
 
 
 def listed(signals: Sequence[Signal]) -> str:
-    """The order of several signals as the end of a message, with the derivatives of inputs that a form may need."""
+    """Return the end of an error message: the order of several signals, with the derivatives of inputs that a form may
+    need."""
     return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""
 
 
@@ -298,7 +303,8 @@ Array = np.ndarray
 
 
 def arriving(step: Step, y: Array) -> Array:
-    """Samples y (N, p) in the order of measurement as they arrive with the longest delays, if there are delays."""
+    """Return the samples y (N, p), given in the order of measurement, in the order in which they arrive with the step's
+    longest delays; unchanged for a step without delays."""
     if not step.ages:
         return y
     columns = [y[:, j] for j in range(len(step.outputs))]
@@ -310,14 +316,14 @@ def arriving(step: Step, y: Array) -> Array:
 
 
 def at_their_times(step: Step, y: Array) -> Array:
-    """The samples y (N, p) with NaN between those of a slower sensor."""
+    """Return the samples y (N, p) with NaN at the rows in which a slower sensor has no sample."""
     every = [round(period / step.dt) for period in step.clock.periods]
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 
 def in_time(step: Step, samples: Array) -> Array:
-    """Samples (N, p + ages) in the order of arrival, sorted by the rows of their measurement (N, p), the first of
-    several for one row; NaN where none arrived in time."""
+    """Return samples (N, p), sorted by the rows of their measurement, from `samples` (N, p + ages) in the order of
+    arrival; the first of several for one row, NaN where none arrived in time."""
     y = samples[:, : len(step.outputs)].copy()
     for column, (output, age) in enumerate(zip(step.late, step.ages, strict=True), len(step.outputs)):
         j, ages = step.outputs.index(output), samples[:, column]
@@ -332,8 +338,8 @@ def in_time(step: Step, samples: Array) -> Array:
 
 
 def remembered(step: Step, records: Array, j: int) -> Array:
-    """The records (N) of a step with the memory after the prediction of the period in which their sample of output j
-    was measured; unchanged for a step without delays."""
+    """Return the records (N) of a step's memory as they were after the prediction of the period in which the sample of
+    output `j` was measured; unchanged for a step without delays."""
     if not step.ages:
         return records
     state, output, rows = records["state"], step.outputs[j], np.arange(len(records))

@@ -46,8 +46,8 @@ class NotInCasadi(BadArgument):
 
 @dataclass(frozen=True, repr=False)
 class Functions(Files):
-    """The functions of a step. As files, each is serialised (`casadi.Function.deserialize` reads it, in Python, C++ and
-    MATLAB), and NAME_entries.json says what their elements are.
+    """A step as CasADi functions. As files, each is serialised (`casadi.Function.deserialize` reads it, in Python, C++
+    and MATLAB), and NAME_entries.json says what their elements are.
 
     `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status.
     """
@@ -63,26 +63,27 @@ class Functions(Files):
 
     @property
     def derivative(self) -> ca.Function:
-        """The `casadi.Function` of the differential equations. Raises: `NoEquation`."""
+        """The `casadi.Function` of dz/dt, the right-hand sides of the observer's differential equations. Raises:
+        `NoEquation`."""
         return self._flow.derivative
 
     @property
     def estimate(self) -> ca.Function:
-        """The `casadi.Function` of the estimate. Raises: `NoEquation`."""
+        """The `casadi.Function` of the plant's estimated states x from the observer's state z. Raises: `NoEquation`."""
         return self._flow.estimate
 
     @property
     def continuous(self) -> Vector:
-        """The state of the differential equations. Raises: `NoEquation`."""
+        """The vector of the observer's state z in its differential equations. Raises: `NoEquation`."""
         return self._flow.state
 
     @property
     def held(self) -> tuple[str, ...]:
-        """The members of that state whose derivative is 0. Raises: `NoEquation`."""
+        """The names of the elements of the observer's state z whose derivative is 0. Raises: `NoEquation`."""
         return self._flow.constant
 
     def flags(self, status: Any) -> tuple[str, ...]:
-        """Return the names of the bits of a status: one number or, of more than 32 bits, two."""
+        """Return the names of the bits that are set in `status`: one number or, of more than 32 bits, two."""
         whole = sum(int(word) << EXACT * k for k, word in enumerate(np.ravel(np.asarray(status))))
         return tuple(bit for k, bit in enumerate(self.bits) if whole >> k & 1)
 
@@ -143,8 +144,8 @@ _CHOSEN: Mapping[int, Callable[[Graph, Graph], Graph]] = {
 
 
 def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Function:
-    """Return a block operation by operation, without the values that only have a name in C; by the functions of
-    `known`.
+    """Return the CasADi function of a block of a step's program, operation by operation, without values that have a
+    name in C only; `known`: functions of graphs that replace operations, by name.
 
     A clamp is a choice whose derivative at the end of the range is that of the value: CasADi's fmin and fmax have half
     of it there, and a gain often begins at the end of its range.
@@ -154,7 +155,8 @@ def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Functi
 
 
 def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, Callable[..., Graph]]) -> list[Graph]:
-    """Return the outputs of a function; its calls remain calls, so that the order of operations is kept."""
+    """Return the outputs of a CasADi function at `inputs`; its calls of other functions remain calls, so that the order
+    of operations is kept; `known`: functions of graphs that replace operations, by name."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
         function = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))

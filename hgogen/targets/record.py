@@ -55,7 +55,8 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 
 def _sample(step: Step, real: Real) -> list[str]:
-    """Return the struct of a sample, as `layout.kept_type` has it."""
+    """Return the lines of the C struct NAME_kept: a step's state, parameters, estimate and traces, as
+    `layout.kept_type` has them."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.code.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
@@ -83,7 +84,7 @@ def _entry(step: Step, name: str) -> Prototype:
 
 
 def _argument(parameter: Parameter) -> str:
-    """Return the argument from NAME_kept, whose state has a pointer `s`."""
+    """Return the C text that passes a parameter of a step from a struct NAME_kept, whose state has a pointer `s`."""
     if not parameter.pointer:
         return f"({parameter.type})k->{parameter.name}"
     return "s" if parameter.name == "s" else f"&k->{parameter.name}"
