@@ -57,9 +57,9 @@ def test_along_a_trial_by_hand() -> None:
 def test_a_car_that_goes_straight_shows_exactly_nothing_of_its_steering() -> None:
     visibility = sight(*car(still=True))
     assert visibility.least == visibility.median == 0.0
-    assert visibility.practically_unobservable
+    assert visibility.below_resolution
     assert abs(visibility.direction["k"]) == 1.0
-    assert not sight(*car(still=False)).practically_unobservable
+    assert not sight(*car(still=False)).below_resolution
 
 
 def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
@@ -79,7 +79,7 @@ def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
     motor = hg.System("motor", states=states, inputs=(ua, ub), outputs=outputs, flow=flow, output=[ia, ib])
     frozen = sight(motor)
     assert frozen.by_motion
-    assert not frozen.practically_unobservable
+    assert not frozen.below_resolution
     assert str(frozen).startswith("frozen at points of the box, the plant does not show ")
     turning = {"ua": 100 * sp.cos(60 * t), "ub": 100 * sp.sin(60 * t)}
     moving = sight(motor, Trial("turning", 2, start=dict.fromkeys(names, 0), inputs=turning))
@@ -93,7 +93,7 @@ def test_where_the_rank_of_a_frozen_plant_is_not_known_it_is_as_measured() -> No
     flow = [u * k + w + sp.sign(x), 0, 0]
     frozen = sight(hg.System("step", states=(x, k, w), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x]))
     assert frozen.by_motion
-    assert not frozen.practically_unobservable
+    assert not frozen.below_resolution
 
 
 def test_the_end_of_a_long_chain_is_practically_unobservable_frozen_too() -> None:
@@ -103,7 +103,7 @@ def test_the_end_of_a_long_chain_is_practically_unobservable_frozen_too() -> Non
     frozen = sight(hg.System("rod", states=T, outputs=(hg.Signal("y"),), flow=flow, output=[T[0]]))
     assert 0 < frozen.median < 1e-12
     assert not frozen.by_motion
-    assert frozen.practically_unobservable
+    assert frozen.below_resolution
     assert "less than 1e-12 of theirs" in str(frozen)
 
 
@@ -161,7 +161,7 @@ def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
     )
     visibility = sight(plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),)))
     assert 0 < visibility.least < 1e-4
-    assert visibility.practically_unobservable
+    assert visibility.below_resolution
     assert math.isfinite(sight(plant).least)
 
 

@@ -364,7 +364,7 @@ def _observed(observability: Observability, least: Sight | None) -> str:
         return f"locally observable, but {first}" + (", ..." if more else "")
     if least is not None and least.by_motion:
         return f"locally observable, {next(iter(least.direction))} by its motion alone"
-    if least is not None and least.practically_unobservable:
+    if least is not None and least.below_resolution:
         state, share = next(iter(least.direction)), as_share(least.median, 1)
         return f"locally observable, but {state} practically unobservable ({share})"
     return "locally observable"
@@ -427,7 +427,7 @@ def observability_table(observability: Observability, least: Sight | None = None
         table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
     if least is not None:
         table.add_row(
-            Text("practically unobservable", style="red") if least.practically_unobservable else Text("measured"),
+            Text("practically unobservable", style="red") if least.below_resolution else Text("measured"),
             Text(str(least)),
         )
     return Group(

@@ -166,7 +166,7 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 class Sight(Encoded):
     """The observability measure, for the least observable direction of the state, v."""
 
-    json_keys = "least median window unit trial by_motion practically_unobservable where direction"
+    json_keys = "least median window unit trial by_motion below_resolution where direction"
 
     least: Annotated[float, "least sigma over the windows of a trial, or the points of the box"]
     median: Annotated[float, "median of sigma over them"]
@@ -178,7 +178,7 @@ class Sight(Encoded):
     by_motion: Annotated[bool, "whether the plant frozen at points hides v, so that only its motion shows v"] = False
 
     @property
-    def practically_unobservable(self) -> bool:
+    def below_resolution(self) -> bool:
         """Whether half of all windows or points show less than any usual sensor resolves."""
         return self.median < RESOLVED and not self.by_motion
 
