@@ -58,7 +58,8 @@ class StepMemory:
         self.state[:] = self._new
 
     def saved(self, state: Any) -> bytes:
-        """The bytes of a saved state. Raises: `BadShape`; `NotSaved` for a damaged state or one of another program."""
+        """Return the bytes of a state saved by a step. Raises: `BadShape`; `NotSaved` for a damaged state or one of
+        another program."""
         if not isinstance(state, bytes | bytearray | memoryview):
             raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
         return opened(self.step, self.real, bytes(state), len(self.state))
@@ -79,7 +80,8 @@ class StepMemory:
         return engine
 
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
-        """The functions of an engine by name, built at the first call.
+        """Return the functions of a step (init, step, tune ..) by name, in C or Python as `engine` says, built at the
+        first call.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """
@@ -90,7 +92,8 @@ class StepMemory:
         return self._readers[engine]
 
     def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        """Return estimates (N, n), traces (N, number of them) and statuses (N) of a step over samples u (N, m), y (N,
+        p)."""
         with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
             u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
         n, traces = len(self.step.states), len(self.step.observer.traces)
@@ -113,7 +116,8 @@ class StepMemory:
         return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
-        """The C functions by name, bound to this memory; they hold the GIL, so that no two threads run them at once."""
+        """Return the C functions of the step by name, bound to this memory; they hold the GIL, so that no two threads
+        run them at once."""
         step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -128,7 +132,7 @@ class StepMemory:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """A step in a precision, as a cache key: two are equal if their parts are identical objects."""
+    """A step in a precision as the key of a cache: two are equal if their parts are identical objects."""
 
     step: Step
     real: Real
@@ -148,7 +152,8 @@ class _Program:
 
 @lru_cache(maxsize=32)
 def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
-    """The compiled C of a program, for a compiler; its comments omit the proofs."""
+    """Return the compiled C of a step, whose comments omit the proofs; the second argument, the compiler, is only part
+    of the cache's key."""
     step, real = program.step, program.real
     unread = {"observer": replace(step.observer, claims=tuple)}
     step = Step(**{each.name: getattr(step, each.name) for each in fields_of(Step)} | unread)
@@ -174,7 +179,8 @@ class Records:
 
     @classmethod
     def of(cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started) -> "Records":
-        """The logs from a caller's arguments. Raises: `BadShape`, `BadNames`; `NotSaved`; errors of `started`."""
+        """Return the logs from a caller's arguments; `starts`: initial states, saved or not. Raises: `BadShape`,
+        `BadNames`; `NotSaved`; errors of `started`."""
         step = memory.step
         y = _signals("y", y, step.samples, None)
         u = _signals("u", u, step.inputs, y.shape[-2])
@@ -200,7 +206,8 @@ class Records:
         return cls(u, y, number, varied, [states[row] for row in rows])
 
     def prepare(self, k: int, memory: "StepMemory", base: bytes, engine: Engine) -> int:
-        """Set `memory` to the initial one of log k, from the memory `base` of the step; return the status of `tune`."""
+        """Set `memory` to that with which log number `k` starts, from the step's memory `base` (bytes); return the
+        status of `tune`."""
         memory.whole[:] = base
         if self.states:
             memory.state[:] = self.states[k % len(self.states)]
@@ -216,7 +223,8 @@ def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
 
 
 def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
-    """The values (B, size), or (size) for all, of the given parameters. Raises: `BadShape`."""
+    """Return the values (B, size) of the given parameters for B logs, or (size) for all, by their places of memory.
+    Raises: `BadShape`."""
     known = tunable(step)
     if not isinstance(parameters, Mapping):
         wanted = f"is no mapping from some of {', '.join(known)} to numbers"
@@ -228,7 +236,8 @@ def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
 
 
 def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
-    """Signals (B, N, number), or (N, number) for all logs, with the forms that one log may have. Raises: `BadShape`."""
+    """Return signals (B, N, number) of B logs, or (N, number) for all, from any shape that one log may have; `rows`:
+    the demanded N. Raises: `BadShape`."""
     if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) != 3:
         return table(name, value, signals, rows)
     array, width = unmasked(value), len(signals)
@@ -240,7 +249,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
 
 
 def _values(name: str, value: Any, size: int) -> Array:
-    """Numbers (B, size), or (size) for all logs. Raises: `BadShape`."""
+    """Return numbers (B, size) for B logs, or (size) for all. Raises: `BadShape`."""
     array = reals(name, value)
     array = array[..., None] if size == 1 else array
     if array.ndim not in (1, 2) or array.shape[-1] != size:
@@ -279,7 +288,8 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """The engines for many logs, of a step in the precision `real`."""
+    """A step in the precision `real`, to be run over many logs, in lanes (a log in each vector element) or one by
+    one."""
 
     step: Step
     real: Real
@@ -288,8 +298,9 @@ class Many:
     def run(
         self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """The results of logs that start from the memory `base`. Raises: `BadGain` for jobs that are no number, and for
-        `each` that cannot be called; `Misfit`."""
+        """Return the results of many logs from the memory `base` (bytes); `each` is called with the number of finished
+        logs; `jobs`: threads. Raises: `BadGain` for jobs that are no number, and for `each` that cannot be called;
+        `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
         number, spare, word = records.count, self.spare, self.step.layout.word
@@ -333,12 +344,13 @@ class Many:
 
     @cached_property
     def spare(self) -> StepMemory:
-        """A memory that no caller can see."""
+        """Return a memory of the step that no caller can see."""
         return StepMemory(self.step, self.real)
 
     @cached_property
     def lanes(self) -> "_Lanes | None":
-        """The step in lanes; None where it has none, or the compiler does not support them."""
+        """The step compiled for lanes (a log in each vector element); None where it has no such code, or the compiler
+        does not support vectors."""
         try:
             files = targets.lanes(self.step, real=self.real)
             return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.machine_flags())))
@@ -348,8 +360,8 @@ class Many:
 
 @dataclass(frozen=True, eq=False)
 class _Results:
-    """The results with the logs along the last axis: x (N, n, B), traces (N, number, B), status (N, B), padded for
-    lanes without a log; and the final states (B, bytes)."""
+    """The results of B logs with the logs along the last axis: x (N, n, B), traces (N, number, B), status (N, B),
+    padded for vector elements without a log; and the final states (B, bytes)."""
 
     records: int
     traced: bool
@@ -370,14 +382,15 @@ class _Results:
 
 @dataclass(frozen=True, eq=False)
 class _Lanes:
-    """The compiled step in lanes."""
+    """A step compiled for lanes: each vector element computes another log."""
 
     step: Step
     real: Real
     library: ctypes.CDLL
 
     def chunks(self, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
-        """Run all logs by threads, chunk by chunk, and yield the number of finished ones. Few chunks wait at a time."""
+        """Run all logs in chunks of `CHUNK` logs by `jobs` threads, and yield the number of finished logs. Few chunks
+        wait for a thread at a time."""
         done, waiting = 0, deque[Future[int]]()
         with ThreadPoolExecutor(jobs) as pool:
             for first in range(0, results.records, CHUNK):
@@ -414,7 +427,8 @@ class _Lanes:
         return len(records)
 
     def _begun(self, records: Array, samples: int) -> Array:
-        """Initialise the records (B, bytes) without the mark of a state, if there are samples; return their numbers."""
+        """Initialise the records (B, bytes) of memory whose state has no mark of initialised memory, if there are
+        samples; return the indices of these records."""
         fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
         if not (self.step.layout.mark and samples):
             return np.array([], int)
@@ -424,7 +438,7 @@ class _Lanes:
 
     @cached_property
     def width(self) -> int:
-        """The number of lanes."""
+        """The number of lanes, the logs that one vector holds."""
         return self._size("width")
 
     def _size(self, name: str) -> int:
@@ -434,7 +448,8 @@ class _Lanes:
 
     @cached_property
     def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
-        """The positions of the numbers of each type in lanes and in a record, in units of their size, and the types."""
+        """Return for real numbers and for counters their positions in the memory of lanes and in the record of one log,
+        in units of their size, and their types there."""
         record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
         assert record.fields
         parts = [record.fields[part] for part in ("state", "params")]
@@ -448,7 +463,8 @@ class _Lanes:
         return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
 
     def _memory(self, records: Array) -> Array:
-        """The memory in lanes (blocks, bytes) of records (B, bytes); lanes without a log repeat the last one."""
+        """Return the memory for lanes (blocks, bytes) from records (B, bytes), one for each log; lanes without a log
+        repeat the last log."""
         blocks, size = -(-len(records) // self.width), self._size("size")
         room = np.zeros(ALIGNED + blocks * size, np.uint8)
         start = -room.ctypes.data % ALIGNED
@@ -466,7 +482,7 @@ class _Lanes:
 
 
 def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
-    """Yield the offset and type of each number of a type, from `start` on."""
+    """Yield the offset in bytes and the type of each number of a numpy dtype, which begins at `start`."""
     if kind.subdtype:
         base, shape = kind.subdtype
         for k, _ in enumerate(product(*map(range, shape))):
@@ -479,8 +495,8 @@ def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
 
 
 def _side_by_side(array: Array, first: int, records: int, kind: type) -> Array:
-    """Signals (B, N, m) from log `first` on as (N, m, CHUNK), logs along the last axis; common signals (N, m) as they
-    are."""
+    """Return signals (B, N, m), from log number `first` on, as (N, m, CHUNK), logs along the last axis; signals (N, m)
+    common to all logs are unchanged. `kind`: the type of numbers."""
     with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
         if array.ndim == 2:
             return np.ascontiguousarray(array, dtype=kind)

@@ -120,7 +120,7 @@ class BadCampaign(BadArgument):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run of a campaign."""
+    """The outcome of one run of a campaign: its number, the values drawn, and its metrics, or why it failed."""
 
     run: Annotated[int, "number of the run"]
     varied: Annotated[Mapping[str, float], "what was varied, by name"]
@@ -130,7 +130,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity and its interval."""
+    """A quantity that varies between the runs of a campaign (first state, parameter, noise), and its interval."""
 
     name: Annotated[str, "what varies"]
     what: Annotated[Literal["start", "parameter", "noise"], "what it is; noise: a factor of each output's"]
@@ -140,7 +140,7 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """The drawn `values` (N, k) of the quantities `varied` (k)."""
+    """The random `values` (N, k) of the k quantities `varied` in the N runs of a campaign."""
 
     varied: Annotated[tuple[Varied, ...], "what varies from run to run"]
     values: np.ndarray
@@ -150,15 +150,15 @@ class Draws:
 
     @property
     def truth_varies(self) -> bool:
-        """Whether the simulated plant differs from draw to draw."""
+        """Whether the simulated plant differs from run to run, and not only the noise."""
         return any(each.what != "noise" for each in self.varied)
 
     def named(self, row: int) -> dict[str, float]:
-        """The values of a draw by name."""
+        """Return the values of run number `row` by the names of the quantities."""
         return dict(zip((each.name for each in self.varied), map(float, self.values[row]), strict=True))
 
     def trial(self, trial: Trial, row: int) -> Trial:
-        """The trial with the initial states and the noise of a draw."""
+        """Return the trial with the initial states and the noise of run number `row`."""
         pairs = list(zip(self.varied, map(float, self.values[row]), strict=True))
         start = {each.name: value for each, value in pairs if each.what == "start"}
         factor = math.prod(value for each, value in pairs if each.what == "noise")
@@ -171,19 +171,19 @@ class Draws:
         return replace(trial, start={**trial.start, **start}, noise=noise)
 
     def parameters(self, row: int) -> list[float]:
-        """The values of the parameters of a draw, in the order of `free`."""
+        """Return the values of the plant's parameters in run number `row`, in the order of `free`."""
         pairs = zip(self.varied, map(float, self.values[row]), strict=True)
         return [value for each, value in pairs if each.what == "parameter"]
 
     def free(self, plant: System) -> list[Signal]:
-        """The parameters that vary."""
+        """Return the parameters of the plant that vary between runs."""
         by_name = {p.name: p for p in plant.parameters}
         return [by_name[each.name] for each in self.varied if each.what == "parameter"]
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign: runs of `step` on `trial`, one for each of the `draws`, by `engine`."""
+    """A Monte Carlo campaign: runs of `step` on `trial`, one for each of the `draws`, by `engine`."""
 
     step: CallableStep
     trial: Trial
@@ -209,7 +209,7 @@ class Campaign:
     def run(
         self, numbers: Sequence[int] | None = None, jobs: int | None = None, scheduler: str | None = None
     ) -> Iterator[Outcome]:
-        """The outcomes of runs, by default of all, in the order of completion.
+        """Yield the outcomes of the runs with these numbers, by default of all, in the order of completion.
 
         `jobs`: processes, by default one for each core, 1 for this one; `scheduler`: the address of a Dask cluster.
 
@@ -221,7 +221,7 @@ class Campaign:
         return _outcomes(self, wanted, jobs, scheduler)
 
     def drawn(self, numbers: Sequence[int]) -> Draws:
-        """The draws of some runs."""
+        """Return the draws of the runs with these numbers."""
         return replace(self.draws, values=self.draws.values[list(numbers)])
 
 
@@ -234,7 +234,7 @@ def campaign(
     seed: int = 0,
     engine: Engine | None = None,
 ) -> Campaign:
-    """A campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000, vary="x0").run())`.
+    """Return a campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000, vary="x0").run())`.
 
     Args: `runs` their number, 1 to 10^7; `vary` as in `varied`, None for noise alone; `seed` of the draws; `engine` as
     in `Step.run`.
@@ -292,7 +292,8 @@ class Ready:
         return Ready, (self.campaign, self.runs)
 
     def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
-        """The outcomes of the runs with these numbers and draws; with equal draws their noise is drawn together."""
+        """Return the outcomes of runs; `piece`: their numbers and draws. Runs with equal draws get their noise
+        together."""
         numbers, draws = piece
         step, engine, outcomes = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
@@ -306,7 +307,8 @@ class Ready:
         return [outcomes[number] for number in numbers]
 
     def _varied(self, numbers: Sequence[int], draws: Draws, outcomes: dict[int, Outcome]) -> Iterator[Feed]:
-        """The runs of the draws; a run whose plant cannot be simulated has its failure in `outcomes` instead."""
+        """Yield the simulated signals of each run; a run whose plant cannot be simulated has its failure in `outcomes`
+        instead."""
         for row, number in enumerate(numbers):
             trial = draws.trial(self.campaign.trial, row)
             try:
@@ -318,7 +320,8 @@ class Ready:
 
 
 def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
-    """The trajectories of the compiled step on runs with the same inputs, from the memory `start`, `size` at once."""
+    """Yield the trajectories of the compiled step on runs with equal inputs, `size` of them at once, each from the
+    memory `start`."""
     runs = iter(runs)
     for first in runs:
         some = [first, *islice(runs, size - 1)]
@@ -338,7 +341,7 @@ class BadVariation(BadArgument):
 
 
 def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
-    """The `count` draws of a Latin hypercube, reproducible by the seed."""
+    """Return `count` draws of the quantities by a Latin hypercube, reproducible by the `seed`."""
     rng = np.random.default_rng([seed, count])
     shares = [(rng.permutation(count) + rng.random(count)) / count for _ in varied]
     columns = [each.low + share * (each.high - each.low) for each, share in zip(varied, shares, strict=True)]
@@ -435,18 +438,18 @@ def _read(name: str, width: str | float, middle: float) -> tuple[float, float]:
 
 
 def results_head(each: Campaign) -> str:
-    """The first line of a file of results."""
+    """Return the first line of a campaign's file of results, which identifies the campaign."""
     return json.dumps({"campaign": each.digest, "trial": each.trial.name}) + "\n"
 
 
 def results_line(one: Outcome) -> str:
-    """The line of an outcome, with infinite numbers as Python's JSON writes them."""
+    """Return the line of an outcome in a file of results, with infinite numbers as Python's JSON writes them."""
     return json.dumps(asdict(one)) + "\n"
 
 
 def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:
-    """The outcome of each line after the head, None for a line without an outcome of this campaign. Raises:
-    `BadCampaign` for a file `name` of another campaign."""
+    """Yield for each line of a file of results after the first its outcome, None for a line without an outcome of this
+    campaign. Raises: `BadCampaign` for a file `name` of another campaign."""
     for number, one in enumerate(lines):
         if number:
             yield outcome(each, one)
@@ -455,7 +458,7 @@ def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome
 
 
 def outcome(each: Campaign, text: str) -> Outcome | None:
-    """The outcome of a campaign in a line; None for a line without one."""
+    """Return the outcome in a line `text` of a campaign's file of results; None for a line without one."""
     try:
         row = json.loads(text)
         values = row["metrics"]
@@ -474,8 +477,8 @@ def outcome(each: Campaign, text: str) -> Outcome | None:
 
 
 def _was_measured(each: Campaign, one: Outcome) -> bool:
-    """Whether metrics have the events of the trial, the states of the step, and possible values; a diverged estimate
-    has an infinite or NaN error."""
+    """Return whether an outcome's metrics have the events of the trial, the states of the step, and possible values; a
+    diverged estimate has an infinite or NaN error."""
     trial, values = each.trial, one.metrics
     if values is None or one.failed != "" or values.seed != one.run or values.engine not in ("c", "python"):
         return False
@@ -508,7 +511,8 @@ def _is_number(value: Any, low: float, high: float, nan: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Spread:
-    """Quantiles of a quantity over the runs; None, which counts as the worst, for an event that never happened."""
+    """Quantiles of a quantity over the runs of a campaign; None, which counts as the worst, for an event that never
+    happened."""
 
     name: Annotated[str, "the quantity"]
     low: Annotated[float | None, "5 % quantile; null: never"]
@@ -539,7 +543,7 @@ class Tally:
         return bool(self._added[run])
 
     def add(self, one: Outcome) -> None:
-        """Add an outcome, each run once."""
+        """Add the outcome of a run; each run is added once."""
         if one.run in self:
             return
         self._added[one.run], self.last = 1, one
@@ -565,7 +569,8 @@ class Tally:
 
 
 def _spread_of(name: str, values: np.ndarray, runs: np.ndarray) -> Spread:
-    """The quantiles of a quantity, infinite where an event never happened; "inverted_cdf" gives a value of some run."""
+    """Return the quantiles of `values` of the quantity `name` in runs with the numbers `runs`, infinite where an event
+    never happened; "inverted_cdf" gives a value of some run."""
     quantiles = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf")
     worst = int(np.argmax(values))
     low, middle, high, most = (float(value) if np.isfinite(value) else None for value in (*quantiles, values[worst]))

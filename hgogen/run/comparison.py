@@ -54,7 +54,8 @@ from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_o
 
 @dataclass(frozen=True, eq=False)
 class Measured(Encoded):
-    """The measures of an observer on a trial; `first`: the trajectory of the first seed."""
+    """The results of an observer on a trial over several seeds: times to settle, errors, peaks, cost; `first`: the
+    trajectory of the first seed."""
 
     json_keys = "name observer method settled rms peak clamped acted proved worst unproved *cost"
 
@@ -86,7 +87,8 @@ def measured(
     tick: Callable[[], None],
     known: ErrorBound | None = None,
 ) -> Measured:
-    """The measures of the step of tuning `name` over the seeds; `tick` is called after each; `known`: the proof."""
+    """Return the results over the seeds of `step`, the step of the tuning `name`; `tick` is called after each seed;
+    `known`: the proved error bound."""
     each = []
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
@@ -122,7 +124,7 @@ def rises(trajectory: Trajectory) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BoundedError:
-    """The largest error of a state in a trial, and its proved bound."""
+    """The largest error of a state in a trial, and its proved bound, valid from the time `after` on."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -132,7 +134,8 @@ class BoundedError:
 
 
 def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[BoundedError, ...]:
-    """Return the error and bound of each state that has a bound; none where the time until they hold is unknown."""
+    """Return the largest error and the proved bound of each state that has a bound; none where the time from which
+    bounds hold is unknown. `known`: the proved bounds."""
     if known.settles is None:
         return ()
     t, events = trajectory.truth.t, np.asarray(trajectory.trial.events)
@@ -147,7 +150,8 @@ def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: Erro
 
 
 def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
-    """The largest error over all trajectories of each state with a bound, by name; None where all end before."""
+    """Return by name the largest error over all trajectories of each state with a proved bound; None where all
+    trajectories end before the bound holds."""
     rows = [one for trajectory in each for one in bounded_errors(states, trajectory, known) if one.worst is not None]
     return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}
 
@@ -158,7 +162,7 @@ COARSE = 1e-3  # of a state's range: more than rounding causes without amplifica
 
 @dataclass(frozen=True)
 class Agreement(Encoded):
-    """The difference of two readers of a step, relative to each state's peak.
+    """The difference between a step's results in C and in Python on one trial and seed, relative to each state's peak.
 
     Times to settle may differ by one sample, because an error that just touches the band may lie on either side of it.
     """
@@ -175,13 +179,14 @@ class Agreement(Encoded):
 
     @property
     def agreed(self) -> bool:
-        """Whether C and Python say the same."""
+        """Whether C and Python give equal results."""
         c, python = np.array(self.settled, dtype=float).reshape(-1, 2).T  # NaN where never
         return self.before <= ROUNDING and np.allclose(c, python, rtol=0, atol=1.5 * self.dt, equal_nan=True)
 
 
 def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
-    """The agreement of two trajectories of one trial and seed, with their metrics."""
+    """Return the difference between C and Python, from the trajectory and metrics of each on one trial and seed; `dt`:
+    the period."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
     difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
@@ -215,7 +220,7 @@ class Disagree(HgogenError):
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference of a state from a run in double."""
+    """The difference between a state's estimates in float and in double over the same samples."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -245,7 +250,8 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
 
 
 def coarse(each: Sequence[Difference], unit: str) -> Iterator[str]:
-    """A sentence for each state that differs in float by more than rounding, and one for statuses that differ."""
+    """Yield a sentence for each state whose estimate in float differs from double by more than rounding, and one for
+    statuses that differ; `unit`: of time."""
     for one in each:
         if one.share > COARSE:
             yield (
@@ -261,7 +267,7 @@ SMALL = 1e-6  # share of the largest V since an event, below which samples are o
 
 @dataclass(frozen=True)
 class Falling:
-    """The decay of V = e' S e on a trial without noise."""
+    """The decay of the Lyapunov function V = e' S e, S the inverse of the covariance, on a trial without noise."""
 
     trial: Annotated[str, "name of the trial"]
     ratio: Annotated[float | None, "largest V_(k+1)/V_k; null where no V is above what rounding leaves"]
@@ -270,7 +276,7 @@ class Falling:
     eigenvalues: Annotated[tuple[float, float], "least and largest eigenvalue of scaled S along the trial"]
 
     def sentence(self, unit: str) -> str:
-        """The sentence in one line; `unit`: that of the model's time."""
+        """Return the decay of V = e' S e as a sentence in one line; `unit`: that of the model's time."""
         low, high = self.eigenvalues
         bounds = f"scaled S has eigenvalues from {low:.3g} to {high:.3g}"
         if self.ratio is None:
@@ -282,8 +288,8 @@ class Falling:
 
 
 def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> Falling | None:
-    """Return the decay of V of a step whose covariance is that of its estimate, None for others. Raises: as
-    `hgogen.trial.try_out`."""
+    """Return the decay of V = e' S e, S = P^-1, on a trial without noise, for a step whose covariance P is that of its
+    estimate; None for others. Raises: as `hgogen.trial.try_out`."""
     known = uncertainty(step)
     if known is None or known.members is not None:
         return None
@@ -308,7 +314,8 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
 
 
 def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """P (N, n, n) and e (N, n) in the form's coordinates, from those of the plant's states as declared."""
+    """Return P (N, n, n) and e (N, n) in the form's coordinates, from a run and the `truth` (N, n) in the plant's
+    states as declared."""
     x, inputs = ca.SX.sym("x", len(run.names)), ca.SX.sym("u", u.shape[1])
     symbols = dict(zip(form.system.declared.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(form.system.inputs, ca.vertsplit(inputs), strict=True)) if u.shape[1] else {}
@@ -323,7 +330,7 @@ def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np
 
 
 def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:
-    """Yield V_(k+1)/V_k and the time of the calls between two events, until V is small."""
+    """Yield V_(k+1)/V_k and the time t_k of the calls between two events of the trial, until V (N,) is small."""
     for begin, end in pairwise((*trial.events, np.inf)):
         here = (t >= begin - 1e-9) & (t < end - 1e-9)
         level, time = V[here], t[here]

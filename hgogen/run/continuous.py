@@ -62,7 +62,8 @@ class CannotIntegrate(BadArgument):
 
 @requires((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
 def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
-    """The continuous observer at the samples of a log, gains and parameters at their nominal values.
+    """Return the run of the continuous observer, integrated by CVODES, at the samples of a log; gains and parameters
+    have their nominal values.
 
     Args: `source`: an observer, or a step, whose dt and between are used; `u` (N) or (N, m), `y` (N) or (N, p), NaN for
     a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
@@ -92,18 +93,19 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
 
 @dataclass(frozen=True)
 class Continuous:
-    """The method that keeps differential equations, for CVODES to integrate."""
+    """A discretisation method that keeps the observer's differential equations unchanged, for CVODES to integrate."""
 
     name: str = "CVODES"
     equations: tuple[str, ...] = ()
     prediction: None = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return the pieces of a part, for all its fields together."""
+        """Return the equations of a part of an observer, for all its fields together, as pieces of a program."""
         return self._flow_pieces(part, clock, lambda graph, time: graph)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the pieces of z and S, with theta constant or decaying between two samples."""
+        """Return the equations of z and of the Riccati matrix S as pieces of a program, with theta constant or decaying
+        between two samples."""
 
         def now(graph: Graph, time: Graph) -> Graph:
             if not isinstance(part.theta, Decaying):
@@ -136,8 +138,8 @@ class Continuous:
 
 
 def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
-    """The function of a block. For a block that reads the time, CVODES integrates its values, which are the rates of
-    its places, until the next sample."""
+    """Return the function of a block of a program on the places of memory `arguments`. For a block that reads the time,
+    CVODES integrates its values, which are the rates of its places, until the next sample."""
     arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
     if arrays.pop(TIME, None) is None:
         return casadi_block(block, arguments)
@@ -193,7 +195,7 @@ class Response:
 
     @property
     def gain(self) -> np.ndarray:
-        """The magnitude |H| (K, n, p)."""
+        """The magnitude |H| (K, n, p) of the frequency response."""
         return np.asarray(np.abs(self.H))
 
     @property
@@ -203,9 +205,9 @@ class Response:
 
 
 def response(source: Observer | Step, omega: Any) -> Response:
-    """The response of an observer in continuous time, or of a step, at the frequencies `omega` (K,) (rad/s), with all
-    gains and parameters as declared. Raises: `NoResponse` for an observer without a linear error core; `BadFrequency`,
-    `BadGain`."""
+    """Return the frequency response of an observer in continuous time, or of a step, from the noise of each output to
+    each estimate, at the frequencies `omega` (K,) (rad/s), with all gains and parameters as declared. Raises:
+    `NoResponse` for an observer without a linear error core; `BadFrequency`, `BadGain`."""
     step = source if isinstance(source, Step) else None
     observer = step.observer if step else source
     if not isinstance(observer, Observer):
@@ -228,14 +230,15 @@ def response(source: Observer | Step, omega: Any) -> Response:
 
 
 def pace(observer: Observer) -> tuple[float, float]:
-    """The least and the largest |eigenvalue| (rad/s) of the linear error core. Raises: `NoResponse`."""
+    """Return the least and the largest |eigenvalue| (rad/s) of the matrix N of the observer's linear error core e' = N
+    e. Raises: `NoResponse`."""
     _, line = _linear_core(observer)
     sizes = np.abs(np.linalg.eigvals(numbers(line.M, nominal(observer))))
     return float(sizes.min()), float(sizes.max())
 
 
 def _linear_core(observer: Observer) -> tuple[Ode, Core]:
-    """The part with a linear error core, and the core. Raises: `NoResponse`."""
+    """Return the part of an observer whose error has a linear core e' = N e, and the core. Raises: `NoResponse`."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]
     for part in odes:
         line = core(part, len(observer.form.output))
@@ -248,7 +251,8 @@ def _linear_core(observer: Observer) -> tuple[Ode, Core]:
 
 
 def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tuple[np.ndarray, tuple[str, ...], str]:
-    """The matrix E (n, N), the names of its rows, and their coordinates, "plant" or "form"."""
+    """Return the matrix E (n, N) of x = E z from the fields z of the `part` to the estimated states, the names of its
+    rows, and their coordinates, "plant" or "form"."""
     form = observer.form
     known = {**values, **{Place("state", field.name): np.array(field.initial) for field in part.fields}}
     strange = {address(symbol)[0] for symbol in ca.symvar(observer.z)} - known.keys()
@@ -263,7 +267,8 @@ def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tupl
 
 
 def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The matrices Phi (N, N), Gamma_0 and Gamma_1 (N, p): the method's update of the linear part, at unit vectors."""
+    """Return the matrices of the step's update of the linear core, z+ = Phi z + Gamma_0 y + Gamma_1 y+: Phi (N, N),
+    Gamma_0 and Gamma_1 (N, p), computed from unit vectors."""
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.dt, step.clock.between, m, p))
@@ -284,7 +289,7 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
 
 
 def _linear(part: Ode) -> Ode:
-    """The part without its nonlinear terms, and with its adapting fields as constants."""
+    """Return the part of an observer without its nonlinear terms, and with its adapting fields as constants."""
     linear, moving = part.linear, tuple(field for field in part.fields if field.name not in part.frozen)
     fixed = {name: ca.SX(ca.DM(values)) for name, values in part.frozen.items()}
     assert linear is not None

@@ -26,7 +26,8 @@ HIDDEN = 1e-12  # of the largest eigenvalue: smaller ones are rounding
 
 
 def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
-    """The Gramians W of every window of `d` (s) along a log, for a form `forms.state_affine`.
+    """Return the observability Gramians W of every window of `d` (s) along a log, for a form `forms.state_affine` (x' =
+    A(u, y) x + b(u, y)).
 
     Args: `R` (p) as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p), all finite, `dt` (s) apart.
 
@@ -51,7 +52,8 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """The check that every window of a log makes every state observable, refuted or unknown. Raises: `Misfit`."""
+    """Return the check `id` that every window of a log makes every state observable, refuted or unknown. Raises:
+    `Misfit`."""
     if not isinstance(id, str):
         raise Misfit("excitation.shown, id=", id, "the name of the claim")
     if not isinstance(gramian, Gramian):
@@ -84,7 +86,8 @@ def _record(name: str, values: Any, size: int) -> np.ndarray:
 
 
 def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The matrices A (N - 1, n, n) and C (N - 1, p, n) half way between samples, at nominal parameters."""
+    """Return the matrices A (N - 1, n, n) and C (N - 1, p, n) of x' = A x + b, y = C x, half way between samples u (N,
+    m), y (N, p), at nominal parameters."""
     m, p = len(dynamics.form.system.inputs), y.shape[1]
     inputs, outputs = ca.SX.sym("u", m), ca.SX.sym("y", p)
     z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
@@ -99,7 +102,8 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _pieces(A: np.ndarray, C: np.ndarray, R: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """The matrices Phi and W of each step, for constant A and C: the exponential to order 4, Simpson's rule."""
+    """Return of each step of length `dt` the transition matrix Phi and the observability Gramian W (N - 1, n, n), for
+    constant A and C: the exponential to order 4, Simpson's rule."""
     weight = np.swapaxes(C, 1, 2) @ np.diag(1 / R) @ C
     hA, half = dt * A, dt / 2 * A
 

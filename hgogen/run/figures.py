@@ -64,7 +64,7 @@ Points = Sequence[tuple[float, float]]
 
 @rc_context(STYLE)
 def states(step: Step, trajectory: Trajectory) -> Figure:
-    """A panel for each state: truth, estimate, and its measurement."""
+    """Return a figure with a panel for each state: truth, estimate, and its measurement."""
     t, true = trajectory.truth.t, trajectory.truth.x
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
@@ -80,7 +80,8 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
 
 @rc_context(STYLE)
 def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
-    """A panel for each output (N, p): the measured values and those of the fitted plant."""
+    """Return a figure with a panel for each output of a log: the values `measured` (N, p) at the times t (N,), and
+    those of the fitted plant."""
     figure, axes = panels(len(plant.outputs), t, plant.time)
     for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
         axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
@@ -92,7 +93,8 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
-    """A panel for each of the `traces` (N,) by name, with the thresholds of the innovation, and theta from 0 on."""
+    """Return a figure with a panel for each of the `traces` (N,) by name, with the thresholds of the innovation, and
+    theta from 0 on."""
     first = [name for name in ("innovation", "theta") if name in traces]
     names = [*first, *(name for name in traces if name not in first)]
     fields = {field.name: field for field in step.layout.state}
@@ -122,8 +124,8 @@ def errors(
     unit: str = "s",
     bounds: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
-    """A panel for each state: the largest |estimate - truth| in each of `PARTS` parts of the time, on a logarithmic
-    axis, with a line for each observer and a legend on the right.
+    """Return a figure with a panel for each state: the largest |estimate - truth| in each of `PARTS` parts of the time,
+    on a logarithmic axis, with a line for each observer and a legend on the right.
 
     `of`: errors (N, n) of one seed by observer. A part ends at each of the `events`, so that no line rises before one.
     `bounds`: the proved bound of the settled error, by state.
@@ -149,8 +151,9 @@ def errors(
 
 @rc_context(STYLE)
 def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
-    """Two panels over theta: the time to settle, and the largest noise of an estimate over its state's range, with a
-    line for each observer and a legend on the right. `settled`, `noise`: pairs (theta, value) by observer."""
+    """Return a figure of two panels over theta: the time to settle, and the largest noise of an estimate over its
+    state's range, with a line for each observer and a legend on the right. `settled`, `noise`: pairs (theta, value) by
+    observer."""
     margin = HANDLE + LETTER * max(map(len, noise))
     figure, axes = panels(
         2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), margin=margin
@@ -176,7 +179,8 @@ def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[st
 
 @rc_context(STYLE)
 def response(continuous: Response, sampled: Response, unit: str) -> Figure:
-    """A panel for each state, |H| over omega: of the linear error core and, dashed, of its step."""
+    """Return a figure with a panel for each state, |H| over omega: of the linear error core in continuous time and,
+    dashed, of its step; `unit`: of time."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     figure, axes = panels(len(continuous.states), continuous.omega, unit)
@@ -194,12 +198,12 @@ def response(continuous: Response, sampled: Response, unit: str) -> Figure:
 
 
 def look(k: int) -> Any:
-    """The colour and the dashes of line number k of many."""
+    """Return the colour and the dashes of line number `k` of many in a figure."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
 
 
 def measured_as(step: Step, state: Signal) -> int | None:
-    """The index of the output that is this state; None without one."""
+    """Return the index of the output that measures this state directly; None without one."""
     output = step.observer.form.system.output
     return output.index(state) if state in output else None
 
@@ -232,7 +236,7 @@ def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
 
 
 def _symbol(name: str) -> str:
-    """The symbol of a name: x1 as x with an index, eta as the Greek letter, longer names unchanged."""
+    """Return the TeX symbol of a name: x1 as x with an index, eta as the Greek letter, longer names unchanged."""
     match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
     if not match or (len(match[1]) > 1 and match[1] not in GREEK):
         return name
@@ -241,7 +245,8 @@ def _symbol(name: str) -> str:
 
 
 def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
-    """Panels below one another; `top`, `margin`: inches above them and on the right."""
+    """Return a figure with `panels` axes below one another over the times t; `top`, `margin`: inches above them and on
+    the right; `unit`: of time."""
     height, width = PANEL * panels + top + BOTTOM, WIDTH + margin
     figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
@@ -254,7 +259,7 @@ def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0
 
 
 def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
-    """Set the label and the title of a panel."""
+    """Set the label (name and unit) and the title (meaning) of a panel."""
     symbol = "$I_d$" if name == "I_d" else _symbol(name)
     axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
     axis.set_title(shorten(meaning, LINE, placeholder=" .."), loc="left", pad=3)
@@ -278,7 +283,8 @@ def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth"
 
 
 def thin(t: Array, values: Array) -> tuple[Array, Array]:
-    """The samples with which a line looks the same: the extremes of each bin, and gaps for NaN and beyond `FAR`."""
+    """Return samples (t, values) with which a line looks unchanged: the extremes of each bin, and gaps for NaN and
+    values beyond `FAR`."""
     values = np.where(np.abs(values) < FAR, values, np.nan)
     if len(t) <= 2 * BINS:
         return t, values
@@ -295,7 +301,7 @@ def thin(t: Array, values: Array) -> tuple[Array, Array]:
 
 @rc_context(STYLE)
 def svg(figure: Figure) -> str:
-    """The figure as SVG text, without date, version and random ids."""
+    """Return the figure as SVG text, without date, version and random ids."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     return stream.getvalue()
@@ -303,7 +309,7 @@ def svg(figure: Figure) -> str:
 
 @rc_context(STYLE)
 def png(figure: Figure) -> bytes:
-    """The figure as PNG, 160 dots an inch."""
+    """Return the figure as PNG bytes, 160 dots an inch."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
     return stream.getvalue()
@@ -311,7 +317,7 @@ def png(figure: Figure) -> bytes:
 
 @rc_context(STYLE)
 def files(name: str, figure: Figure) -> dict[str, bytes]:
-    """The files NAME.svg and NAME.png, with room on the left for long labels."""
+    """Return the figure as NAME.svg and NAME.png, bytes by file name, with room on the left for long labels."""
     beyond = -float(figure.get_tightbbox().x0)
     if beyond > 0:
         figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
@@ -320,8 +326,8 @@ def files(name: str, figure: Figure) -> dict[str, bytes]:
 
 @rc_context(STYLE)
 def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, Array]) -> Figure:
-    """A panel for each state of a run over the samples y (N, p) at times t (N,), NaN where missing; `truth` (N,) by
-    state."""
+    """Return a figure with a panel for each state of a run over the samples y (N, p) at times t (N,), NaN where
+    missing; `truth` (N,) by state."""
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
         j, x = measured_as(step, signal), run.x[:, i]
@@ -339,7 +345,7 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
 
 @rc_context(STYLE)
 def record_innovations(step: Step, t: Array, run: Run) -> Figure:
-    """A panel for each output: its innovations, and their 2 sigma by the observer."""
+    """Return a figure with a panel for each output: its innovations in a run, and their 2 sigma by the observer."""
     assert run.innovations is not None  # of a step
     figure, axes = panels(len(step.outputs), t, step.time)
     for j, (axis, signal) in enumerate(zip(axes, step.outputs, strict=True)):
@@ -364,7 +370,8 @@ def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, widt
 
 
 def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
-    """Draw the band of 2 sigma, the widest in each of `BINS` parts of the time; the axis grows by a quarter at most."""
+    """Draw the band `middle` +- 2 sigma, the widest in each of `BINS` parts of the time; the axis grows by a quarter at
+    most."""
     bottom, top = axis.get_ylim()
     low, high = (np.where(abs(ends) < FAR, ends, np.nan) for ends in (middle - 2 * sigma, middle + 2 * sigma))
     if len(t) > 2 * BINS:
@@ -377,8 +384,9 @@ def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
 
 @rc_context(STYLE)
 def curve(points: Sequence["Point"], step: Step) -> Figure:
-    """A panel for each state of the form, with the bound of the error by noise of each output, and one for the longest
-    dt. The first point is the tuning, a cross next to the lines of the designed gains."""
+    """Return a figure with a panel for each state of the form, with the bound of the error by noise of each output over
+    the rate of decay, and a panel for the longest dt. The first point is the tuning, a cross next to the lines of the
+    designed gains."""
     form, time = step.observer.form, step.observer.form.system.time
     tuning, gains = points[0], sorted(points[1:], key=lambda one: one.about)
     rates = [one.about for one in points]

@@ -60,7 +60,7 @@ class BadWindows(BadArgument):
 
 @dataclass(frozen=True, eq=False)
 class Gramian(Encoded):
-    """The observability Gramian of a window along a trajectory.
+    """The observability Gramians W of windows of the length `d` along a trajectory.
 
     `start` (N): where each window begins; `smallest`, `largest` (N): eigenvalues of its Gramian; `direction` (N, n):
     the unit eigenvector of the smallest; `states`: names.
@@ -101,7 +101,8 @@ class Gramian(Encoded):
 
 @requires_plant
 def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
-    """The Gramians of windows of the lengths `d` along a trial without noise, one for each length.
+    """Return the observability Gramians of windows of the lengths `d` along a trial without noise, one `Gramian` for
+    each length.
 
     A window begins at every tenth of the shortest length, and lengths are rounded to multiples of that. A window across
     a jump of the trial follows the plant through the jump. Parameters are nominal.
@@ -121,7 +122,8 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
 
 
 def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.ndarray, np.ndarray]:
-    """The transition matrix (N, n, n) over each piece of the trajectory, and its Gramian (N, n, n)."""
+    """Return the transition matrix Phi (N, n, n) over each piece of length `grid` (s) of the trajectory `x`, and the
+    Gramian (N, n, n) of each piece."""
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
@@ -141,8 +143,9 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
 
 
 def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: float, pieces: int) -> Gramian:
-    """The Gramians of all windows of `pieces` steps of length `grid` (s), from the transitions and Gramians W_k
-    (N, n, n) of the steps: the sum of Phi' W_k Phi, Phi the product of the transitions before step k."""
+    """Return the Gramians of all windows of `pieces` consecutive steps of length `grid` (s); `steps`: the transition
+    matrices and the Gramians W_k (N, n, n) of the steps. That of a window is the sum of Phi' W_k Phi, Phi the product
+    of the transitions before step k."""
     (transitions, gramians), n = steps, len(states)
     count = len(transitions) - pieces + 1
     sums = np.empty((count, n, n))
@@ -164,7 +167,7 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 
 @dataclass(frozen=True)
 class Sight(Encoded):
-    """The observability measure, for the least observable direction of the state, v."""
+    """The observability measure sigma of a plant, and the least observable direction v of its state."""
 
     json_keys = "least median window unit trial by_motion below_resolution where direction"
 
@@ -199,14 +202,14 @@ class Sight(Encoded):
 
 
 def as_share(value: float, digits: int = 2) -> str:
-    """A share in words, for one below rounding its bound."""
+    """Return a share as text with `digits` digits; for one below the rounding errors the text of a bound."""
     return f"{value:.{digits}g}" if value == 0 or value >= _NOTHING else f"less than {_NOTHING:g}"
 
 
 def sight(plant: System, trial: Trial | None = None) -> Sight:
-    """The observability measure along a trial without noise, or at fixed points of the declared ranges; parameters are
-    nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no range, or the model no
-    value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
+    """Return the observability measure of a plant along a trial without noise, or at fixed points of the declared
+    ranges; parameters are nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no
+    range, or the model no value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
     ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
         if trial:
@@ -221,7 +224,8 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """The observability measure along the trial, over windows that begin at every hundredth of it."""
+    """Return the observability measure of a plant along the trial, over windows that begin at every hundredth of the
+    trial."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
@@ -236,7 +240,8 @@ def _along(plant: System, trial: Trial) -> Sight:
 
 
 def _observable_frozen(plant: System) -> bool:
-    """Whether the linearisation e' = (df/dx) e, y = (dh/dx) e is observable when frozen at almost any point (x, u)."""
+    """Return whether the linearisation e' = (df/dx) e, y = (dh/dx) e is observable when frozen at almost any point (x,
+    u)."""
     e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
     sides = {**box(plant.signals, plant.nominal), **dict.fromkeys(e, (-1, 1))}
@@ -256,7 +261,8 @@ def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndar
 
 
 def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
-    """The measure sigma and direction v of one window, from its transitions (m, n, n) and its C (m + 1, p, n)."""
+    """Return the observability measure sigma and the least observable direction v (n) of one window, from its
+    transition matrices (m, n, n) and output matrices C (m + 1, p, n)."""
     n = C.shape[2]
     Phi, rows = np.eye(n), [C[0]]
     for move, now in zip(transitions, C[1:], strict=True):
@@ -281,7 +287,7 @@ def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[st
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:
-    """The exponentials of matrices (N, n, n), by the series to order 12 for a norm below 1/2, and squaring."""
+    """Return the exponentials of matrices (N, n, n), by the series to order 12 for a norm below 1/2, and squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(0, math.ceil(math.log2(2 * norm))) if 0 < norm < math.inf else 0
     small = matrices / 2.0**halvings

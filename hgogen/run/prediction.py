@@ -46,7 +46,8 @@ MOST = 100_000  # predictions of each horizon, for an RMS error accurate to half
 
 @dataclass(frozen=True)
 class Prediction:
-    """RMS prediction errors of an output."""
+    """The RMS errors of predictions of an output `ahead` samples ahead: of the `model`, and of `copying` the last
+    measured value."""
 
     output: Annotated[str, "the output"]
     ahead: Annotated[int | None, "samples ahead; null for open loop over the whole record"]
@@ -70,8 +71,8 @@ class Forecast:
 def predictions(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> tuple[Prediction, ...]:
-    """The RMS prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of
-    samples ahead, then in open loop. `tick` is called after each sample up to the longest horizon."""
+    """Return the RMS errors of predictions of y (N, p) from the estimates of a run with inputs u (N, m): for each
+    number of samples in `ahead`, then in open loop. `tick` is called after each sample up to the longest horizon."""
     lost = rejected(step, run, y).sum(axis=0).tolist()
     return tuple(
         Prediction(
@@ -91,7 +92,8 @@ def predictions(
 def forecasts(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> Iterator[Forecast]:
-    """Yield the errors of `predictions` sample by sample."""
+    """Yield the errors (N, p) of predictions of y (N, p) from the estimates of a run with inputs u (N, m), for each
+    number of samples in `ahead`, then in open loop."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.fallback)
     u = _as_used(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
@@ -117,7 +119,8 @@ def forecasts(
 
 
 def _starts(count: int) -> np.ndarray:
-    """The samples where predictions start: all, or one at random of each few, as sensors may be periodic."""
+    """Return the numbers of the samples, of `count`, where predictions start: all, or one at random of each few, as
+    sensors may be periodic."""
     few = max(1, -(-count // MOST))
     blocks = np.arange(0, count, few)
     chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
@@ -132,7 +135,8 @@ def _compared(
     copied: np.ndarray | None,
     holding: bool,
 ) -> Forecast:
-    """The errors of predictions and copies of y at some places; `holding`: without predictions that are NaN."""
+    """Return the errors of predictions, and of `copied` values, of y at the samples `places`; `ahead`: the horizon in
+    samples; `holding`: whether predictions that are NaN are left out."""
 
     def at_its_sample(values: np.ndarray) -> np.ndarray:
         errors = np.full(y.shape, np.nan)
@@ -148,24 +152,25 @@ def _compared(
 
 
 def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
-    """Whether the step rejected a sample that is not missing (N, p)."""
+    """Return the mask (N, p) of the samples of y that the step rejected though they are not missing."""
     return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), step.outputs))
 
 
 def rms(error: np.ndarray) -> float:
-    """The root mean square of an error, without overflow of squares."""
+    """Return the root mean square of an error, without overflow of squares."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
 
 def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """The inputs as the step uses them: a missing one repeats the last, and each is clamped to its range."""
+    """Return the inputs u (N, m) as a step uses them: a missing one repeats the last, and each is clamped to its
+    range."""
     holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
-    """Predictions clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
+    """Return predictions y (N, p) clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
     low, high = np.array([s.interval for s in outputs]).T
     return np.asarray(np.clip(np.where(np.isinf(y) & holding, np.nan, y), low, high))
 
@@ -185,8 +190,8 @@ LEAST = 10  # samples of a segment
 
 @dataclass(frozen=True)
 class Map:
-    """The map y -> scale y + shift, as `text` of a column {}, and the cause that it `mends`; for outputs with one of
-    the `units`, if there are any."""
+    """A map y -> scale y + shift of an output, such as a change of unit; `text`: the map as expression of a column {},
+    `mends`: the cause that it repairs, `units`: the units of outputs to which it applies, any if empty."""
 
     text: str
     scale: float
@@ -195,12 +200,12 @@ class Map:
     units: tuple[str, ...] = ()
 
     def inside(self, values: Array, ends: tuple[float, float]) -> float:
-        """The share of values that the map brings into a range."""
+        """Return the share 0..1 of the values that the map brings into the range `ends`."""
         mapped = self.scale * values + self.shift
         return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
 
     def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
-        """Return whether the map applies to this unit and brings the values into the range."""
+        """Return whether the map applies to an output in this unit and brings its values into the range `ends`."""
         return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
 
 
@@ -221,7 +226,8 @@ MAPS = (
 
 @dataclass(frozen=True)
 class Rejection:
-    """An output most of whose samples the step rejected."""
+    """An output most of whose samples the step rejected, and the map (change of unit, offset) that brings them into its
+    range."""
 
     output: Annotated[str, "the output"]
     count: Annotated[int, "number of its samples"]
@@ -256,8 +262,8 @@ class MostlyRejected(HgogenError):
 def rejections(
     step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
 ) -> tuple[Rejection, ...]:
-    """Return the rejection of each output of a run over u (N, m), y (N, p) whose samples were mostly rejected;
-    `columns`: the operand of --map for each output, ready for an expression."""
+    """Return a `Rejection` for each output most of whose samples a run over u (N, m), y (N, p) rejected; `columns`: the
+    operand of --map for each output, ready for an expression."""
     lost, there = rejected(step, run, y), np.isfinite(y)
     ranges = readings(step.observer.form)
     each = []
@@ -274,7 +280,8 @@ def rejections(
 
 
 def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input of u (N, m) that is outside its range, where guards clamp it, in most samples."""
+    """Yield a sentence for each input of u (N, m) that is outside its range, where guards clamp it, in most samples;
+    `columns`: the column of each input."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values)], signal.interval
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
@@ -307,12 +314,12 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 
 
 def _known(one: Map) -> tuple[bool, bool, float]:
-    """A rank of maps: units first, an offset last; then by the scale."""
+    """Return the sort key of a map among maps that fit equally: units first, an offset last; then by the scale."""
     return bool(one.units), not one.shift, abs(one.scale)
 
 
 def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
-    """The RMS error of predictions of output j with the map `one`, over that of copying."""
+    """Return the RMS error of predictions of output `j` with the map `one`, over that of copying the last value."""
     y = y.copy()
     y[:, j] = one.scale * y[:, j] + one.shift
     step.reset()
@@ -323,7 +330,8 @@ def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Eng
 
 @dataclass(frozen=True)
 class Better:
-    """A signal that fits better with a shift or the other sign; the errors are medians over segments of the log."""
+    """A signal with which the log fits the model better if it is shifted by samples, or has the other sign; errors are
+    medians over segments of the log."""
 
     signal: Annotated[str, "the signal"]
     shift: Annotated[int, "samples later than it was logged"]
@@ -332,8 +340,8 @@ class Better:
     present: Annotated[float, "RMS error as it is over that of copying"]
 
     def sentence(self, before: int, operand: str) -> str:
-        """Return the advice for the command line, where the signal is shifted by `before` already, and its column in an
-        expression is `operand`."""
+        """Return the advice for the command line; `before`: the shift in samples that is set already, `operand`: the
+        signal's column in an expression."""
         errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
         if self.sign < 0:
             other, fix = f"the other sign of {self.signal}", f'--map {self.signal}="-{operand}"'
@@ -344,8 +352,8 @@ class Better:
 
 
 def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
-    """The shift or sign of a signal that fits the samples u (N, m), y (N, p) from `first` on clearly better; or
-    None."""
+    """Return the shift or sign of a signal with which the samples u (N, m), y (N, p) from `first` on fit the model
+    clearly better; or None."""
     u, y = u[:LONGEST], y[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
@@ -384,7 +392,7 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
 
 
 def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
-    """The samples with only the mean of one signal negated."""
+    """Return the samples u, y with only the mean of `signal` negated."""
     whole = np.hstack([u, y])
     j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
     values = whole[np.isfinite(whole[:, j]), j]
@@ -393,13 +401,14 @@ def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Arra
 
 
 def _scale(y: Array) -> Array:
-    """The RMS error of copying each output (p); 1 for a constant output."""
+    """Return the RMS error (p) of predicting each output by its last value; 1 for a constant output."""
     errors = (last_values(y)[:-AHEAD] - y[AHEAD:]).T
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 
 def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
-    """The sum over outputs of squared errors over `scale` (N), NaN for a sample without an error."""
+    """Return for each sample (N) the sum over outputs of squared prediction errors over `scale` (p), NaN for a sample
+    without an error."""
     if len(y) <= first + AHEAD:
         return np.full(len(y), np.nan)
     step.reset()
@@ -415,11 +424,12 @@ def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, e
 
 
 def _typical(squares: Array) -> float:
-    """The root of the median over segments of the mean squares; infinite without any error."""
+    """Return the root of the median over segments of the log of the mean of `squares` (N); infinite without any
+    error."""
     means = _means(squares)
     return math.sqrt(float(np.median(means))) if means else math.inf
 
 
 def _means(values: Array) -> list[float]:
-    """The mean of each segment that has finite values."""
+    """Return the mean of each segment of `values` (N) that has finite values."""
     return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]

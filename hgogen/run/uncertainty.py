@@ -39,13 +39,14 @@ PREDICTED = Place("work", "predicted")
 
 @dataclass(frozen=True)
 class Evaluated:
-    """An SX matrix that reads places of a step, to be evaluated at records."""
+    """An SX matrix that depends on places of a step's memory, to be evaluated at records of the memory."""
 
     step: Step
     matrix: Graph
 
     def __call__(self, records: Array, signals: dict[Place, Array] | None = None) -> Array:
-        """The values (N, rows, columns) at records (N); `signals` (N, size): values of places that no record has."""
+        """Return the values (N, rows, columns) of the matrix at records (N) of a step's memory; `signals` (N, size):
+        values of places that no record has."""
         values = [
             signals[place] if signals and place in signals else values_at(self.step, records, place)
             for place, _ in self._reads
@@ -67,7 +68,7 @@ class Evaluated:
 
 
 def values_at(step: Step, records: Array, place: Place) -> Array:
-    """The numbers (N, size) of a place of the state or the parameters in records (N)."""
+    """Return the numbers (N, size) of a place of the state or the parameters in records (N) of a step's memory."""
     if place.struct in ("plant", "gain", "derived"):
         return _columns(records["params"][place.struct][place.name])
     state = records["state"]
@@ -76,7 +77,7 @@ def values_at(step: Step, records: Array, place: Place) -> Array:
 
 
 def selected(records: Array) -> Array:
-    """The memory of the selected member of a bank in records (N)."""
+    """Return the records (N) of the selected member of a bank of observers, from records (N) of a step's memory."""
     state = records["state"]
     return np.asarray(state["member"][np.arange(len(state)), state["selected"]])
 
@@ -87,14 +88,15 @@ def _columns(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The covariance of a step with a Riccati observer; with a group of `members`, a bank, that of the selected one."""
+    """The covariance of the estimate of a step with a Riccati observer; with a group of `members`, a bank of observers,
+    that of the selected member."""
 
     step: Step
     part: Riccati
     members: Group | None = None
 
     def covariance(self, records: Array) -> Array:
-        """The covariance P (N, n, n) in the form's coordinates."""
+        """Return the covariance P (N, n, n) in the form's coordinates, from records (N) of the step's memory."""
         if "P" in self._fields:
             return self._triangle("P", records, symmetric=True)
         if "S" in self._fields:
@@ -112,17 +114,18 @@ class Uncertainty:
 
     @cached_property
     def rows(self) -> Evaluated:
-        """The output Jacobian dh/dz (N, p, n) at records (N)."""
+        """The output Jacobian dh/dz (N, p, n), to be evaluated at records (N) of the step's memory."""
         return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self.step.clock.u_now))
 
     @cached_property
     def variances(self) -> Evaluated:
-        """The variances r (N, p, 1) of a sample's noise, at records (N)."""
+        """The variances r (N, p, 1) of a sample's noise, to be evaluated at records (N) of the step's memory."""
         filter_step = FilterStep(self.part, self.step.clock)
         return Evaluated(self.step, ca.vertcat(*(filter_step.variance(j) for j in range(len(self.step.outputs)))))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
-        """The predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), rho the rate of forgetting."""
+        """Return the predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), h the period, rho the rate of
+        forgetting; `signals`: values of places of memory that no record has."""
         transition, noise, rho = self._motion
         Phi = transition(records, signals)
         growth = np.exp(self.step.dt * rho(records))
@@ -133,7 +136,8 @@ class Uncertainty:
         return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
 
     def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
-        """The matrices (N, n, n) whose entries a field stores."""
+        """Return the matrices (N, n, n) whose lower triangle the field `name` stores; `symmetric`: whether the upper
+        triangle is filled too."""
         packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
         whole = np.zeros((len(packed), n, n))
         for k, (i, j) in enumerate(self._fields[name].entries):
@@ -144,7 +148,8 @@ class Uncertainty:
 
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
-        """The graphs of Phi, Q_theta and rho."""
+        """The matrices Phi and Q_theta and the rate rho of the predicted covariance exp(rho h) Phi P Phi' + h
+        Q_theta."""
         n, filter_step = self.part.dynamics.n, FilterStep(self.part, self.step.clock)
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
         graphs = (filter_step.transition(filter_step.jacobian(filter_step.stages())), noise, sx(self.part.rho))
@@ -152,8 +157,8 @@ class Uncertainty:
 
 
 def uncertainty(step: Step) -> Uncertainty | None:
-    """The uncertainty of a step; None where it has not exactly one covariance. For a sigma-point filter s uses the
-    Jacobian of h, which is exact for an output linear in the state."""
+    """Return the covariance of a step's estimate; None where the step has not exactly one. For a sigma-point filter the
+    innovation variance s uses the Jacobian of h, which is exact for an output linear in the state."""
     parts, members = step.observer.parts, None
     if len(parts) == 1 and isinstance(parts[0], Parallel):
         parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
@@ -163,12 +168,13 @@ def uncertainty(step: Step) -> Uncertainty | None:
 
 
 def used(step: Step, status: Array) -> Array:
-    """Whether a step used the sample of each output (N, p), by the status (N)."""
+    """Return the mask (N, p) of the samples of outputs that a step used, from its status (N)."""
     return ~raised(step, status, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED"), step.outputs)
 
 
 def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
-    """Whether one of the named bits of each signal is set in the status of each sample (N, k)."""
+    """Return the mask (N, k) of the samples whose status has one of the bits `bits` of each of k signals; a bit's name
+    is followed by that of the signal."""
     names = [bit.place.name for bit in step.layout.bits]
     wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
     masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
@@ -205,7 +211,7 @@ class Replay:
 
     @cached_property
     def innovations(self) -> Innovations:
-        """The innovations of the run."""
+        """The innovations of the run, with their variances."""
         parts = list(self._parts())
         e = np.concatenate([one.e for one in parts]) if parts else np.zeros((0, len(self.step.outputs)))
         usable = used(self.step, self.status) & np.isfinite(self.y[:, : len(self.outputs)])
@@ -235,7 +241,7 @@ class Replay:
                     yield self._integrated(y, *self._calls(memory, rows))
 
     def _sections(self, memory: StepMemory, rows: Array) -> tuple[list[Array], Array]:
-        """The memory before the correction by each output, and after each sample."""
+        """Return records of the memory before the correction by each output, and after each sample `rows`."""
         entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
         before = [np.zeros(len(rows), memory.record.dtype) for _ in self.step.outputs]
         after = np.zeros(len(rows), memory.record.dtype)
@@ -269,7 +275,8 @@ class Replay:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        """The innovations of a step that corrects at samples, from the memory `before` each output and `after` all."""
+        """Return the innovations of a step that corrects at samples, from records of the memory `before` the correction
+        by each output and `after` each sample."""
         e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
         if self._uncertainty is None:
             return Innovations(e, None, None)
@@ -280,7 +287,8 @@ class Replay:
         return Innovations(e, s, self._plant_covariance(after))
 
     def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
-        """The innovations of a step that integrates the measurement, from the memory `before` and `after` a sample."""
+        """Return the innovations of a step that integrates the measurement between samples, from records of the memory
+        `before` and `after` each sample."""
         fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
         signals = {
@@ -319,8 +327,8 @@ class Replay:
 
     @cached_property
     def _model(self) -> tuple[Evaluated, ...]:
-        """The graphs of z, of the predicted z after a sample, and of h and dh/dz at the predicted z. With a Riccati
-        part the prediction is that of the part."""
+        """The graphs of z, of the predicted z after a sample, and of h and dh/dz at the predicted z. For an observer
+        with a Riccati equation the prediction is its own."""
         observer, clock = self.step.observer, self.step.clock
         z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
         if self._uncertainty:
@@ -333,7 +341,7 @@ class Replay:
 
     @cached_property
     def _slope(self) -> Evaluated:
-        """The Jacobian dx/dz (n, n) of the plant's states at the form's coordinates clamped to their ranges."""
+        """The Jacobian dx/dz (n, n) of the plant's states x by the form's coordinates z, at z clamped to its ranges."""
         observer, z = self.step.observer, ca.SX.sym("z", self.step.observer.z.numel())
         slope = ca.jacobian(observer.dynamics.estimate(z, self.step.clock.u_now), z)
         return Evaluated(self.step, ca.substitute(slope, z, observer.dynamics.saturated(observer.z)))
