@@ -127,7 +127,8 @@ class OnErrors(Protocol):
         ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the method's step of length h for e' in Lur'e form, the uncertain error `e`; for h = 0 its limit."""
+        """Return the method's step of length h for the error system `e`, e' = M e + .. with slopes in [-1, 1]; its
+        limit for h = 0."""
         ...
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
@@ -147,7 +148,7 @@ class Staged:
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the stages of the tableau with step length h, applied to the error `e`."""
+        """Return the step e+ = e + h sum_i b_i w_i of the error system `e` by the stages of the tableau."""
         return stagewise(self.prediction, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
@@ -409,8 +410,8 @@ class Realising:
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the step of length h of the realised core, and of the nonlinear terms by two stages, for the error
-        `e`."""
+        """Return a step of length h of the error system `e`: its linear core by matrices, the nonlinear terms by two
+        stages."""
         return realised(self.realisation, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:

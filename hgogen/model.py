@@ -126,8 +126,7 @@ class Model:
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """The declared inequality (38), dV/dt <= -2 mu V along errors, proved or not; None without. Raises:
-        `MissingPart`."""
+        """V and mu with dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0, as declared, or None. Raises: `MissingPart`."""
         if not self.has("dissipation"):
             return None
         try:

@@ -110,8 +110,7 @@ class Sentence:
         return _Written(text).format(self.pattern, **dict(self.values))
 
     def as_dict(self) -> dict[str, Any]:
-        """The pattern and its values by name; a number that is rounded is given in full, with the direction of
-        rounding."""
+        """The pattern and its values by name; a rounded number as {its value, the direction of rounding}."""
         return {"pattern": self.pattern, "values": {name: _data(value) for name, value in self.values}}
 
 

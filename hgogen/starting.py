@@ -210,7 +210,7 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
 
 
 def _slopes(form: Form) -> dict[int, float]:
-    """Return |a_i| by i for the gains a_i of the chains that have one sign at the sample points of the box."""
+    """Return, by i, the least |dz_i'/dz_(i+1)| at sample points of the box, for the slopes of one sign there."""
     chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
     links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
     flow = dict(zip(form.states, form.flow, strict=True))

@@ -342,8 +342,7 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
-    """Raise `BadStep` for an option that needs the status, such as late samples or periods, on a step without
-    guards."""
+    """Raise `BadStep` for late samples or periods, which need the status, in a step without guards."""
     late = "samples that come late" if observer.delays else "sensors of different rates" if every else ""
     if late:
         raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")

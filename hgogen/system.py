@@ -249,7 +249,7 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
-    """Return a mapping from each parameter named in `values` to an equal one with the new value. Raises: `BadValue`."""
+    """Return a mapping from each parameter named in `values` to a copy with the new value. Raises: `BadValue`."""
     if plant.origin is not None:
         raise BadValue(f"plant {plant.name!r}", "is recast; give the values to the plant that it was recast from")
     known = {p.name: p for p in plant.parameters}

@@ -216,8 +216,7 @@ def _below(root: Path, name: str) -> Path:
 
 
 def _kind(path: Path, follow: bool = False) -> int | None:
-    """Return the type bits of an existing file's mode (`stat.S_IFMT`), also of a dangling link; None where there is
-    none."""
+    """Return `stat.S_IFMT` of an existing file's mode, also of a dangling link; None where there is no file."""
     try:
         return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:

@@ -37,8 +37,7 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
 
 
 class Beyond(NamedTuple):
-    """A proof about the step as it runs that is stronger than an observer's theorem, by its `claims`; `reason`: its
-    subject."""
+    """A proof about the step as it runs, its `claims`, that is stronger than the theorem; `reason`: its subject."""
 
     claims: Claims
     reason: str

@@ -31,10 +31,10 @@ def asking(name: str) -> Asking:
 
 @dataclass(frozen=True)
 class Row(Encoded):
-    """A form, its name `kind`, and the verdict on the plant in it; `options`: the arguments of the form.
+    """The verdict on a plant in one form: its name `kind`, the arguments `options`, and the resulting `form`.
 
     `verdict`: the worst verdict of the checks; None where the form does not apply to the plant, or was not tried, and
-    `why` says which.
+    `why` says which of the two.
     """
 
     json_keys = "name verdict why why_data=why.as_dict fix order witness"

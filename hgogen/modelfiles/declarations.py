@@ -41,8 +41,9 @@ _GAINS = "gains"
 
 
 def stored(plant: System, declared: Any) -> Dissipation:
-    """Return the `dissipation` that a model declares of its plant, proved or not. Raises: `BadErrorSystem` for keys
-    that are missing or unknown, or values that do not fit; `Misfit` if it is no mapping; `BadExpression`."""
+    """Return the `dissipation` that a model declares of its plant, proved or not: V and mu of dV/de F + |dV/de G|^2/(2
+    mu^2) + |e|^2/2 < 0 (38). Raises: `BadErrorSystem` for keys that are missing or unknown, or values that do not fit;
+    `Misfit` if it is no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
     system_keys = ("system",) if "system" in declared else _SYSTEM
@@ -61,7 +62,7 @@ def stored(plant: System, declared: Any) -> Dissipation:
 
 
 def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
-    """Return texts parsed as expressions of these names, also in lists and mappings."""
+    """Return the texts in `value`, also in lists and mappings, parsed as expressions of the symbols in `names`."""
     if isinstance(value, str):
         return parse(value, names)
     if isinstance(value, Mapping):
@@ -77,8 +78,8 @@ class NoBounds(BadArgument):
 
 @dataclass(frozen=True)
 class Bounds:
-    """The declared bounds. `sizes`: arguments of `hg.error_bound`; `gains`: whether gains in continuous time are
-    requested too."""
+    """The bounds on noise and disturbances that a model declares. `sizes`: arguments of `hg.error_bound`; `gains`:
+    whether gains in continuous time are requested too."""
 
     sizes: Mapping[str, Any]
     gains: bool
@@ -101,7 +102,7 @@ _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 
 
 def trial_of(model: PlainModel) -> Trial:
-    """Return the trial of the table `trial`. Raises: `BadModelFile`."""
+    """Return the trial in the table `trial` of a plain-text model. Raises: `BadModelFile`."""
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
     states, outputs = ((signals, NUMBER) for signals in (model.plant.states, model.plant.outputs))

@@ -41,7 +41,7 @@ class Setting:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The command-line options with these settings."""
+        """The command-line options and values with these settings, such as "--dt"."""
         return tuple(f"--{name} {value}" for name, value in asdict(self).items() if value is not None)
 
     def demand(self) -> None:

@@ -65,8 +65,9 @@ _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer":
 
 @dataclass(frozen=True)
 class Tuning:
-    """The tunings of a plant by name; `default`: the name of the one in the table `observer`; `setting`: options that
-    override the tables; `in_file`: whether a table is in the model's `file`, and not in a separate file of tunings."""
+    """The tunings of a plant by name, each a table of an observer and its gains; `default`: the name of the tuning in
+    the table `observer`; `setting`: options that override the tables; `in_file`: whether a table is in the model's
+    `file`, and not in a separate file of tunings."""
 
     file: str
     plant: System
@@ -76,7 +77,7 @@ class Tuning:
     in_file: Callable[[str], bool] = lambda name: True
 
     def where(self, name: str) -> str:
-        """Return the path of keys to a table in its file."""
+        """Return the path of keys to the tuning's table in its file, such as "tuning.high_gain"."""
         if not self.in_file(name):
             return f"{self.setting.tuning}, tuning.{name}"
         return "observer" if name == self.default else f"tuning.{name}"
@@ -120,7 +121,7 @@ class Tuning:
         return observer
 
     def form(self, name: str) -> Any:
-        """Return the form of a tuning without a member. Raises: as `step`."""
+        """Return the form of the tuning `name`, for an observer around no other. Raises: as `step`."""
         entry, where = self.setting.form or self.table(name).get("form", "triangular"), f"{self.where(name)}.form"
         passed = [name]
         while isinstance(entry, Mapping) and "of" in entry:
@@ -136,7 +137,7 @@ class Tuning:
         return self._refusals(where, lambda: make(self.plant, **options))
 
     def period(self, name: str) -> float:
-        """Return the dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
+        """Return the sampling period dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
         table = self._sampling(name)
         if "dt" not in table:
             unit = plural(self.plant.time)
@@ -165,7 +166,7 @@ class Tuning:
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
-        """Return the sampling options of a tuning: its own, else those of its member."""
+        """Return the options of sampling of a tuning: its own, else those of the tuning that it is built around."""
         sampling: dict[str, Any] = {}
         passed: list[str] = []
         while name in self.tables and name not in passed:
@@ -184,7 +185,8 @@ class Tuning:
         return self.observer(str(member), around, start)
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
-        """Return a case of a plural folder by its name; a value that is no text is returned unchanged."""
+        """Return the form, method or observer called `name` in its folder; a value that is no text is returned
+        unchanged."""
         if not isinstance(name, str):
             return name
         if name not in folder.__all__:
@@ -197,7 +199,8 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
     def _refusals(self, where: str, function: Callable[[], Result]) -> Result:
-        """Return the result of `function`; an error of it keeps its sentence and gets the file and the key."""
+        """Return function(); an error in it becomes a `BadModelFile` with its sentence, the file and the key
+        `where`."""
         try:
             return function()
         except Refuted as error:
@@ -222,7 +225,8 @@ _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # the functions that a t
 
 
 def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of an observer's arguments in a table: all, and those without a default; a member is first."""
+    """Return the names of an observer's arguments that a tuning's table may have: all, and those without a default; the
+    argument for a member is first."""
     each = signature(make).parameters.values()
     return _names(p for p in each if p.kind is Parameter.KEYWORD_ONLY or p.name == "member")
 
@@ -259,8 +263,8 @@ def value(key: str, raw: Any) -> Any:
 
 
 def poles(listed: Any, chains: int) -> Any:
-    """Return the poles of a list: a pair [re, im] is a complex pole. With several chains there is a list for each, in
-    which a pair of numbers is two real poles."""
+    """Return the poles in `listed`: a pair [re, im] is a complex pole. With several `chains` there is a list for each
+    chain, in which a pair of numbers is two real poles."""
     if not isinstance(listed, list):
         return listed
     if chains > 1:
@@ -277,7 +281,8 @@ def _names(parameters: Iterable[Parameter]) -> tuple[tuple[str, ...], tuple[str,
 
 @dataclass(frozen=True)
 class First:
-    """An observer by name, the form that admits it without accepting a refuted check, its starting gains, its step."""
+    """A first step for a beginner: the name of the `observer`, the form in `row`, which admits it without accepting a
+    refuted check, its starting gains `starting`, and the `step`."""
 
     observer: str
     row: Row
@@ -286,12 +291,12 @@ class First:
 
     @property
     def known(self) -> Convergence | None:
-        """The verdict about its convergence, None if no theorem covers it."""
+        """Whether the observer is proved to converge, None if no theorem covers it."""
         observer = self.step.observer
         return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
     def table(self, name: str = "") -> Mapping[str, Any]:
-        """Return the tuning that makes the same step, with a name, by default the observer's."""
+        """Return the table of a tuning that makes an equal step, called `name`, by default as the observer."""
         kind = {"kind": self.observer} if name not in ("", self.observer) else {}
         form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
         return {**kind, "form": form, **self.starting.gains, "dt": self.starting.dt}
@@ -299,8 +304,8 @@ class First:
 
 @dataclass(frozen=True)
 class NoFirst:
-    """The reason why there is no first step; `ruled`: no form refuses the observer, but its rule gives no gains;
-    `too_long`: the form admits it, but the period is too long."""
+    """The reason why there is no first step; `ruled`: a form admits the observer, but there are no starting gains;
+    `too_long`: a form admits it, but the period is too long."""
 
     reason: str
     ruled: bool = False
@@ -308,8 +313,8 @@ class NoFirst:
 
 
 def places(survey: Survey) -> Iterator[Row]:
-    """Yield the candidate forms for an observer, in order: those that imply observability, the plant in its own
-    coordinates (made only when reached), and the others."""
+    """Yield the candidate forms of a survey for an observer, in order: those that imply observability, the plant in its
+    own coordinates (made only when reached), and the others."""
     yield from survey.candidates
     original_row = survey["original"]
     yield original_row if original_row.form else replace(original_row, form=forms.original(survey.plant))
@@ -317,8 +322,8 @@ def places(survey: Survey) -> Iterator[Row]:
 
 
 def everywhere(plant: System, *, deep: bool = True) -> Iterator[Row]:
-    """Yield the candidate forms of a plant; those that take seconds last, and only if `deep`. A plant is surveyed
-    once."""
+    """Yield the candidate forms of a plant; those that take seconds last, and only if `deep`. Later calls reuse the
+    survey."""
     yield from places(_surveyed(plant, False))
     if deep:
         yield from places(_surveyed(plant, True))

@@ -50,16 +50,16 @@ def from_casadi(
     parameters: Pairs = (),
     time: str = "s",
 ) -> System:
-    """The System of a CasADi model.
+    """Return the System of a CasADi model.
 
     Args: `states`, `inputs`, `parameters`: pairs (symbol, Signal), or (vector symbol, a Signal for each entry); the
-    symbols all SX or all MX. `flow` (n) and `output` (p): graphs of them, or lists of scalar graphs.
-    `time`: as of `hg.System`.
+    symbols all SX or all MX. `flow` (n) and `output` (p): graphs of them, or lists of scalar graphs. `time`: as of
+    `hg.System`.
 
     A float in a graph becomes the rational of its shortest decimal.
 
-    Raises: `BadGraph` for symbols that are none, are given twice or are missing, for MX that does not expand to SX,
-    and for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
+    Raises: `BadGraph` for symbols that are none, are given twice or are missing, for MX that does not expand to SX, and
+    for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
     """
     groups = {"states": states, "inputs": inputs, "parameters": parameters}
     declared = {kind: _pairs(name, kind, pairs) for kind, pairs in groups.items()}
@@ -87,7 +87,8 @@ def from_casadi(
 
 
 def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
-    """Return the pairs of a kind, each as a symbol and the Signal of each of its entries. Raises: `BadGraph`."""
+    """Return the (symbol, Signal) pairs of a `kind`, "states" for one, each as a symbol and a tuple of Signals, one for
+    each entry. Raises: `BadGraph`."""
     if not isinstance(pairs, Iterable):
         raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
     fix = f"{kind} is a list of pairs (symbol, Signal)"
@@ -108,7 +109,8 @@ def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal
 
 
 def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
-    """Return a graph, or a list of scalar graphs, as one dense column. Raises: `BadGraph`."""
+    """Return a graph, or a list of scalar graphs, as one dense column; `what`: its name in errors. Raises:
+    `BadGraph`."""
     try:
         graph = ca.vertcat(*rows) if isinstance(rows, tuple | list) else rows
     except NotImplementedError:
@@ -135,7 +137,7 @@ class BadTable(BadArgument):
 
 
 def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear", name: str = "table") -> sp.Expr:
-    """The value at `x`, an expression of a model, of the function through the points (xs, ys).
+    """Return the value at `x`, an expression of a model, of the function through the points (xs, ys).
 
     Beyond the first and the last point the function is constant. `kind`: "linear" between two points, Lipschitz with
     kinks at the points; or "monotone", cubics that rise and fall with the points and have no other extrema (Fritsch and
@@ -175,7 +177,8 @@ def _argument(name: str, x: Any) -> sp.Expr:
 
 
 def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
-    """Return the table with one or two axes of numbers and its values. Raises: as `table`."""
+    """Return the table with the breakpoints `axes` (one list or two) and its `values`; `kind` and errors as of
+    `table`."""
     check_name(name)
     if name in FUNCTIONS:
         raise BadTable(name, "has the name of a function; choose another")
@@ -265,11 +268,12 @@ def _number(name: str, what: str, value: Any) -> Fraction:
 def with_disturbance(
     plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str | None = None
 ) -> System:
-    """The plant with an unknown input d that is added to the rate of a state.
+    """Return the plant with an unknown input d, a further state, that is added to the rate of a state.
 
-    Args: `on` that state, or its name; `order` the number of states of the input: d, and from 2 on its derivatives,
-    named NAME_dot, NAME_ddot, ..; `signal` the input, whose range is that of its estimate, and whose `rates` are the
-    ranges of the derivatives, one for each from order 2 on; `name` the new plant's, by default the plant's own.
+    Args: `on` the state whose rate has d, or its name; `order` the number of states of the input: d, and from 2 on its
+    derivatives, named NAME_dot, NAME_ddot, ..; `signal` the input, whose range is that of its estimate, and whose
+    `rates` are the ranges of the derivatives, one for each from order 2 on; `name` the new plant's, by default the
+    plant's own.
 
     `hg.observability`, `hg.survey` and the checks of a form say whether d is observable too. Raises: `BadSystem` for an
     unknown state, a missing range, a recast plant or a name in use.

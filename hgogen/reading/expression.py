@@ -44,7 +44,8 @@ from hgogen.sentence import NONE, Reason, because
 
 
 class Demand(NamedTuple):
-    """A condition for a real value: there is none where the expression is zero, "=", or negative, "<"."""
+    """A condition under which an expression has a real value: `expression` is not zero (relation "=") or not negative
+    ("<")."""
 
     relation: str
     expression: sp.Expr
@@ -62,7 +63,7 @@ _DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
 
 
 def call_demands(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
-    """Yield the demands of function(arguments)."""
+    """Yield the conditions under which function(arguments) has a real value, such as x >= 0 for sqrt(x)."""
     if function is sp.sqrt:
         yield from power_demands(arguments[0], sp.S.Half)
     elif isinstance(function, type) and function in _DEMANDS:
@@ -71,7 +72,7 @@ def call_demands(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
 
 
 def power_demands(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
-    """Yield the demands of base**exponent; a**0 is 1, also where a = 0."""
+    """Yield the conditions under which base**exponent has a real value; a**0 is 1, also where a = 0."""
     if exponent == 0:
         return
     if not exponent.is_integer:
@@ -81,7 +82,8 @@ def power_demands(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 
 
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
-    """Return the demands of the `written` expression that its `reading` does not make, each once."""
+    """Return the conditions of real values that the text as `written` makes and its `reading` by SymPy does not, each
+    once."""
     written = dict.fromkeys(written)
     demanded: set[Demand] = set()
     for node in parts(reading) if written else ():
@@ -93,14 +95,14 @@ def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """Yield the demand as one of each factor that may violate it; a divisor makes its own demands."""
+    """Yield conditions on the single factors that are equivalent to `demand`; divisors have conditions of their own."""
     if not demand.expression.free_symbols:  # the parser has checked the numbers
         return
     yield from (_signs if demand.relation == "<" else _zeros)(demand.expression)
 
 
 def _signs(value: sp.Expr) -> Iterator[Demand]:
-    """Yield the demand that a value is not negative; a root is not negative where it is real."""
+    """Yield the condition that a value is not negative; for a root, which is not negative where real, none."""
     pairs = [(factor.primitive()[1], factor.as_base_exp()[1]) for factor in sp.Mul.make_args(value)]
     factors = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
     if factors:
@@ -122,7 +124,8 @@ def _zeros(value: sp.Expr) -> Iterator[Demand]:
 
 @dataclass(frozen=True)
 class Fold:
-    """A text, the `reading` that SymPy makes of it, and the demands that are `lost`."""
+    """A text, the expression that SymPy makes of it (`reading`), and the conditions of real values that SymPy `lost`,
+    as x != 0 of x/x."""
 
     text: str
     reading: sp.Expr
@@ -188,7 +191,8 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cell
 
 
 def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NO_TABLES) -> Fold:
-    """Return the expression of a text with the demands that SymPy folded away; arguments and errors as of `parse`."""
+    """Return the expression of a text with the conditions of real values that SymPy lost; arguments and errors as of
+    `parse`."""
     if not isinstance(text, str):
         raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
     if len(text) > CHARACTERS:
@@ -273,7 +277,7 @@ class _Parser:
         self.demanded: list[Demand] = []  # by the text as written, before SymPy folds it
 
     def error(self, token: Token, reason: str) -> BadExpression:
-        """Return the error at a token."""
+        """Return the error that gives `reason` at the column of a token."""
         return BadExpression(self.text, token.column, reason)
 
     def whole(self) -> sp.Expr:
@@ -289,21 +293,21 @@ class _Parser:
 
     @property
     def next(self) -> Token:
-        """The next token."""
+        """The token at the parser's position."""
         return self.tokens[self.position]
 
     def advance(self) -> Token:
-        """Return the next token and advance, but never past the end."""
+        """Return the token at the parser's position and advance, but never past the end."""
         token = self.next
         self.position += token.kind != "end"
         return token
 
     def accept(self, sign: str) -> bool:
-        """Read the next token if it is `sign`, and return whether it is."""
+        """Advance if the token at the parser's position is `sign`, and return whether it is."""
         return self.next.text == sign and bool(self.advance())
 
     def expect(self, sign: str, where: str) -> None:
-        """Read `sign`, or raise the error that `where` needs it."""
+        """Advance past `sign`, or raise an error that `sign` is missing `where`."""
         if not self.accept(sign):
             raise self.error(self.next, f"{where} needs {sign!r} here, not {self.text_of(self.next)}")
 
@@ -312,7 +316,7 @@ class _Parser:
         return "the end" if token.kind == "end" else repr(token.text[:40])
 
     def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
-        """Return the value; an error if it is a condition."""
+        """Return the value that begins at a token; an error if it is a condition, such as x > 0."""
         if not isinstance(value, sp.Expr):
             raise self.error(token, "a condition stands where a value belongs; conditions belong in Piecewise")
         return value
@@ -323,7 +327,7 @@ class _Parser:
         return self.number_like(self.value(0), first)
 
     def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
-        """Return the condition; an error if it is a value."""
+        """Return the condition that begins at a token; an error with the remedy `fix` if it is a value."""
         if isinstance(value, sp.Expr):
             raise self.error(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
         return value
@@ -465,7 +469,7 @@ class _Parser:
             raise self.error(token, _COMPLEX) from None
 
     def real(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """Return the value; an error if it is infinite or complex."""
+        """Return the value that begins at a token; an error if it is infinite or complex."""
         if value in _INFINITE:
             raise self.error(token, "is infinite or undefined here; remove the division by zero or the pole")
         if value.has(sp.I, *_INFINITE) or (value.is_number and value.is_real is False):
@@ -473,13 +477,13 @@ class _Parser:
         return self.bounded(value, token)
 
     def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """Return the value; an error if its coefficient is a huge number."""
+        """Return the value that begins at a token; an error if its numerical coefficient is huge."""
         if _bits(value.as_coeff_Mul()[0]) > BITS:
             raise self.error(token, f"makes a number of more than {BITS} bits; write smaller numbers")
         return value
 
     def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """Read all terms at once: SymPy would sort a growing sum anew with every term."""
+        """Return `left` plus all following terms, read at once: SymPy would sort a growing sum anew with every term."""
         terms, operator = [self.number_like(left, first)], self.next
         while self.next.text in ("+", "-"):
             negative, first = self.advance().text == "-", self.next
@@ -490,7 +494,7 @@ class _Parser:
         return self.bounded(sp.Add(*terms), operator)
 
     def product(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """Read one factor or divisor, from left to right as in Python."""
+        """Return `left` times or divided by the next factor, from left to right as in Python."""
         operator = self.advance()
         value, start = self.number_like(left, first), self.next
         factor = self.number_like(self.value(5), start)
@@ -502,7 +506,7 @@ class _Parser:
         return self.real(value / factor, operator)
 
     def power(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """Read base ** exponent, without expanding a power of numbers to a huge number."""
+        """Return `left` ** the exponent that follows, without expanding a power of numbers to a huge number."""
         operator = self.advance()
         base, start = self.number_like(left, first), self.next
         exponent = self.number_like(self.value(_POWER), start)
@@ -519,7 +523,7 @@ class _Parser:
         return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Read one comparison of two values."""
+        """Return the comparison of `left` with the value that follows; `first`: its sign, such as <."""
         operator = self.advance()
         lhs, start = self.number_like(left, first), self.next
         rhs = self.number_like(self.value(1), start)
@@ -528,7 +532,7 @@ class _Parser:
         return _RELATIONS[operator.text](lhs, rhs)
 
     def join(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Read the second of two conditions joined by & or |."""
+        """Return the condition `left` joined with the one that follows; `first`: the sign & or |."""
         operator = self.advance()
         fix = f"put parentheses around the comparisons on both sides of {operator.text}"
         lhs, start = self.condition_like(left, first, fix), self.next
@@ -550,6 +554,7 @@ def _bits(number: Any) -> int:
 
 
 def _number_bits(base: sp.Expr) -> int:
-    """Return the most bits among the numbers that an integer power of `base` would multiply out; 0 and 1 stay small."""
+    """Return the bit length of the largest number in `base` that an integer power multiplies out; 0 and 1 stay
+    small."""
     numbers = [factor for factor in sp.Mul.make_args(base) if factor.is_number and factor not in (0, 1, -1)]
     return max((_bits(atom) for factor in numbers for atom in factor.atoms(sp.Rational)), default=0)

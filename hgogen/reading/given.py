@@ -52,7 +52,8 @@ class BadGain(HgogenError):
 
 
 def reals(name: str, value: Any) -> np.ndarray:
-    """Return a number or an array of numbers as floats, NaN where it is masked. Raises: `BadGain` for anything else."""
+    """Return `value`, a number or an array, as floats, NaN where it is masked. Raises: `BadGain`, with `name`, for
+    anything else."""
     try:
         array = np.asarray(unmasked(value))
         if value is None or array.dtype.kind in "USc":  # numpy would convert these to NaN or numbers, or truncate
@@ -90,8 +91,8 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
 def signals_named(
     what: str, value: Any, signals: Iterable[S], unknown: Callable[[str, str], HgogenError]
 ) -> tuple[S, ...]:
-    """Return the signals of these names, in the order of `signals`. Raises: `BadGain` if `value` holds no names; for an
-    unknown name the error that `unknown` makes of it and of a suggestion."""
+    """Return those of `signals` whose names (or which themselves) are in `value`, in the order of `signals`. Raises:
+    `BadGain` if `value` holds no names; for an unknown name the error `unknown(name, suggestion)`."""
     every = {str(signal): signal for signal in signals}
     wanted = set(map(str, names(what, value)))
     for name in sorted(wanted.difference(every)):
@@ -162,7 +163,8 @@ class Misfit(HgogenError):
 
 
 def requires(kind: type | tuple[type, ...], wanted: str) -> Callable[[Decorated], Decorated]:
-    """Return a decorator that raises `Misfit` with `wanted` unless the function's first argument is of a kind."""
+    """Return a decorator that raises `Misfit`, "give `wanted`", unless the function's first argument is of the type
+    `kind`."""
 
     def guards(function: Decorated) -> Decorated:
         name = next(iter(signature(function).parameters))
@@ -186,7 +188,7 @@ def demand_switch(what: str, value: object) -> None:
 
 
 def requires_switches(function: Decorated) -> Decorated:
-    """Decorate a function so that its keywords of type bool accept True and False only. Raises: `Misfit`."""
+    """Return the function with a check that its keywords of type bool are True or False. Raises: `Misfit`."""
     names = [each.name for each in signature(function).parameters.values() if each.annotation in (bool, "bool")]
 
     @wraps(function)
@@ -202,8 +204,8 @@ requires_plant = requires(System, "a plant, an hg.System; of a model file it is 
 
 
 def cached(function: Decorated) -> Decorated:
-    """Decorate a function with a cache of its last results: a survey, candidate observers and commands repeat the same
-    questions on one plant or form. Calls with unhashable arguments are not cached."""
+    """Return the function with a cache of its last results: surveys, candidate observers and commands repeat questions
+    on a plant or form. Calls with unhashable arguments are not cached."""
 
     @lru_cache(maxsize=_ANSWERS)
     def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
@@ -284,8 +286,8 @@ def _unknown(name: Any, labels: Mapping[str, str]) -> str:
 
 
 def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
-    """Return a diagonal (n), or a symmetric matrix (n, n) given by rows, as lists in the order of `names`; anything but
-    a mapping is returned as it is. `others` are those of `in_order`.
+    """Return the diagonal (n), or the rows of a symmetric matrix (n, n), of a quadratic form in the order of `names`,
+    from a mapping by names; anything but a mapping is returned as it is. `others`: further arguments of `in_order`.
 
     An entry off the diagonal may be given in one of its two rows only; an entry in neither row is 0.
 
@@ -307,9 +309,9 @@ def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[st
 
 
 def by_coordinate(what: str, values: Any, form: Form) -> Any:
-    """Return a diagonal (n), or a symmetric matrix (n, n), of the form's coordinates given by `Form.names`. Where z_i
-    is minus a state, the values are those of the state. Raises: `BadNames`; for a state that is no coordinate it says
-    which names to give instead."""
+    """Return the diagonal (n), or the rows of a symmetric matrix (n, n), in the order of the form's coordinates z, from
+    a mapping by `Form.names`. Where z_i is minus a state, the values are those of the state. Raises: `BadNames`; for a
+    state that is no coordinate it says which names to give instead."""
     if not isinstance(values, Mapping):  # skip the definitions of the names, which are long in a phase form
         return values
     entry = zip(form.names, form.entry, strict=True)  # a coordinate other than a state or its negative has a definition
@@ -325,7 +327,7 @@ def by_coordinate(what: str, values: Any, form: Form) -> Any:
 
 
 def by_output(what: str, values: Any, form: Form) -> Any:
-    """Return a value for each output of the plant. Raises: `BadNames`."""
+    """Return the values of a mapping by the names of the plant's outputs, in their order. Raises: `BadNames`."""
     return in_order(what, values, names_of(form.system.outputs))
 
 
@@ -365,7 +367,7 @@ def _braces(values: Mapping[str, str]) -> str:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """Return, for each state and z_i that is no coordinate's name, which names to give instead."""
+    """Return, by the name of each state and z_i that names no coordinate, a hint at the names to give instead."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
     advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):
@@ -376,13 +378,15 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
 
 
 def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
-    """Return a size for each name, the default where none is given. Raises: `BadNames`, `BadGain`."""
+    """Return the exact sizes of errors, noise and the like in the order of `names`, from `values` by name or one for
+    all; the default where none is given. Raises: `BadNames`, `BadGain`."""
     each = each_by_name(what, values, names, default)
     return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
 
 
 def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
-    """Return the values given for each name, or the default. Raises: `BadNames`."""
+    """Return `values`, given by name or one for all, in the order of `names`; the default for a missing one. Raises:
+    `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))

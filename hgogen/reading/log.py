@@ -246,7 +246,7 @@ _Columns = tuple[Sequence[Sequence[str]], int, int]  # columns of cells, numbers
 
 
 def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
-    """Return the columns of lines without quotes that all have `width` cells, ten times as fast; else None."""
+    """Return the columns of lines without quotes that all have `width` cells, by a fast method; else None."""
     if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
         return None
     cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
@@ -367,7 +367,7 @@ def column_of(log: Table, text: str) -> Column:
 
 
 def operand(log: Table, text: str) -> str:
-    """Return a column name, or an expression of columns, as an operand within an expression."""
+    """Return a column name, or an expression of columns, as text that can be an operand in a longer expression."""
     if text in log.header:
         return text if text.isidentifier() else f"[{text}]"
     return f"({text})"
@@ -409,8 +409,9 @@ def named_unit(column: str) -> str:
 
 
 def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
-    """Return the log with a note on the conversion, a column in the unit of its signal, and its operand in an
-    expression. Raises: `BadRecord` if the units do not convert."""
+    """Return the log with a note on the conversion, the column converted to `unit`, that of the signal `name`, and the
+    operand for it in an expression. `text`: the column's name or expression. Raises: `BadRecord` if the units do not
+    convert."""
     plain = operand(log, text)
     try:
         change = conversion(name, text, unit)
@@ -463,7 +464,7 @@ def _normal(text: str) -> str:
 
 
 def _parsed(registry: Any, text: str) -> Any:
-    """Return the unit of a text; None for a text that pint does not know, such as a remark in brackets."""
+    """Return the pint unit of a text; None for a text that pint does not know, such as a remark in brackets."""
     try:
         return registry.Unit(_normal(text))
     except Exception:  # pint's errors, of several kinds

@@ -46,8 +46,8 @@ _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 @dataclass(frozen=True)
 class Caller:
-    """The option names that error messages suggest: a `column` pattern with {name}, `others` for particular names;
-    `times` of rows; the `period` between them."""
+    """The names of options that error messages suggest: `column`, a pattern with {name} for a signal's column, `others`
+    in its place for particular signals; `times` for the column of times; `period` for the time between rows."""
 
     column: str
     times: str
@@ -67,7 +67,7 @@ PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "p
 class Report:
     """A report on the contents of a log and on how they were treated.
 
-    `absent` is missing + not_numbers - covered + filled, except for an input that is averaged.
+    The count `absent` is missing + not_numbers - covered + filled, except for an input that is averaged.
     """
 
     path: Annotated[str, "path of the file"]
@@ -288,7 +288,7 @@ def _seconds(cell: str) -> float:
 
 
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
-    """Return a note if the record is much slower or faster than the step."""
+    """Return a note, or (), if the `period` of a log is much longer or shorter than the step's `dt`."""
     factor = period / dt
     finding = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
@@ -423,7 +423,8 @@ def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: i
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
-    """Return whether inputs are averaged, from the times between rows (N,), their typical `period` and `dt`."""
+    """Return whether inputs are averaged over samples: the `steps` (N,) between rows, typically `period`, are shorter
+    than `dt` or irregular."""
     uneven = np.abs(steps / period - 1) > UNEVEN if period else np.zeros(0, bool)
     return bool(period < FASTER * dt or (len(uneven) and uneven.mean() > SHARE))
 
@@ -464,7 +465,8 @@ def difference_notes(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
 
 
 def difference(values: np.ndarray, order: int, dt: float) -> np.ndarray:
-    """Return the difference of an order of a column (N,), NaN if one of its samples is missing."""
+    """Return the difference quotient of the given order of a column (N,) sampled at `dt`, NaN if one of its samples is
+    missing."""
     if len(values) <= order:
         return np.full(len(values), np.nan)
     rates = np.diff(values, order) / dt**order

@@ -117,7 +117,7 @@ class PlainModel:
     """The content of a plain-text model.
 
     `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as written, empty if missing;
-    `folds` are the expressions from which SymPy folded something away.
+    `folds`: the expressions of which SymPy lost a part, such as x/x.
     """
 
     file: str
@@ -241,7 +241,7 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
 
 
 def named(file: str, where: str, function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
-    """Return what `function` returns; its error becomes a `BadModelFile` with file and key."""
+    """Return function(*args, **kwargs); an error in it becomes a `BadModelFile` with `file` and the key `where`."""
     try:
         return function(*args, **kwargs)
     except HgogenError as error:
@@ -302,7 +302,7 @@ def _table(plant: System, cells: Cells) -> Iterable[str]:
 
 
 def _decimals(numbers: Any) -> Any:
-    """Return exact numbers, or tuples of them, as the floats whose shortest decimals they are. Raises: `ValueError`."""
+    """Return exact numbers, or tuples of them, as floats with these shortest decimals. Raises: `ValueError`."""
     if isinstance(numbers, tuple):
         return list(map(_decimals, numbers))
     if Fraction(repr(float(numbers))) != numbers:
@@ -474,7 +474,8 @@ def _boxes(
 
 
 def _end(name: str, what: str, value: Any) -> tuple[End, End]:
-    """Return the nearest numbers below and above at `_BITS` bits; they are equal if the end is rational."""
+    """Return the nearest binary numbers of `_BITS` bits below and above `value`, the end of a range; equal for a
+    rational."""
     if isinstance(value, str):
         if value.strip() in _INFINITE:
             return (_INFINITE[value.strip()],) * 2
