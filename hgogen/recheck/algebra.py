@@ -121,7 +121,7 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    """Return the factors of the whole that the part lacks, each to the missing power."""
+    """Return the factors of `whole` that `part` lacks, each to the missing power."""
     present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
     pairs = zip(whole, present, strict=True)
     return tuple((factor, power - present_power) for (factor, power), present_power in pairs if power > present_power)
@@ -146,7 +146,7 @@ def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
 
 @dataclass(frozen=True)
 class _Kernel:
-    """A function value that is a letter; `args` are quotients in earlier letters."""
+    """A function value such as sin(x) that is a letter of the algebra; `args` are quotients in earlier letters."""
 
     name: str
     args: tuple[Quotient, ...]
@@ -179,7 +179,7 @@ class Algebra:
     def speed(
         self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
     ) -> Quotient:
-        """Return the derivative of an expression along derivatives of its names. Raises: `Undefined`, `TooLarge`."""
+        """Return d/dt of an expression, `speeds` those of its names. Raises: `Undefined`, `TooLarge`."""
         speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
         return speed
 
@@ -337,11 +337,11 @@ class Algebra:
         return self._vanishes(x.top) and self._has_value(x)
 
     def _has_value(self, x: Quotient) -> bool:
-        """Return whether no factor of the denominator vanishes; over 0 any numerator would count as zero."""
+        """Return whether no factor of the denominator of x vanishes; over 0 any numerator would count as zero."""
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
-        """Return whether a numerator is zero by the relations of its letters."""
+        """Return whether a numerator is zero after t^q = g for roots t, cos^2 = 1 - sin^2 and cosh^2 = 1 + sinh^2."""
         while top:
             relation = self._reducible(top)
             if relation is None:
@@ -350,7 +350,7 @@ class Algebra:
         return True
 
     def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:
-        """Return the last letter t whose relation t^q = g applies, with q and g."""
+        """Return the last letter t of a numerator with a relation t^q = g, q at most its exponent, and q and g."""
         best: tuple[int, int, Quotient] | None = None
         for monomial in top:
             for letter, exponent in monomial:
@@ -374,7 +374,8 @@ class Algebra:
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
-        """Return the numerator after t^q = g; multiplying by the denominator of g changes no zero."""
+        """Return a numerator after t^q = g, t the `letter`, q the `degree`, g the `value`; multiplying by the
+        denominator of g changes no zero."""
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)

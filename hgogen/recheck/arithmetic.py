@@ -80,7 +80,7 @@ def determinant(rows: Sequence[Sequence[Any]]) -> Any:
 
 @dataclass(frozen=True)
 class Dual:
-    """A value with its slopes by index; a missing slope is zero."""
+    """A value with its derivatives (`slopes`) by the index of a name; a missing slope is zero."""
 
     value: Any
     slopes: Mapping[int, Any]
@@ -104,7 +104,7 @@ class Dual:
         return Dual(value, {k: slope / other.value for k, slope in rise.items()})
 
     def scaled(self, factor: Any) -> dict[int, Any]:
-        """Return the slopes times a factor: the chain rule."""
+        """Return all slopes times a factor, as the chain rule wants."""
         return {k: factor * slope for k, slope in self.slopes.items()}
 
 
@@ -113,7 +113,7 @@ def _sum(a: Mapping[int, Any], b: Mapping[int, Any]) -> dict[int, Any]:
 
 
 def dual(base: Arithmetic) -> Arithmetic:
-    """Return the arithmetic of values with slopes over another arithmetic."""
+    """Return the arithmetic of `Dual`s, values with derivatives, over another arithmetic."""
 
     def power(x: Dual, exponent: int) -> Dual:
         value = base.power(x.value, exponent)
@@ -146,8 +146,7 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
-        """Return the hull of both values; at a zero of the selector it jumps, with any slope in the selector's
-        names."""
+        """Return the hull of a and b; where `way` may be 0 it jumps, with any slope in the names of `way`."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
@@ -155,7 +154,7 @@ def dual(base: Arithmetic) -> Arithmetic:
 
 
 def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:
-    """Return the values as duals; each of `names` has the slope 1 at its own index."""
+    """Return the values as `Dual`s by name; each of `names` has the slope 1 at its own index."""
     places, one = {name: k for k, name in enumerate(names)}, arithmetic.number(Fraction(1))
     return {name: Dual(value, {places[name]: one} if name in places else {}) for name, value in values.items()}
 
@@ -163,7 +162,7 @@ def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmet
 def jacobian(
     rows: Iterable[Expression], values: Mapping[str, Any], names: Sequence[str], arithmetic: Arithmetic
 ) -> list[list[Any]]:
-    """Return the slopes (n, m) of n rows in m names at these values. Raises: as `evaluate`."""
+    """Return the derivatives (n, m) of n rows in m `names` at values by name. Raises: as `evaluate`."""
     moving, zero, base = seeded(values, names, arithmetic), arithmetic.number(Fraction(0)), dual(arithmetic)
     slopes = [evaluate(row, moving, base).slopes for row in rows]
     return [[row.get(k, zero) for k in range(len(names))] for row in slopes]
@@ -172,7 +171,7 @@ def jacobian(
 def along(
     row: Expression, values: Mapping[str, Any], speeds: Mapping[str, Any], arithmetic: Arithmetic
 ) -> tuple[Any, Any]:
-    """Return the value of a row and its derivative along these speeds of its names. Raises: as `evaluate`."""
+    """Return the value of a row r and dr/dt at values by name, `speeds` the d/dt of names. Raises: as `evaluate`."""
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in values.items()}
     result = evaluate(row, moving, dual(arithmetic))
     return result.value, result.slopes.get(0, arithmetic.number(Fraction(0)))
@@ -184,7 +183,7 @@ def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
 
 
 def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
-    """Return the slopes of a if the selector is positive, of b if it is negative, else their hulls."""
+    """Return the slopes of a if the selector `way` is positive, of b if it is negative, else the hulls of both."""
     zero = base.number(Fraction(0))
     return {k: base.hull(way, a.slopes.get(k, zero), b.slopes.get(k, zero)) for k in sorted({*a.slopes, *b.slopes})}
 

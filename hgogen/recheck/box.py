@@ -37,8 +37,8 @@ _duals = dual(intervals)
 
 @dataclass(frozen=True)
 class Attempt:
-    """The result on one box: whether the statement `holds`, the slopes for the choice of the side to cut, if known, and
-    the face on which the statement fails if anywhere."""
+    """The result of a proof on one box: whether the statement `holds`; the `slopes` of its expression by index of a
+    name, if known, for the choice of the side to cut; and the face on which the statement fails if anywhere."""
 
     holds: bool
     slopes: Slopes | None = None
@@ -82,8 +82,8 @@ def _middle(low: End, high: End) -> Fraction:
 
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Attempt], more: int = MORE) -> int:
-    """Return the number of boxes by which a statement is proved on the whole box, at most `more` beyond the leaves of
-    the bisection. Raises: `Unproved` with a box on which it is not proved."""
+    """Return the number of boxes by which `attempt` proves a statement on the whole box: the leaves of the bisection
+    `tree`, and at most `more` halves of these. Raises: `Unproved` with a box on which it is not proved."""
     pending = leaves(tree, box)
     limit = len(pending) + more
     tried = 0
@@ -109,7 +109,7 @@ def centre_of(box: Box) -> Box:
 
 
 def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
-    """Return the side to cut: along which the expression varies most, else the widest relative to its range."""
+    """Return the name of the side to cut: where the expression varies most, else the relatively widest side."""
     sizes = {}
     for index, (name, (low, high)) in enumerate(here.items()):
         if low == high:
@@ -166,17 +166,17 @@ def cut(text: str) -> str:
 
 
 def sides(box: Box) -> dict[str, Interval]:
-    """Return the box as intervals."""
+    """Return the ranges of a box as intervals, by name."""
     return {name: between(low, high) for name, (low, high) in box.items()}
 
 
 def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
-    """Return numbers as intervals."""
+    """Return numbers as intervals, by name."""
     return {name: point(value) for name, value in at.items()}
 
 
 def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Attempt]:
-    """Return the statement that the expression is real and low <= value <= high; a bound may be infinite."""
+    """Return a function of a box that tries to prove low <= expression <= high on it; a bound may be infinite."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -205,7 +205,7 @@ def _meets(value: Interval, limit: End, sign: int) -> bool:
 
 
 def seeded_sides(box: Box) -> dict[str, Dual]:
-    """Return the box as intervals with a slope, by index, for each side that is no point."""
+    """Return the ranges of a box as intervals with the slope 1 at their own index, by name; points have no slope."""
     return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
 
 
@@ -215,7 +215,8 @@ def unbounded(box: Box) -> bool:
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Return whether value >= limit on the face of the minimum (sign 1), or value <= limit on that of the maximum."""
+    """Return whether value >= limit (sign 1), or value <= limit (sign -1), is proved on the face of the minimum or
+    maximum, by intervals or by the mean value form with these slopes."""
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
@@ -232,7 +233,8 @@ def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign
 
 
 def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
-    """Return the face of the minimum (sign 1) or maximum (sign -1) in the monotone directions."""
+    """Return the face of a box on which an expression with these slopes has its minimum (sign 1) or its maximum (sign
+    -1), as far as it is monotone."""
     face = dict(box)
     for k, (name, (low, high)) in enumerate(box.items()):
         slope = slopes.get(k, point(Fraction(0)))
@@ -244,7 +246,8 @@ def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
 
 
 def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fraction:
-    """Return the best centre of the mean value form for this bound (Baumann 1988); any point of the side is valid."""
+    """Return the best centre on a side for a lower bound (sign 1) or an upper one (sign -1) by the mean value form
+    (Baumann 1988); any point of the side is valid."""
     low, high = Fraction(side[0]), Fraction(side[1])
     if low == high or slope is None:
         return low
@@ -257,7 +260,8 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    """Return whether the bound holds at one point, in exact fractions if the value is one."""
+    """Return whether value >= limit (sign 1), or value <= limit (sign -1), at one point, exactly if it is a
+    fraction."""
     value = _value_at(expression, at)
     if value is None or isinstance(value, Interval):
         return value is not None and _meets(value, limit, sign)
@@ -292,7 +296,7 @@ Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, how
 
 
 def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Attempt]:
-    """Return the statement that expressions and their derivatives in `names` are finite."""
+    """Return a function of a box that tries to prove that expressions have finite values and slopes in `names`."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -347,8 +351,8 @@ def steep(
     scale: Sequence[Expression] = (),
     norm: Norm | None = None,
 ) -> Callable[[Box], Attempt]:
-    """Return the statement |J| <= bound in a norm, by default the spectral one, for the Jacobian J of `rows` in
-    `names`, or for S J S^-1 with a diagonal S = `scale`."""
+    """Return a function of a box that tries to prove |S J S^-1| <= bound on it, in the spectral norm by default: J is
+    the Jacobian of `rows` in `names`, S = diag(`scale`), by default 1."""
     within = norm or spectral
 
     def entries(box: Box) -> list[list[Interval]]:
@@ -365,7 +369,8 @@ def by_mean_value(
     varying: Callable[[Box], list[list[Dual]]],
     holds: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Attempt]:
-    """Return the statement that a matrix has a property, by its entries or by their mean value forms."""
+    """Return a function of a box that tries to prove that a matrix has the property `holds`: by its `entries` as
+    intervals, or by the mean value forms from its `varying` entries with slopes."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -388,7 +393,8 @@ def by_mean_value(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """Demand slopes of at most `most` in the names of nonzero size; return the number of boxes. Raises: `Unproved`."""
+    """Demand |d rows_i/d names_j| <= `most`_ij on a box for every j with a `sizes`_j other than 0; return the number of
+    boxes. Raises: `Unproved`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
@@ -402,7 +408,8 @@ def in_ranges(
     ends: Mapping[tuple[int, int], tuple[End, End]],
     scale: Sequence[Expression] = (),
 ) -> Callable[[Box], Attempt]:
-    """Return the statement that these entries of S J S^-1 are in their ranges."""
+    """Return a function of a box that tries to prove that entry (i, j) of S J S^-1 is in `ends`[i, j], J the Jacobian
+    of `rows` in `names`, S = diag(`scale`)."""
 
     def values(box: Box) -> list[Interval]:
         J = _scaled(rows, names, box, scale)
@@ -418,9 +425,10 @@ def in_ranges(
 def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
 ) -> Callable[[Box], Attempt]:
-    """Return the statement that values are in ranges on a box. It tries the values, then the mean value form and the
-    values on the face towards which a value is monotone. A generalised derivative that may jump has an unbounded slope,
-    so neither a face nor a mean value proves anything along its names."""
+    """Return a function of a box that tries to prove that values are in the ranges `ends`: by the values, the mean
+    value form, or the values on the face towards which a value is monotone; `varying`: the values with slopes. A
+    generalised derivative that may jump has an unbounded slope, so neither a face nor a mean value proves anything
+    along its names."""
 
     def beyond(x: Interval, k: int) -> list[int]:
         low, high = ends[k]
@@ -450,14 +458,14 @@ def on_faces(
 def _scaled(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Interval]]:
-    """Return S J S^-1 on a box, or J without a scale."""
+    """Return S J S^-1 as intervals on a box, J the Jacobian of `rows` in `names`, S = diag(`scale`), by default 1."""
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), False)
 
 
 def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Dual]]:
-    """Return S J S^-1 with the slopes of its entries in all names of the box, by index. Raises: `Undefined`."""
+    """Return S J S^-1, J = d rows/d names, with its entries' slopes in the names of a box. Raises: `Undefined`."""
     if unbounded(box):
         raise Undefined("an unbounded side")
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
@@ -467,7 +475,7 @@ def _second(
 def _similar(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
-    """Return S J S^-1, with the diagonal of J, which S would only widen."""
+    """Return S J S^-1, J = d rows/d names; the diagonal is that of J, which S would widen. `varying`: with slopes."""
     box, arithmetic = dict(ends), _duals if varying else intervals
     values: Mapping[str, Any] = seeded_sides(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
@@ -475,19 +483,19 @@ def _similar(
 
 
 def offsets(centre: Box, box: Box) -> Slopes:
-    """Return the offsets of the box from its centre, by the index of names."""
+    """Return the interval of x_k - c_k on a box with the centre c, by the index k of a name."""
     return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
-    """Return the mean value form of the value at a centre, the slopes and the offsets `away`."""
+    """Return f(c) + sum_k slopes_k away_k, the mean value form: `centre` is f(c), `away` the intervals of x_k - c_k."""
     for k, slope in slopes.items():
         centre = centre + slope * away[k]
     return centre
 
 
 def weights(entries: Sequence[Dual]) -> Slopes:
-    """Return the sum of the magnitudes of the entries' slopes in each name."""
+    """Return the sum over all entries of |slope in x_k|, by the index k of a name."""
     variation: dict[int, Interval] = {}
     for entry in entries:
         for k, slope in entry.slopes.items():
@@ -497,7 +505,7 @@ def weights(entries: Sequence[Dual]) -> Slopes:
 
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
-    """Return whether the sum of squares is at most bound^2."""
+    """Return whether the sum of the squares of the entries of J is at most bound^2."""
     return _sum(map(_squared, zip(*J, strict=True))).at_most(bound**2)
 
 

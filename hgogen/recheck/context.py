@@ -48,7 +48,7 @@ from .text import Expression, Unreadable, expression, number
 
 @dataclass(frozen=True)
 class Finding:
-    """The finding of a rule as a sentence, with the number of boxes it took."""
+    """The result of a verified claim: a sentence for the report, and the number of boxes of its proof."""
 
     sentence: str
     boxes: int = 0
@@ -80,7 +80,8 @@ def reason_of(error: Exception) -> str:
 
 
 class Context:
-    """A certificate with its exact algebra and the properties proved of its form."""
+    """A certificate (`file`) with its `form`, `plant`, the form's states `z`, and the exact `algebra` of quotients in
+    the form's names; `value` reads an expression in it."""
 
     def __init__(self, certificate: Certificate) -> None:
         self.file = certificate
@@ -91,7 +92,7 @@ class Context:
 
     @property
     def equations(self) -> Finding:
-        """The finding, by exact algebra, that the form is the plant. Raises: `Unproved`."""
+        """The finding, by exact algebra, that the form z' = A z + b, y = output is the plant. Raises: `Unproved`."""
         if self.fault:
             raise Unproved(self.fault)
         return Finding("the form's equations are the plant's")
@@ -152,16 +153,16 @@ class Context:
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
-        """The rows of A z + b."""
+        """The rows F (n) of z' = F = A z + b, as expressions."""
         return self._rows(lambda entry: entry.text != "0")
 
     @cached_property
     def nonlinear(self) -> tuple[Expression, ...]:
-        """The rows of b with the terms of A z whose factor reads a state."""
+        """The rows (n) of b plus the terms A_ij z_j whose A_ij reads a state."""
         return self._rows(lambda entry: not entry.names.isdisjoint(self.z))
 
     def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
-        """Return the rows of b with the terms of A z whose entry of A `selects` accepts."""
+        """Return the rows (n) of b plus the terms A_ij z_j whose A_ij `selects` accepts."""
         terms = (
             [f"({entry.text})*{name}" for entry, name in zip(row, self.z, strict=True) if selects(entry)]
             for row in self.form.A
@@ -178,8 +179,8 @@ class Context:
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
-        """Return a_1 = dy/dz of output `chain`, from 0, in the state z that it measures. It is the same for every z,
-        since y(z) - y(0) = z dy/dz is proved for every z. Raises: `Unproved`."""
+        """Return a_1 = dy/dz of the output of a `chain`, from 0, in the state z that it measures. No a_1 reads z, since
+        y(z) - y(0) = z dy/dz is proved for every z. Raises: `Unproved`."""
         first, output = self.observed[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
         nonlinear = self.value(output, {**letters, first: self.algebra.zero})
@@ -222,9 +223,8 @@ class Context:
         return self.algebra.speed(text, {name: self.algebra.one})
 
     def at_kinks(self, slope: Expression, row: Expression) -> Expression:
-        """Return the slope of a row with each `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
-
-        A sign in the row itself stays: x sign(u) has the slope sign(u), which is 0 at u = 0, also at an edge."""
+        """Return the slope of a `row` with each sign(e) in it read as the slope of |e|, which at e = 0 is a set and not
+        0. A sign in the row itself stays: x sign(u) has the slope sign(u), which is 0 at u = 0, also at an edge."""
         jumps = [self.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
 
         def is_sign_of_row(place: int) -> bool:
@@ -258,7 +258,7 @@ def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quoti
 
 
 def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quotient:
-    """Return the sum of products."""
+    """Return sum_k a_k x_k."""
     products = (share * each for share, each in zip(a, x, strict=True) if share)
     return sum(products, start=algebra.zero)
 
@@ -278,7 +278,7 @@ RANGE = ("expression", "box", "low", "high", "tree")  # keys of the evidence of 
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
-    """Demand that all names are allowed. Raises: `Unproved`."""
+    """Demand that all names are allowed; the error begins with `complaint`. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise Unproved(f"{complaint} reads {', '.join(strange)}")
@@ -290,7 +290,7 @@ def finite(text: Expression, box: Box) -> int:
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """Return the model's box of these names, which must equal the claim's. Raises: `Unproved`."""
+    """Return the model's ranges of these names, which must equal the evidence's `box`. Raises: `Unproved`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
@@ -301,7 +301,7 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
 
 
 def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
-    """Return the evidence's expression, which must equal the `wanted` quotient. Raises: `Unproved`."""
+    """Return the evidence's `expression`, which must equal the quotient `wanted`. Raises: `Unproved`."""
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     return text
@@ -314,8 +314,9 @@ def enclosed(
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Finding]:
-    """Return an enclosure low <= e <= high of the `wanted` quotient e on the model's box; `read` transforms its
-    expression before the evaluation. Raises: `Unproved`."""
+    """Return the evidence's bounds low <= e <= high, once proved on the model's box, and the finding: e is the quotient
+    `wanted`, a part of the form's expression `source`; `read` transforms the evidence's expression of e before the
+    evaluation. Raises: `Unproved`."""
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
@@ -414,7 +415,7 @@ def structure(context: Context, claim: Claim) -> Finding:
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
-    """Return whether the row at `reader` may read the state at `read`, both (chain, level)."""
+    """Return whether b in the row `reader` may read the state `read`, both (chain, level), by the form's alignment."""
     (i, level), (k, at) = reader, read
     if i == k:
         return at <= level
@@ -458,7 +459,8 @@ Value = TypeVar("Value")
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
-    """Return a_i of the only chain, or a_(k,i) of chain k, and the expression that contains it. Raises: `Unproved`."""
+    """Return a_i, y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .., as a quotient, and the expression that contains it;
+    `place`: (i) in the only chain, or (k, i) in chain k. Raises: `Unproved`."""
     _ = context.equations
     chain, index = place if len(place) == 2 else (1, *place)
     at = place_of(context, chain, index)
@@ -469,7 +471,7 @@ def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Exp
 
 
 def place_of(context: Context, chain: int, index: int) -> int:
-    """Return the row of a chain's state, from 0. Raises: `Unproved`."""
+    """Return the index among all states, from 0, of the state `index` of a chain, both from 1. Raises: `Unproved`."""
     blocks = context.form.blocks
     if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
         raise Unproved("the form has no such row")
@@ -486,8 +488,8 @@ def observer_of(context: Context, claim: Claim) -> Observer:
 
 @dataclass(frozen=True)
 class Scale:
-    """Coordinates S w of integrators, S = diag(`units`); `expressions` in parameters scale z to them, proved finite and
-    nonzero with `boxes` boxes."""
+    """Coordinates S w of a chain of integrators w, S = diag(`units`) (n): S_i w_i is z_i times entry i of
+    `expressions`, which read parameters only and are proved finite and nonzero with `boxes` boxes."""
 
     units: list[Fraction]
     expressions: list[Expression]
@@ -495,7 +497,7 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """Return the only chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i. Raises: `Unproved`."""
+    """Return the `Scale` of the form's only chain: its `scale` must be units_i a_1 .. a_i. Raises: `Unproved`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.one
     if len(context.form.blocks) != 1:
@@ -518,7 +520,7 @@ def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
 
 
 def invertible(context: Context, scale: Sequence[Expression]) -> int:
-    """Demand that each is finite and not zero on its box; return the number of boxes. Raises: `Unproved`."""
+    """Demand that each entry of `scale` is finite and not zero; return the number of boxes. Raises: `Unproved`."""
     box = context.form.box
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
@@ -532,8 +534,8 @@ def steady(context: Context, gains: Sequence[Expression]) -> int:
 
 
 def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
-    """Return the gain (n, p) of its entries: one for each state, which acts on the output of the state's own chain, or
-    one for each state and chain, state by state; `none` elsewhere."""
+    """Return the gain matrix (n, p) from the list of its entries: one for each state, which acts on the output of the
+    state's own chain, or one for each state and chain, state by state; `none` elsewhere."""
     chain = [k for k, size in enumerate(blocks) for _ in range(size)]
     onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
     columns, nonlinear = onto * (len(chain) // len(onto)), iter(entries)
@@ -541,7 +543,7 @@ def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> lis
 
 
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
-    """Return N, with S (A - K C) = N S for all parameters. Raises: `Unproved`."""
+    """Return N, once S (A - K C) = N S, S = diag(`scale`), K the `gains`, is proved. Raises: `Unproved`."""
     algebra, form = context.algebra, context.form
     S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
     column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.zero)
@@ -558,13 +560,13 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
 def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
-    """Return a bound of |S db/dz S^-1| on the box, S = diag(`scale`), and the number of boxes. Raises: `Unproved`."""
+    """Return the proved bound of |S db/dz S^-1|, S = diag(`scale`), and the number of boxes. Raises: `Unproved`."""
     bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
     return bound, boxes
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
-    """Demand that |d rows/dz| is at most the claim's bound in the spectral norm. Raises: `Unproved`."""
+    """Demand |d rows/dz| <= the claim's bound, in the spectral norm; `name` is printed. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
@@ -611,14 +613,14 @@ class Rule:
     about: str = "the {kind} form"
 
     def accepts(self, kind: str, claim: Claim) -> bool:
-        """Return whether it verifies a claim on a form of that kind."""
+        """Return whether the rule verifies a claim on a form of the given kind."""
         rows = self.rows.get(kind, 0)
         fact, count = (claim.fact, len(claim.at)) if rows else (claim.what, 0)
         known = claim.maker in (self.makers or (kind,)) and fact in self.facts and count == rows
         return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
 
     def needs(self, kind: str, claim: Claim) -> Keys:
-        """Return the ids of the claims that a claim on a form of that kind assumes. On a form carried to other
+        """Return the ids of the claims that a claim on a form of the given kind assumes. On a form carried to other
         coordinates the structure is no claim: it is verified with each claim that assumes it."""
         return tuple(self.named(id, kind, claim) for id in self.assumes if id != STRUCTURE or kind not in CARRIED)
 
@@ -646,10 +648,10 @@ class Needed:
 
 
 def observer_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
-    """Return the rule of claims about observers' numbers only, on forms of any kind or of these kinds."""
+    """Return the rule of claims about observers' numbers only, on forms of these `kinds` or any; see `Rule`."""
     return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer")
 
 
 def chains_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
-    """Return the rule of claims about observers on a form in chains."""
+    """Return the rule of claims about observers on a form in chains, whose structure it assumes; see `Rule`."""
     return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)

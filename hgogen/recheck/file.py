@@ -47,7 +47,7 @@ class NoCertificate(RecheckError):
 
 @dataclass(frozen=True)
 class Equations:
-    """Names with their ranges, and expressions of them: the plant's, or the form's."""
+    """The equations x' = flow, y = output of the plant, as expressions; `box`: the range of every name in them."""
 
     states: tuple[str, ...]
     box: Box
@@ -74,8 +74,8 @@ class FormFile:
 
 @dataclass(frozen=True)
 class ObserverKeys:
-    """The names of an observer's parts: `numbers`, single or in lists; `expressions`, the entries of a gain, one for
-    each state, or one for each state and chain; `optional` numbers."""
+    """The names of an observer's arguments in a certificate: `numbers`, single or in lists; `expressions`, the entries
+    of a gain, one for each state, or one for each state and chain; `optional` numbers."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
@@ -236,7 +236,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> 
 
 
 def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
-    """Return one part of a JSON object. Raises: `NoCertificate` if it is missing or of another type."""
+    """Return the value of the type `kind` under a key. Raises: `NoCertificate` if it is missing or of another type."""
     value = holder.get(key)
     if not isinstance(value, kind):
         raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
@@ -304,7 +304,7 @@ def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: 
 
 
 def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
-    """Return names with closed ranges; both ends are null if unbounded, and equal for a fixed parameter."""
+    """Return closed ranges by name from the list under a key; ends are null if unbounded, equal if fixed."""
     ranges: dict[str, tuple[End, End]] = {}
     for entry in part(holder, key, list):
         if not isinstance(entry, dict):
@@ -361,7 +361,7 @@ def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
 
 
 def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """Return a JSON object that has exactly these parts; `what` describes it in a message. Raises: `Unproved`."""
+    """Return a JSON object with exactly these keys; `what` describes it in the error. Raises: `Unproved`."""
     if not isinstance(one, dict) or set(one) != set(keys):
         *first, last = keys
         raise Unproved(f"{what} is no object of {', '.join(first)} and {last}")
@@ -384,7 +384,7 @@ def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matr
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return one number. Raises: `Unproved`."""
+    """Return the number under a key. Raises: `Unproved`."""
     if holder.get(key) is None:
         raise Unproved(f"its {key} is missing")
     return _number_of(holder[key], key)
@@ -397,7 +397,7 @@ def _number_of(value: Any, key: str) -> Fraction:
 
 
 def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return one number > 0. Raises: `Unproved`."""
+    """Return the number > 0 under a key. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value <= 0:
         raise Unproved(f"its {key} is not positive")
@@ -405,7 +405,7 @@ def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
 
 
 def signless(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return one number that is not negative. Raises: `Unproved`."""
+    """Return the number >= 0 under a key. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value < 0:
         raise Unproved(f"its {key} is negative")

@@ -47,10 +47,11 @@ _SATURATED = 8  # states up to which all combinations of saturations are tried
 
 @dataclass(frozen=True)
 class Core:
-    """The core N at its `vertices`, the combinations of saturations: the first passes nothing, the last everything.
-    Field k is scaled by the unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) acts on
-    it, `picks` which field estimates w_i in the argument of c, `measured` the gain of the sample's error, over
-    theta."""
+    """The linear part e' = theta N e of an observer that has N fields (states of its program) for a chain of n
+    integrators w. `vertices`: N (N, N) for each combination of saturations, the first with all blocked, the last with
+    none; of field k the `index` of the state that scales it, from 0, its `power`, e_k over theta^power, and `fed`,
+    whether it is an estimate, on which b acts; `picks` (n): the field that estimates w_i in the argument of b;
+    `measured` (N): the gain of the sample's error, over theta."""
 
     vertices: list[Matrix]
     index: list[int]
@@ -61,8 +62,8 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """The effect of each saturation: the field whose error it passes, and the column by which a blocked error
-        changes the core of the last vertex, where everything passes."""
+        """The pairs (j, column), one for each saturation: a saturation that blocks the error of field j adds column (N)
+        to column j of the last vertex, where all errors pass."""
         columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             removed = self.vertices[-1 - 2**k] - self.vertices[-1]
@@ -101,7 +102,8 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """Return the core with p_n after p_1, .., p_(n-1), at every combination of saturated and free states."""
+    """Return the `Core` of the fields p_1, .., p_n, q_1, .., q_(n-1), with a vertex for every combination of states
+    whose saturation blocks or passes the error."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
     k, last, padding = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
@@ -116,14 +118,15 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
 
 
 def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
-    """Return the gains (n - 1, 2) of an observer of at least two states."""
+    """Return the gains k_i1, k_i2 of the pairs (p_i, q_i) as a matrix (n - 1, 2). Raises: `Unproved` for n < 2."""
     if n < 2:
         raise Unproved("the observer is one of at least two states")
     return matrix(numbers, "gains", n - 1, 2)
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
+    """Return N (2 m, 2 m) of the fields p_1, .., p_m, q_1, .., q_m with gains `k` (m, 2); `shares` (m + 1): 1 or 0,
+    whether saturations pass the errors of y, q_1, .., q_m."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -138,7 +141,8 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """Return the core with the whole error injected, for an observer that injects a part of it, or varies its gain."""
+    """Return the `Core` A - K C of n integrators, K (n) the `gains`, for an observer that injects a part of the output
+    error, or varies its gain: as if the whole error were injected."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -162,9 +166,9 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope: (reads'e + from_y'v) acts on the rates by `onto` over theta^`degree`, times a factor in [low, high], v
-    at theta = 1; `one_sided`: 1 if the factor is unbounded above, -1 if below, from low = high on; `realised`: False if
-    the core varies with this slope, so that no method realises it."""
+    """A term theta^-`degree` d `onto` (`reads`'e + `from_y`'v) of e', with any d in [`low`, `high`]: e (N) the errors
+    of fields, v (p) those of samples at theta = 1. `one_sided`: 1 if d is unbounded above low = high, -1 if below, else
+    0; `realised`: False if the term is a part of A - K C that varies, which no method realises."""
 
     reads: list[Fraction]
     onto: list[Fraction]
@@ -178,24 +182,26 @@ class Slope:
 
 @dataclass(frozen=True)
 class Argument:
-    """The argument of b by its error in the place of z_j: `reads` (n) of the errors, and `from_y` (p) of the errors of
-    the samples, over their powers of theta; `from_y` is empty if it is not numeric."""
+    """The error of the argument of b, `reads` e + `from_y` v: reads (n, n) for the errors e of states, from_y (n, p)
+    for the errors v of samples over their powers of theta; the rows of from_y are empty if it is not numeric."""
 
     reads: Matrix
     from_y: Matrix
 
     @property
     def known(self) -> bool:
-        """Return whether the effect of the samples on b is known."""
+        """Return whether `from_y`, the effect of the samples' errors on the argument of b, is numeric."""
         return all(self.from_y)
 
 
 @dataclass(frozen=True)
 class ErrorInclusion:
-    """N and the slopes, verified with `boxes` boxes; `measured` (N, p): the gain of the samples at theta = 1. The error
-    of field k is theta^-power scale_i times that of z_i, i = `index`(k), which the field estimates if it is `fed`; b
-    reads z_i from the field `picks`(i), and `from_y` (n, p) of the samples' errors at theta = 1. For fields of a chain
-    of integrators `units` (n) are the errors e for errors 1 of w; empty for fields of the form's states."""
+    """The differential inclusion e' = theta (`N` e + `measured` v) + the terms of `slopes` of an observer's error, with
+    N (N, N) for N fields (states of its program), measured (N, p) for the errors v of p samples at theta = 1; `boxes`:
+    the number of boxes of its proof. For field k: `index` i, `power`, with e_k = theta^-power `scale`_i times an error
+    of the form's state z_i, and `fed`, whether it estimates z_i. For state i: `picks`, the field that b reads for z_i,
+    and `from_y` (n, p), the errors of samples added to it. `late` (p): v is over theta^late; `units` (n): e for an
+    error 1 of w, for fields of a chain of integrators w; empty for fields of the form's states."""
 
     N: Matrix
     slopes: list[Slope]
@@ -211,7 +217,8 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """Return, by field (N), its error for an error 1 of its state. Raises: `Unproved` if a scale has parameters."""
+        """Return s (N), e_k = s_k times the error of the state that field k estimates: s_k = theta^-power_k scale_i.
+        Raises: `Unproved` if a scale has parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
@@ -219,7 +226,7 @@ class ErrorInclusion:
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def at(self, theta: Fraction) -> Parts:
-        """Return the parts of the error dynamics at a theta."""
+        """Return `Parts` of e' at a theta: M and R with the middles of slopes, G, H and E with half their ranges."""
         M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
         R, p = zeros(len(M), len(late)), len(late)
@@ -241,7 +248,8 @@ class ErrorInclusion:
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of the file's observer, with bounded slopes. Raises: `Unproved`."""
+    """Return the `ErrorInclusion` of the certificate's observer; the evidence has its scale and the ranges of its
+    slopes. Raises: `Unproved`, also for a slope that is unbounded on one side."""
     error = one_sided_inclusion(context, observer, evidence)
     if any(slope.one_sided for slope in error.slopes):
         raise Unproved("a slope has no bound, for which this claim is not")
@@ -249,7 +257,7 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def one_sided_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of the file's observer, whose slopes may be bounded on one side only. Raises: `Unproved`."""
+    """Return the observer's `ErrorInclusion`; a slope may be unbounded on one side. Raises: `Unproved`."""
     _ = context.equations
     build, strange = (_core_inclusion, ("core", "ranges")) if observer.name in CORES else (_gain_inclusion, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
@@ -258,7 +266,7 @@ def one_sided_inclusion(context: Context, observer: Observer, evidence: Mapping[
 
 
 def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of an observer with its own core on one chain of integrators."""
+    """Return the `ErrorInclusion` of an observer in `CORES`, with its own fields, on one chain of integrators."""
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
@@ -273,7 +281,8 @@ def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of a constant gain: the core is a matrix of numbers, or varies with a_i in ranges."""
+    """Return the `ErrorInclusion` of z' = A z + b + diag(theta, theta^2, ..) K (y - C z) with a constant K: S (A - K C)
+    S^-1 is the evidence's `core` (n, n) of numbers, or its a_i vary in the evidence's `ranges`."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
         raise Unproved("its chains are not aligned at the top or at the end")
@@ -301,7 +310,7 @@ def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
-    """Return the argument of b; without injection there, the errors only."""
+    """Return the error of the argument z + N_theta (y - C z) of b as `Argument`; e itself without N_theta."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
         return replace(argument, from_y=argument.from_y @ _means(context, observer)) if argument.known else argument
@@ -310,8 +319,8 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """Return the argument by the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` if the
-    coefficients of the errors are not numbers."""
+    """Return the error of the argument z + N (y - C z) of b as `Argument` in the coordinates S z, S = diag(`scale`);
+    `entries` are those of N. Raises: `Unproved` if the coefficients of the states' errors are not numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
     reads, from_y = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
@@ -328,7 +337,8 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """Return S K, its columns distributed over the outputs that measure one state; empty if it is not numeric."""
+    """Return S K (n, p), S = diag(`scale`), K the observer's gain, each chain's column distributed over the outputs
+    that measure its first state; an empty matrix if it is not numeric."""
     blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))
@@ -336,9 +346,10 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
-    """Return the weight of each output's error in the mean of the outputs that measure the first state of a chain, all
-    samples present: w_j/r_j over the sum of the w, y_j = r_j y up to known terms, y that of the chain. An output that
-    measures no first state has weight 0; a mean that includes it weighs the others less."""
+    """Return W (p, p), row k for chain k: the weights of the outputs' errors in the mean of the outputs that measure
+    the chain's first state, all samples present: w_j/r_j over the sum of the w, y_j = r_j y up to known terms, y the
+    chain's output. An output that measures no first state has weight 0; a mean that includes it weighs the others
+    less."""
     outputs, observed = range(len(context.form.output)), context.observed
     together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -358,8 +369,8 @@ def _means(context: Context, observer: Observer) -> Matrix:
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
 ) -> tuple[list[Slope], int]:
-    """Return the slopes of the a_i in their ranges: a_1 of a chain by its column of -K, the others from state to state.
-    S and K must be numbers."""
+    """Return a `Slope` for each a_i that varies in its range of the evidence, and the number of boxes: a_1 of a chain
+    acts by its column of -K, the others by A. Raises: `Unproved` unless `scale` is 1 and K is numeric."""
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
@@ -385,8 +396,9 @@ def bounded_slopes(
     picks: list[int],
     least: int = 0,
 ) -> tuple[list[Slope], int]:
-    """Return the slopes of b in the coordinates `scale` z, one for every z_j that a b_i reads, each with 0 in its
-    range, and the number of boxes. A degree must be at least `least`. Raises: `Unproved`."""
+    """Return a `Slope` for every z_j that a b_i reads, S_i db_i/dz_j/S_j in a range that contains 0, S = diag(`scale`),
+    and the number of boxes; its degree `powers`[i] - `powers`[j] must be at least `least`. `fed`, `index` (N), `picks`
+    (n): as in `ErrorInclusion`. Raises: `Unproved`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
@@ -412,7 +424,8 @@ def bounded_slopes(
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """Return the claimed ranges by row and column, from 0; one end may be infinite."""
+    """Return the evidence's ranges of slopes db_i/dz_j: low, high (one may be infinite), bisection, by (i, j) from
+    0."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))

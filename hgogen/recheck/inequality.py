@@ -80,8 +80,8 @@ Weights = tuple[Matrix, Matrix, Fraction]  # phi_1, phi_2, and a bound of the er
 
 @dataclass(frozen=True)
 class Change:
-    """The change D of e over a step of length h, e+ = e + h D v, and X_i of each stage; `off`: bounds of the errors of
-    D and of the last X, entry by entry, empty if they are exact."""
+    """The errors in a step of length h as functions of v = (e, p_1, .., p_s, inputs): e+ = e + h `D` v, X_i =
+    `stages`[i] v; `off`: bounds of the errors of D and of the last stage, entry by entry, empty if they are exact."""
 
     D: Matrix
     stages: list[Matrix]
@@ -90,10 +90,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Parts:
-    """The error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m), H (m, N), and the
-    core L (N, N) of M, `moving` if a part of it varies; B, R (N, p) and E (m, p) act on the errors v of the samples, B
-    in the core and R in the remainder. For slopes that are unbounded on one side `one_sided` has the columns onto (N)
-    by which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
+    """The error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v), |d_j| <= 1: M (N, N), G (N, m), H (m, N),
+    and L (N, N), the part of M without b, `moving` if it varies; B, R (N, p) and E (m, p) act on the errors v of the
+    samples, B with L and R with b. For slopes that are unbounded on one side `one_sided` has the columns onto (N) by
+    which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
 
     M: Matrix
     G: Matrix
@@ -108,8 +108,9 @@ class Parts:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: its `nodes` from 0 to 1, the `degree` of its form in h, 0 for none; and `changes`, its change from e
-    (N, size), p_i (m, size) and errors v_i of the samples (p, size) at each stage."""
+    """A discretisation of e' = M e + ..: the `nodes` (s) of its stages from 0 to 1 in a step; the `degree` in h of its
+    quadratic form, 0 if that is no polynomial; and `changes`(parts, h, e, p, v), its `Change` from matrices of e (N,
+    size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
 
     nodes: list[Fraction]
     degree: int
@@ -127,24 +128,25 @@ class Tableau:
 
     @property
     def nodes(self) -> list[Fraction]:
-        """The sums of the rows."""
+        """The nodes c_i (s), the sums of the rows of a."""
         return [sum(row, Fraction(0)) for row in self.rows]
 
     @property
     def deviations(self) -> Matrix:
-        """The coefficients c_i b_j - a_ij (s, s) of k_j in c_i Phi_h - X_i, over h."""
+        """The coefficients c_i b_j - a_ij (s, s) of h k_j in c_i (x+ - x) - (X_i - x), by which stage i misses the
+        chord from x to x+."""
         s = len(self.weights)
         wide = Matrix([[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows])
         return outer(self.nodes, self.weights) - wide
 
     @property
     def cubic(self) -> list[int]:
-        """The stages whose deviation begins with a third Taylor coefficient."""
+        """The indices of the stages that miss the chord from x to x+ by a term of h^3, not of h^2."""
         return [i for i, row in enumerate(self.deviations) if any(row) and not sum(map(mul, row, self.nodes))]
 
 
 def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
-    """Return the tableau of the method in the evidence. Raises: `Unproved` for an unknown method."""
+    """Return the Runge-Kutta `Tableau` that the evidence names under `method`. Raises: `Unproved` for another name."""
     known = _METHODS.get(part(evidence, "method", str))
     if known is None:
         raise Unproved(f"its method is none of {', '.join(_METHODS)}")
@@ -153,7 +155,8 @@ def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """Return the method in the evidence. Raises: `Unproved`."""
+    """Return the `Method` that the evidence names under `method`: Runge-Kutta, bilinear rule or matrix exponential.
+    Raises: `Unproved`."""
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
@@ -180,7 +183,8 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Change:
-    """Return the change of a method with phi_1 and phi_2 of the core."""
+    """Return the `Change` X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1) of a method that realises the
+    linear part L of e': (phi_1, phi_2, error) = `weights`(h L), r the rest of e'. Raises: `Unproved` if L varies."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
     nonlinear, X = parts.M - parts.L, h * parts.L
@@ -219,22 +223,24 @@ REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a meth
 
 @dataclass(frozen=True)
 class Input:
-    """An input by its effect on the samples (p) at each of the `stages` (s, p), and on the `rate` of e (N), over h."""
+    """An input u of an error by its effects per unit: on the samples (p) at each of the `stages` (s, p) of a step, and
+    `rate` (N), on (e+ - e)/h."""
 
     stages: Matrix
     rate: list[Fraction]
 
     def __add__(self, other: "Input") -> "Input":
-        """Return one input with both effects."""
+        """Return the input with the sums of both inputs' effects."""
         return Input(self.stages + other.stages, [x + y for x, y in zip(self.rate, other.rate, strict=True)])
 
     def __mul__(self, size: Fraction) -> "Input":
-        """Return the input in units of a size."""
+        """Return the input with its effects times `size`, for a u in units of `size`."""
         return Input(size * self.stages, [size * x for x in self.rate])
 
 
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
-    """Return the inputs of an output's sample error at both ends of a step, interpolated linearly between."""
+    """Return two inputs, the error of an output's sample at the beginning and at the end of a step, with linear
+    interpolation between them; `output`: its index."""
     row, still = unit_row(output, parts.B.width), [Fraction(0)] * len(parts.M)
     return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
@@ -242,8 +248,9 @@ def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
 def form_of(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> Matrix:
-    """Return 2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha, and demand P > 0 and S >= 0. Inputs are
-    appended to v, and their multipliers to S."""
+    """Return the matrix of 2 e'P D v + h |D v|_P^2 + sum_i Q_i'S_i Q_i - p_i'S_i p_i - sum_k lambda_k u_k^2 in v = (e,
+    p_1, .., p_s, u), e+ = e + h D v, Q_i = H X_i + E v_i; the evidence has P, and S with the lambda of `inputs` at its
+    end. Raises: `Unproved` unless P > 0, S >= 0."""
     n, m, s = len(parts.M), len(parts.H), len(method.nodes)
     size = n + s * m
     width = size + len(inputs)
@@ -282,7 +289,8 @@ def _slack(
     off_D: Matrix,
     off_X: Matrix,
 ) -> Matrix:
-    """Return a diagonal that bounds the increase of the form by the errors of D and of the last X."""
+    """Return a diagonal matrix that bounds the increase of a quadratic `form` in v by errors of D, e+ = e + h D v, and
+    of the last stage X of at most `off_D` and `off_X`, entry by entry; `reads`: the rows H X of all stages."""
     n, m, size = len(P), len(H), len(form)
     PD = abs(P) @ off_D
     linear = Matrix([*PD, *zeros(size - n, size)]) + h * (abs(D).T @ PD)
@@ -302,7 +310,8 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """Demand that |e|_P^2 decreases by its share alpha h, up to the sum of lambda_k u_k^2. Raises: `Unproved`."""
+    """Demand |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k u_k^2 in a step of length h, by P and S of the
+    evidence. Raises: `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for base, row in zip(form, matrix(evidence, "P", n, n), strict=False):
         base[:n] = (x + alpha * y for x, y in zip(base, row, strict=False))
@@ -312,7 +321,8 @@ def demand_falls(
 def demand_kept(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
-    """Demand that |e|_P <= 1 is invariant while each input is at most 1. Raises: `Unproved`."""
+    """Demand that steps of length h keep |e|_P <= 1 while each input |u_k| <= 1, by P, S and alpha of the evidence:
+    sum_k lambda_k <= alpha. Raises: `Unproved`."""
     alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
     if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
         raise Unproved("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
@@ -320,12 +330,13 @@ def demand_kept(
 
 
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
-    """Return the multipliers lambda of the inputs. Raises: `Unproved`."""
+    """Return the multipliers lambda_k of u_k^2, the last entries of the evidence's S. Raises: `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
 
 
 def demand_negative(what: str, form: Matrix) -> None:
-    """Demand that a symmetric form is negative definite, by intervals, else by fractions. Raises: `Unproved`."""
+    """Demand that the symmetric matrix of a quadratic form is negative definite, by intervals, else by fractions;
+    `what` names it in the error. Raises: `Unproved`."""
     negated = -1 * form
     known = definite(negated.mapped(point).rows) if negated == negated.T else 0
     if known < 0:
@@ -335,14 +346,15 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """Demand an error of a field's state of at most `bound` if |e|_P^2 <= V: bound^2 P >= V c'c. Raises: `Unproved`."""
+    """Demand |c e| <= `bound` while |e|_P^2 <= V, c e = e_field/scale_field the error of a state: bound^2 P >= V c'c.
+    `one`: evidence with P; `field`: index. Raises: `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     rows = zip(c, V * matrix(one, "P", len(c), len(c)), strict=True)
     demand_nonnegative({"bound": Matrix([[bound**2, *(V * x for x in c)], *([V * x, *row] for x, row in rows)])})
 
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """Return the index from 0 of a place given from 1. Raises: `Unproved`."""
+    """Return k - 1 for the whole number k from 1 to `count` under a key. Raises: `Unproved` for another number."""
     value = scalar(holder, key)
     if value.denominator > 1 or not 1 <= value <= count:
         raise Unproved(f"its {key} is none of 1 to {count}")
@@ -357,7 +369,8 @@ WORK = 2**16  # corners times fields^3
 
 
 def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
-    """Demand V' <= -alpha V by the evidence's P, and its S if it has one. Raises: `Unproved`."""
+    """Demand V' <= -alpha V, V = e'P e, for e' = (M + G diag(d) H) e with all |d_j| <= 1: by the evidence's P and
+    multipliers S, or without S at all corners of d. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
     for onto, reads in parts.one_sided:  # P onto = share reads, share >= 0: the slope decreases V' at any size
@@ -376,31 +389,32 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
-    """Yield M + G diag(d) H at all corners of the slopes."""
+    """Yield M + G diag(d) H (N, N) at each of the 2^m corners d_j = -1, 1 of the slopes' ranges."""
     for d in product((-1, 1), repeat=len(parts.H)):
         yield parts.M + parts.G @ parts.H.weighed(d)
 
 
 @dataclass(frozen=True)
 class Decay:
-    """Decay of an observer's error at every gain from a least one on: the proof `falls`, the name and value of the
-    observer's least `gain`, and a `phrase` on its error at every gain above a bound."""
+    """The rules' account of an error that decays at every gain above a least one: `falls`, the function that proves V'
+    <= -alpha V at a gain; `gain`(observer), the name and value of its gain; `phrase`(observer), the text of the result,
+    with {} for the least gain."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
     phrase: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
 
     def converges(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding of the bound above which every gain converges, by a V of the claim. The structure of the
-        form is another claim."""
+        """Return the finding that the error converges at every gain above the claim's `least`, by its V with V' < 0.
+        The structure of the form is another claim."""
         observer, least = observer_of(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
         return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding that the observer's gain is above that bound, with the decay rate if the claim states
-        one."""
+        """Return the finding that the observer's gain is above the `least` gain of its claim `convergence`, and V' <=
+        -alpha V if the claim states alpha."""
         (name, chosen), bound = self.gain(observer_of(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise Unproved(f"{name} = {printed(chosen)} is not above the bound")
@@ -413,7 +427,8 @@ class Decay:
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
-    """Return the rules for the decay of observers on chains, with the keys of their `slopes`, and of V, `norm`."""
+    """Return two rules for observers (`makers`) on chains: one for the claim `convergence`, a least gain, one for
+    `theta`, that the observer's is above it; `slopes`, `norm`: the permitted keys of evidence on slopes and on V."""
     return (
         chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
@@ -421,8 +436,8 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
 
 
 def clamped(makers: Keys) -> Rule:
-    """Return the rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers
-    clamp the argument of b."""
+    """Return the rule that verifies |db/dz| <= bound on the whole box of a form in other coordinates, to which
+    observers (`makers`) clamp the argument of b."""
 
     def steep(context: Context, claim: Claim) -> Finding:
         return jacobian_bound(context, claim, context.form.b, "db/dz")

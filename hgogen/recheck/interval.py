@@ -279,7 +279,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 
 @lru_cache(maxsize=1 << 10)  # the orders of a series share their first values
 def _table(name: str, *place: Interval) -> Interval:
-    """Return the range of a table by its exact pieces."""
+    """Return the range of a table, by its exact pieces, at arguments in the intervals `place`."""
     ends = range_on(name, [x.exactly for x in place])
     if ends is None:
         raise Undefined("a derivative of a table where the one before jumps")
@@ -340,7 +340,7 @@ _ABSENT = point(Fraction(0))
 
 @dataclass(frozen=True)
 class Taylor:
-    """A Taylor series by its coefficients."""
+    """A Taylor series c_0 + c_1 s + .. by its coefficients c."""
 
     coefficients: tuple[Interval, ...]
 
@@ -416,7 +416,7 @@ def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
-    """Return T + d (T' + d/2 (T'' + ..)) for d = x - x_0 from argument k on, with T as series in later arguments."""
+    """Return a table T as a series T + d (T' + d/2 (T'' + ..)), d = x - x_0, in argument k and all later ones."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
         return begin((value,), len(args[0].coefficients))
@@ -430,7 +430,7 @@ def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
 
 
 def _root_series(x: Taylor, exponent: Fraction) -> Taylor:
-    """Return b = a^r by k a_0 b_k = sum (r i - (k - i)) a_i b_(k-i)."""
+    """Return the series of b = a^r, a = `x`, by k a_0 b_k = sum over i of (r i - (k - i)) a_i b_(k-i)."""
     a = x.coefficients
     b = [intervals.root(a[0], exponent)]
     for k in range(1, len(a)):
@@ -445,7 +445,7 @@ def _share(i: Fraction | int, k: int) -> Interval:
 
 
 def _integral_term(a: Sequence[Interval], f: Sequence[Interval], k: int) -> Interval:
-    """Return the coefficient k of the integral of a' f."""
+    """Return the coefficient k >= 1 of the series of the integral of a' f."""
     return _sum_of(_product_of(a[i], _share(i, k) * f[k - i]) for i in range(1, k + 1) if a[i] is not _ABSENT)
 
 

@@ -68,10 +68,11 @@ _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 @dataclass(frozen=True)
 class Remainder:
-    """The local error of a method on a moving plant: bounds of the `slopes` of y' in states and inputs (p, n + m), of
-    the third coefficients of the `lines` without a second one (p, ..), or none; for each row of the form (n) the order,
-    and bounds of the next coefficients of the `flow` and of the `step`, on the cells of a `tree`; and if an order is 0
-    the `steepness` (n, n + m), bounds of the rows' slopes in states and inputs."""
+    """The local error of a Runge-Kutta method on x' = F(x, u), u' constant, by bounds that a certificate states:
+    `slopes` (p, n + m), of y' in states and inputs; `lines` (p, ..), of third Taylor coefficients of outputs at the
+    stages `tableau.cubic`, or none; for each row of F the order q in `orders`, and bounds (n) of the Taylor
+    coefficients q + 1 of the `flow` x(t) and of the `step` Phi_h, on the cells of the bisection `tree`; if an order is
+    0 `steepness` (n, n + m), bounds of |dF/dx| and |dF/du|."""
 
     context: Context
     tableau: Tableau
@@ -86,7 +87,7 @@ class Remainder:
 
     @property
     def deviation(self) -> list[Fraction]:
-        """The local error of each row (n), over h. Raises: `Unproved`."""
+        """Bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h a step of the method. Raises: `Unproved`."""
         h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
         residual = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
@@ -102,7 +103,7 @@ class Remainder:
 
     @property
     def stages(self) -> Matrix:
-        """The deviations from the line between the samples of each output, at each stage (p, s)."""
+        """Bounds (p, s) of the distance of each output at each stage from the line between its two samples."""
         return Matrix(self._line(*each) for each in zip(self.slopes, self.lines, strict=True))
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
@@ -115,7 +116,7 @@ class Remainder:
         return sizes
 
     def demand(self) -> int:
-        """Demand that the bounds hold for the plant; return the number of boxes. Raises: `Unproved`."""
+        """Demand that all stated bounds hold on the plant's ranges; return the number of boxes. Raises: `Unproved`."""
         context, box, boxes = self.context, self.context.form.box, self.motion.demand()
         names = (*context.z, *context.file.inputs)
         for j, (head, slope) in self.motion.observed.items():
@@ -150,7 +151,7 @@ class Remainder:
 def _after(
     series: Sequence[Sequence[Interval]], orders: Sequence[int], bounds: Sequence[Fraction]
 ) -> list[tuple[Interval, Fraction]]:
-    """Return the coefficients after the orders of rows, without those of order 0, and their bounds."""
+    """Return pairs: the Taylor coefficient q + 1 of a row of the order q, and its bound; without rows of order 0."""
     each = zip(series, orders, bounds, strict=True)
     return [(x[order + 1], most) for x, order, most in each if order]
 
@@ -178,7 +179,8 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return the plant's motion that implies the share's sizes, and the number of boxes. Raises: `Unproved`."""
+    """Demand that the sizes in a share, the evidence on a Runge-Kutta method, are at least its local error on the
+    plant; return the `PlantMotion` that this assumes, and the number of boxes. Raises: `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -196,7 +198,7 @@ def demand_remainder(
 
 
 def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
-    """Return the order of each row (n), from 0 to that of the method."""
+    """Return the order q (n) of the bound h^q (..) of each row's local error, from 0 to the method's."""
     orders = column(follows, "orders", n)
     if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
         raise Unproved(f"one of its orders is none of 0 to {tableau.order}")
@@ -204,7 +206,8 @@ def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    """Return the bounds of the third coefficients of each output (p, ..), or none for all."""
+    """Return bounds (p, ..) of the third Taylor coefficients of each output at the stages `tableau.cubic`; no columns
+    if the evidence has none."""
     count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
     return matrix(follows, "lines", p, count)
 
@@ -215,8 +218,8 @@ def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
 def lipschitz_error(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
-    """Return the local error of each row (n), over h, from the `steepness` (n, n + m), the speeds `moving` of states
-    and inputs (n + m), and which rows are `linear`. Raises: `Unproved`."""
+    """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h the step of a tableau, for x' = F(x, u) with |dF/dx|, |dF/du|
+    <= `steepness` (n, n + m), |x'|, |u'| <= `moving` (n + m); `linear` (n): the linear rows. Raises: `Unproved`."""
     if any(x < 0 for row in steepness for x in row):
         raise Unproved("one of its steepness is negative")
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
@@ -238,12 +241,13 @@ def lipschitz_error(
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
-    """Return M x; the last entries of a row may belong to constants and have no factor."""
+    """Return M x, M the `rows`, x = `by`; the last entries of a row may belong to constants, without an entry of x."""
     return [sum((x * y for x, y in zip(row, by, strict=False)), _ZERO) for row in rows]
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """Return the integral of the quadrature kernel from 0 to 1. Raises: `Unproved` if the weights do not add to c."""
+    """Return the integral from 0 to 1 of |min(s, c) - sum of the weights w_l with c_l <= s| ds, which bounds the error
+    of a quadrature with nodes c_l from 0 to c. Raises: `Unproved` if the weights do not add to c."""
     if sum(weights, _ZERO) != c:
         raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
@@ -271,11 +275,10 @@ _STAND_IN = 4  # times a first derivative over h: the substitute for the second
 
 @dataclass(frozen=True)
 class CoreStep:
-    """A step of length `h` of the error dynamics `parts` with the core L, by `weights`; the plant's states enter by
-    `lifted`, s (N, n), and their samples by `injected`, B C (N, n).
-
-    Bounds for the plant: of a time derivative of the `flow` z' (n), and of the first time derivatives of b, by their
-    orders from 1 (.., n)."""
+    """A step of length `h` of an observer whose linear part X' = L X is realised by `weights`, phi_1 and phi_2; `parts`
+    are its error dynamics, X = s z the plant's state in its fields with s = `lifted` (N, n), and `injected` is B C (N,
+    n). Bounds on the plant: `flow` (n), of a time derivative of z'; `nonlinear` (.., n), of the time derivatives of b,
+    from the first on."""
 
     parts: Parts
     h: Fraction
@@ -286,7 +289,8 @@ class CoreStep:
     nonlinear: Matrix
 
     def total(self, alpha: Matrix) -> list[Fraction]:
-        """Return a bound of the deviation of a step from the plant (N), over h, from the sizes alpha (N, 1)."""
+        """Return bounds (N) of |X_1 - X+|/h, X+ the step from the plant's own X_0 to X_1, from bounds `alpha` (N, 1) of
+        its error with b known at both ends."""
         _, phi_2, width = self.weights
         weight, parts = self.h * phi_2.mapped(lambda x: abs(x) + width), self.parts
         ahead = alpha + weight @ (self.h * (abs(self.lifted) @ column_matrix(self.nonlinear[0])))
@@ -296,8 +300,8 @@ class CoreStep:
 
 @dataclass(frozen=True)
 class Realisation:
-    """The local error of a realisation for a plant with known b at both ends of a step: the sizes `alpha` (N, 1), from
-    the derivative of z' of the order `flow`, and those of b up to another order."""
+    """The local error of a realised linear part, for a plant with known b at both ends of a step: `alpha`(step), bounds
+    (N, 1), by the derivative of z' of the order `flow` in time, and those of b up to the order `nonlinear`."""
 
     flow: int
     nonlinear: int
@@ -325,7 +329,8 @@ _REALISATIONS: Mapping[str, Realisation] = {
 def demand_core_error(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return the plant's motion that implies the share's sizes, and the number of boxes. Raises: `Unproved`."""
+    """Demand that the sizes in a share, the evidence on a realised linear part, are at least its local error on the
+    plant; return the `PlantMotion` that this assumes, and the number of boxes. Raises: `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
     realisation, parts, h = _REALISATIONS[name], error.at(theta), scalar(evidence, "dt")
@@ -347,7 +352,8 @@ def demand_core_error(
 def _by_derivatives(
     motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return bounds of the derivatives of the flow and of b, and the function that proves them. Raises: `Unproved`."""
+    """Return the evidence's bounds (n) of a time derivative of z', those (.., n) of time derivatives of b, and the
+    function that proves them and returns the number of boxes. Raises: `Unproved`."""
     context, n = motion.context, len(motion.context.z)
     flow, nonlinear = column(follows, "flow", n), matrix(follows, "rest", realisation.nonlinear, n)
     derivatives = [Derivative(row, realisation.flow, most) for row, most in zip(context.rates, flow, strict=True)]
@@ -359,8 +365,9 @@ def _by_derivatives(
 def _by_steepness(
     motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return bounds of the first derivatives of the flow and of b by their slopes, substitutes for the higher ones, and
-    the function that proves them."""
+    """Return bounds (n) of the first time derivative of z', (.., n) of b, by the evidence's bounds of |dF/dx| and
+    |db/dx| times speeds, 4/h times as much for each higher derivative, and the function that proves them and returns
+    the number of boxes."""
     context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
     if follows["flow"] != [] or follows["rest"] != []:
         raise Unproved("its sizes follow from derivatives or from steepness")
@@ -386,7 +393,7 @@ def _by_steepness(
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:
-    """Demand L s + B C = s A, so that X obeys the observer's equations."""
+    """Demand L s + B C = s A, s = `lifted`, B C = `injected`: X = s z then obeys the observer's equations."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")

@@ -97,13 +97,13 @@ class Matrix:
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
-    """Return numbers times their least common denominator, and that denominator."""
+    """Return fractions times their least common denominator, and the denominator."""
     common = lcm(*(value.denominator for value in values))
     return [value.numerator * (common // value.denominator) for value in values], common
 
 
 def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
-    """Return the sum of products."""
+    """Return sum_k a_k b_k."""
     return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)
 
 
@@ -113,7 +113,7 @@ def unit(n: int) -> Matrix:
 
 
 def unit_row(k: int, count: int) -> list[Fraction]:
-    """Return row k of the unit matrix, which selects the error of one field (N)."""
+    """Return row k of the unit matrix (count, count)."""
     return [Fraction(int(k == at)) for at in range(count)]
 
 
@@ -166,7 +166,7 @@ def similar(t: Sequence[Fraction], N: Matrix) -> Matrix:
 
 
 def companion(K: Sequence[Fraction]) -> Matrix:
-    """Return A - K C (n, n) of a chain of integrators."""
+    """Return A - K C (n, n) of a chain of integrators w_i' = w_(i+1), y = w_1 with the gain K (n)."""
     return Matrix([[Fraction(int(j == i + 1)) - (k if j == 0 else 0) for j in range(len(K))] for i, k in enumerate(K)])
 
 
@@ -205,7 +205,7 @@ def decaying(N: Matrix, P: Matrix) -> Matrix:
 
 
 def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
-    """Demand that sizes are at least the sizes they follow from. Raises: `Unproved`."""
+    """Demand sizes_i >= least_i; `name`: what the sizes are of, in the error. Raises: `Unproved`."""
     if any(size < few for size, few in zip(sizes, least, strict=True)):
         raise Unproved(f"a size of {name} is less than what it follows from")
 
@@ -218,7 +218,8 @@ _DOUBLINGS = 40
 
 @lru_cache(maxsize=8)  # the inequalities of one claim share it
 def weight(X: Matrix) -> tuple[Matrix, Fraction]:
-    """Return a matrix and a bound on the difference of its entries from those of phi_2(X). Raises: `Unproved`."""
+    """Return a matrix (n, n) and a bound on the difference of its entries from those of phi_2(X) = 1/2 + X/3! + X^2/4!
+    + .. Raises: `Unproved`."""
     norm, k, n = largest_row(X), 0, len(X)
     while norm > Fraction(1, 2):
         norm, k = norm / 2, k + 1
@@ -254,8 +255,9 @@ _SLOW = Fraction(1, 2)  # largest norm of w L in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Return the integral for a core L (N, N) and its input V (N, k). L is balanced first by powers of 2, which makes
-    row and column sums similar and reduces the norm. Raises: `Unproved` for a core that is too fast."""
+    """Return the integral of s (h - s)/2 |exp(s L) V| over s from 0 to h, entry by entry, or a bound above it, for L
+    (N, N), V (N, k). L is balanced first by powers of 2, which makes row and column sums similar and reduces the norm.
+    Raises: `Unproved` for an L that is too fast."""
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
         row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)

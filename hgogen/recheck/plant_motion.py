@@ -40,8 +40,8 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class PlantMotion:
-    """Bounds of the plant's motion in steps of length `h`: of the `rates` of inputs (m), and of the `speeds` sup|F| (n)
-    of the rows F."""
+    """Bounds of the motion of the plant z' = F(z, u) in steps of length `h`: `rates` (m) of |u'|, `speeds` (n) of |F|
+    on its ranges."""
 
     context: Context
     h: Fraction
@@ -49,8 +49,8 @@ class PlantMotion:
     speeds: list[Fraction]
 
     def demand(self) -> int:
-        """Demand the bounds, and that no measured output reads an input; return the number of boxes. Raises:
-        `Unproved`."""
+        """Demand |F| <= `speeds`, `rates` >= 0, and that no measured output reads an input; return the number of boxes.
+        Raises: `Unproved`."""
         context = self.context
         for j in self.observed:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
@@ -61,13 +61,12 @@ class PlantMotion:
 
     @cached_property
     def read(self) -> frozenset[str]:
-        """The names that the rows read."""
+        """The names of states, inputs and parameters that F reads."""
         return frozenset(name for row in self.context.rates for name in row.names)
 
     @cached_property
     def observed(self) -> dict[int, tuple[int, Fraction]]:
-        """The index of the state that each output measures, and dy/dz, without the other outputs. Raises:
-        `Unproved`."""
+        """The index of the state that output j measures, and dy_j/dz, by j, if any. Raises: `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.observed) if z):
             observed[j] = self.context.z.index(z), self.context.output_slope(j)
@@ -75,32 +74,32 @@ class PlantMotion:
 
     @property
     def phrase(self) -> str:
-        """The words on the method's local error and on the rates of inputs."""
+        """A phrase for a finding on the method's local error and the assumed rates of inputs."""
         each = zip(self.context.file.inputs, self.rates, strict=True)
         moving = [f"{u} moves at up to {printed(rate, -1)}" for u, rate in each if u in self.read]
         return f"what the method leaves{' as ' if moving else ''}{', '.join(moving)}"
 
     @property
     def clear(self) -> str:
-        """The words on the plant's least distance from the ends of its ranges."""
+        """A phrase for a finding with h sup|F|, the distance that each state must have from the ends of its range."""
         each = zip(self.context.z, self.speeds, strict=True)
         return ", ".join(f"{printed(self.h * speed, 1)} in {z}" for z, speed in each)
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
-    """Demand that no row of the plant exceeds its speed; return the number of boxes. Raises: `Unproved`."""
+    """Demand |F_i| <= speeds_i for all rows of the plant z' = F (n); return the number of boxes. Raises: `Unproved`."""
     rows = zip(context.rates, speeds, strict=True)
     return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
 
 def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> PlantMotion:
-    """Return the motion that a share assumes. Raises: `Unproved`."""
+    """Return the `PlantMotion` in steps of length h with the evidence's `rates` and `speeds`. Raises: `Unproved`."""
     rates, speeds = column(follows, "rates", len(context.file.inputs)), column(follows, "speeds", len(context.z))
     return PlantMotion(context, h, rates, speeds)
 
 
 def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...], name: str = "the method") -> None:
-    """Demand that exactly these keys give the origin of the sizes. Raises: `Unproved`."""
+    """Demand exactly these keys of the evidence `follows` on inputs of the kind `name`. Raises: `Unproved`."""
     if set(follows) != {*keys}:
         raise Unproved(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
 
@@ -111,7 +110,8 @@ Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
 
 
 def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
-    """Return the series below t^order of all names, with the states driven by the rows. Raises: `Undefined`."""
+    """Return Taylor series in time below t^order by name, with states' = `rows`; `started`: the first coefficients of
+    states, and the series of inputs and parameters. Raises: `Undefined`."""
     series = dict(started)
     for k in range(1, order):
         here = _begun(series, k)
@@ -139,8 +139,8 @@ def _longer(x: Dual, rate: Dual) -> Dual:
 
 @dataclass(frozen=True)
 class PlantSeries:
-    """The series of the rows F for the states (n); `rates`: bounds of the inputs' rates by name, with the inputs within
-    their ranges in `whole`; any other name of the box is constant."""
+    """Taylor series of the plant x' = F(x, u) from every point of a `box`: `rows` F (n) of the `states`; `rates`:
+    bounds of |u'| by the name of an input, whose range in `whole` it does not leave; any other name is constant."""
 
     rows: Sequence[Expression]
     states: Sequence[str]
@@ -149,13 +149,14 @@ class PlantSeries:
     whole: Box
 
     def flow(self, order: int) -> list[list[Interval]]:
-        """Return the series of the flow (n) below s^order. Raises: `Undefined`."""
+        """Return the Taylor coefficients in time, below `order`, of each state (n). Raises: `Undefined`."""
         started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
         series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
         return [[*series[name].value.coefficients] for name in self.states]
 
     def step(self, tableau: Tableau, h: Fraction, order: int) -> list[list[Taylor]]:
-        """Return the series of the stages (s, n), and last of the step, below s^order. Raises: `Undefined`."""
+        """Return Taylor series in the length s <= h of a Runge-Kutta step, below s^order: of each stage (s, n), and
+        last of x+ (n). Raises: `Undefined`."""
         arithmetic, ranges, slopes, stages = taylor(order), sides(self.box), list[list[Taylor]](), list[list[Taylor]]()
         start = [begin([ranges[name]], order) for name in self.states]
         length = begin([between(0, h), point(_ONE)], order)
@@ -171,7 +172,7 @@ class PlantSeries:
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
-        """Return the inputs and their rates at the share `at` of any length up to h, the rates scaled to that share."""
+        """Return by input u the coefficients (u, `at` u') of its series in s at the time `at` s, s <= h."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
             orders_of = point(at) * between(-rate, rate)
@@ -180,7 +181,7 @@ class PlantSeries:
         return known
 
     def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
-        """Return F below s^order from the series of the states and of the inputs."""
+        """Return the Taylor series of F (n) below s^order from those of states and inputs."""
         values = {name: begin([side], order) for name, side in sides(self.box).items()}
         values |= zip(self.states, states, strict=True)
         values |= {name: begin(x, order) for name, x in inputs.items()}
@@ -194,7 +195,7 @@ Ends = tuple[tuple[str, tuple[End, End]], ...]  # ends of a box
 
 @dataclass(frozen=True)
 class Derivative:
-    """A time derivative of an order of a row, and its bound."""
+    """The bound `most` of |d^k r/dt^k| along the plant: k the `order`, r a `row` in states and inputs."""
 
     row: Expression
     order: int
@@ -202,7 +203,7 @@ class Derivative:
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
-    """Demand that time derivatives of rows are within their bounds; return the number of boxes. Raises: `Unproved`."""
+    """Demand each `Derivative` on the plant's ranges; return the number of boxes. Raises: `Unproved`."""
     context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # the name of its rate, which no expression reads
@@ -227,7 +228,9 @@ def _derivatives(
     orders_of: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
-    """Return the derivatives of rows as intervals on a box, with their slopes. Raises: `Undefined`."""
+    """Return time derivatives along the plant as intervals on the box `here`, with slopes in its names, for each row
+    and order in `orders_of`: `rates` are F of the `states`, `whole` the plant's box, `steered` the names of u and u'.
+    Raises: `Undefined`."""
     orders = dict(sorted(orders_of, key=lambda one: one[1]))
     every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
     rate = dict(steered)
@@ -258,7 +261,8 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """Demand that sizes are at least those that they follow from; return the number of boxes. Raises: `Unproved`."""
+    """Demand that sizes of noise, rounded and late samples, disturbances and wrong parameters follow from the user's
+    declarations; return the number of boxes. `shares`: evidence by kind. Raises: `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():
@@ -284,7 +288,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
 
 
 def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Return numbers that are not negative. Raises: `Unproved`."""
+    """Return the list of `count` numbers >= 0 under a key. Raises: `Unproved`."""
     numbers = column(follows, key, count)
     if min(numbers, default=Fraction(0)) < 0:
         raise Unproved(f"one of its {key} is negative")
@@ -294,7 +298,8 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 def _late(
     context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], drift: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
-    """Return tau (speed + |dy/dz| m), and the number of boxes."""
+    """Return tau (|y'| + |dy/dz| m) for each output (p), the error of a sample at a time wrong by tau = `sizes`, m =
+    `drift` (n) a disturbance of z'; and the number of boxes."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
         if not tau:
@@ -311,7 +316,7 @@ def _late(
 
 
 def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """Return bounds of |dT/dx|, the disturbances, and the number of boxes."""
+    """Return bounds of |dT/dx| (n, n), z = T(x), disturbances d (n) of x', both stated, and the number of boxes."""
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
@@ -319,7 +324,7 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """Return bounds of |dF/dp|, the errors of the parameters, and the number of boxes."""
+    """Return bounds of |dF/dp|, z' = F, errors of the parameters p, both stated, and the number of boxes."""
     form, names = context.form, context.file.parameters
     sizes = _signless(follows, "sizes", len(names))
     wrong = {name: size for name, size in zip(names, sizes, strict=True) if size}
@@ -331,7 +336,8 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
-    """Return an upper bound of the sum of (h J)^k m/(k + 1)! over all k."""
+    """Return upper bounds (n) of the sum over k of (h J)^k m/(k + 1)!, the mean effect in a step of length h of a
+    disturbance m = `drift` of z' = F, |dF/dz| <= J (n, n). Raises: `Unproved`."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

@@ -80,8 +80,8 @@ PRECISIONS = tuple(_BITS)
 
 @dataclass(frozen=True)
 class Computed:
-    """A computed value: the interval of its exact value, and the largest error, the upper end of an interval; `number`
-    if the program has it exactly."""
+    """A value in a program of the precision `real`, float or double: the interval of its exact `value`; `error`, an
+    interval whose upper end bounds |computed - exact|; its `number` if the program has it exactly."""
 
     real: str
     value: Interval
@@ -121,7 +121,8 @@ class Computed:
         return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
     def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
-        """Return the result of an operation with an error of so many u. Raises: `Undefined` if it may overflow."""
+        """Return the result of an operation: its exact `value`, the error `inherited` from operands, and a rounding
+        error of so many `units` of u = 2^-24 or 2^-53. Raises: `Undefined` if it may overflow."""
         bits, normal = _BITS[self.real]
         share, whole = units / 2**bits, _size(value) + inherited
         error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
@@ -130,7 +131,7 @@ class Computed:
         return Computed(self.real, value, error)
 
     def through(self, name: str, units: Fraction) -> "Computed":
-        """Return the value of a library function of it."""
+        """Return f of the value, f the library function `name` with an error of so many `units` of u."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
         return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
 
@@ -141,7 +142,7 @@ def _size(value: Interval) -> Interval:
 
 
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
-    """Return the error of x^exponent in u. Raises: `Undefined` if it is unbounded."""
+    """Return a bound of a program's error of x^exponent, in u = 2^-24 or 2^-53. Raises: `Undefined` without one."""
     least, each = map(point, POWER)
     steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
@@ -155,7 +156,7 @@ def _both(error: Interval) -> Interval:
 
 
 def constant(real: str, text: Expression) -> Computed:
-    """Return the value of an expression without names, which the program has as one constant. Raises: `Undefined`."""
+    """Return an expression without names as a program's constant, `real` its precision. Raises: `Undefined`."""
     value: Interval = evaluate(text, {}, intervals)
     return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
 
@@ -205,8 +206,8 @@ _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
 @dataclass(frozen=True)
 class ListedProgram:
-    """A listed program: `statements`, each an operation and its operands; by stage the operands of the fields (N) and
-    of their rates; and those of the fields `after` the call."""
+    """A program in a certificate: `statements`, each an operation and its operands; `stages` and `rates` (s, N), the
+    operands that are the fields and their rates at each stage; `after` (N), those of the fields after the call."""
 
     statements: list[tuple[str, list[str]]]
     stages: list[list[str]]
@@ -281,7 +282,7 @@ class Walk:
 
 
 def listed_program(holder: Mapping[str, Any], fields: int, stages: int) -> ListedProgram:
-    """Return the program of a share. Raises: `Unproved`."""
+    """Return the `ListedProgram` in the evidence, for the counts of fields and stages. Raises: `Unproved`."""
     texts = part(holder, "program", list)
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
         raise Unproved(f"its program is no list of at most {_LONGEST} statements")
@@ -303,7 +304,7 @@ def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
 
 
 def _exponent(text: str) -> Fraction:
-    """Return an exponent other than 1/2, which is the operation sqrt."""
+    """Return the exponent in an operand. Raises: `Unproved` for a large one, or 1/2, which is the operation sqrt."""
     try:
         exponent = number(text)
     except Unreadable:
@@ -314,7 +315,7 @@ def _exponent(text: str) -> Fraction:
 
 
 def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:
-    """Return the value of an operation. Raises: `Unproved` for an unknown one."""
+    """Return the value of the operation `word` at values. Raises: `Unproved` for an unknown word."""
     count = _OPERANDS.get(word)
     if count is None:
         raise Unproved(f"its program has the operation {word!r}, whose rounding is not known")
@@ -343,7 +344,8 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Equation:
-    """The equation of an observer at a theta, with the plant's `parameters` as in the program."""
+    """The equation x' = f(x, y, u) of an observer's fields x (N) at a gain theta, with the plant's `parameters` as in
+    the program; `error`: the `ErrorInclusion` of the observer."""
 
     context: Context
     error: ErrorInclusion
@@ -357,7 +359,7 @@ class Equation:
 
     @cached_property
     def units(self) -> list[Fraction]:
-        """The factors r (N): the error e_k for an error 1 of the field. Raises: `Unproved`."""
+        """The factors r (N), e_k = r_k x_k for a field x_k and its error e_k. Raises: `Unproved`."""
         if not self.error.units:
             return self.scales
         units = self.error.units
@@ -375,7 +377,7 @@ class Equation:
         return [rate + number(fed * s / r) * b[i] for rate, s, r, fed, i in each]
 
     def _gain_rates(self, algebra: Algebra, names: Mapping[str, Quotient], z: Row, y: Row) -> tuple[Row, Row]:
-        """Return z' without b, and the argument of b."""
+        """Return z' (n) without b, and the argument z + N v of b (n), for an observer with a gain."""
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[algebra.read(entry, names) for entry in row] for row in form.A]
@@ -385,7 +387,7 @@ class Equation:
         return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, injection, self.scales, strict=True)]
 
     def _core_rates(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
-        """Return x' without b, and the argument of b."""
+        """Return x' (N) without b, and the argument of b (n), for an observer with fields x of its own."""
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.zero)
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
@@ -398,7 +400,7 @@ class Equation:
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 
     def _missed(self, algebra: Algebra, there: Mapping[str, Quotient], y: Row) -> list[Quotient]:
-        """Return theta^-late (y - h) (p), 0 for an output that measures no state."""
+        """Return v = theta^-late (y - h) (p), h the outputs `there`, 0 for an output that measures no state."""
         nothing, context = algebra.zero, self.context
         each = zip(y, context.form.output, context.observed, self.error.late, strict=True)
         return [
@@ -434,7 +436,7 @@ class StepProgram:
     between: str
 
     def deviations(self) -> "Deviations":
-        """Return the deviations of its statements from the step in exact arithmetic. Raises: `Unproved`."""
+        """Return the `Deviations` of the statements from the step in exact arithmetic. Raises: `Unproved`."""
         stages, fields = len(self.tableau.weights), len(self.equation.units)
         marks = {
             f"{what} {i} {k}": operand
@@ -470,7 +472,7 @@ class StepProgram:
         return [*(f"x{k}" for k in fields), *ends]
 
     def _there(self, algebra: Algebra, walk: Walk, name: str, node: Fraction) -> list[Quotient]:
-        """Return samples or inputs at a fraction of the time between two."""
+        """Return samples (`name` y) or inputs (u) at the share `node` of the time between two."""
         count = len(self.equation.context.form.output if name == "y" else self.equation.context.file.inputs)
         share = Fraction(1) if name == "u" and self.between == "hold" else node
         pairs = [(walk.value(f"{name}{j}_last"), walk.value(f"{name}{j}")) for j in range(1, count + 1)]
@@ -489,8 +491,9 @@ def _stepped(
 
 @dataclass(frozen=True)
 class Deviations:
-    """Statements that represent values of the step, the `marks` by the names of letters, with their nonzero
-    `deviations` from these values; from then on the value of a statement is a letter."""
+    """A comparison of a program with a step in exact arithmetic: `marks`, the statements that are fields and rates of
+    stages, by the letters for them; `deviations`, the nonzero differences of statements from the step's values. Once
+    compared, a statement's value is a letter."""
 
     algebra: Algebra
     walk: Walk
@@ -498,7 +501,8 @@ class Deviations:
     deviations: dict[str, Quotient] = field(default_factory=dict)
 
     def match(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """Return the values of operands that represent `wanted`. Raises: `Unproved`, and the arithmetic's errors."""
+        """Return the values of operands, once compared with the step's values `wanted`; `letters`: the begin of the
+        letters' names that replace them. Raises: `Unproved`, and the arithmetic's errors."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = operand in self.walk.computed and operand not in self.deviations  # its value before the renaming
@@ -521,7 +525,7 @@ class Deviations:
 
 
 class _Letters(dict[str, Interval]):
-    """A mapping from letters to the intervals of a walk."""
+    """A mapping from letters, and other names, to the intervals of a walk."""
 
     def __init__(self, walk: Walk, marks: Mapping[str, str]) -> None:
         super().__init__()
@@ -541,8 +545,8 @@ Side = tuple[Fraction, Fraction]
 
 @dataclass(frozen=True)
 class Rounded:
-    """The program of a `step` in a `precision`, under bounds of the errors of samples, `samples` (p), of the errors of
-    fields in units of their states, `within` (N), and of the plant's movement in a call, `drifts` (n)."""
+    """The program of a `step` in a `precision`, under bounds of the errors of `samples` (p), of the errors of fields in
+    units of their states, `within` (N), and of the plant's movement in a call, `drifts` (n)."""
 
     step: StepProgram
     precision: str
@@ -637,7 +641,7 @@ def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follow
 
 
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
-    """Return the plant's parameters as in the program, each in its range. Raises: `Unproved`."""
+    """Return the plant's parameters in the evidence on a program, each in its range. Raises: `Unproved`."""
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():

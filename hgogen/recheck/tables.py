@@ -34,8 +34,8 @@ _NEVER = 5  # more than any order that jumps
 
 
 def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, int]:
-    """Return the first and the last piece on [low, high], with the breakpoints between them inside it; at one
-    breakpoint, the pieces on both sides."""
+    """Return the indices of the first and the last piece on [low, high]; `places[first:last]` are the breakpoints
+    inside; at one breakpoint, the pieces on both sides."""
     first, last = bisect_left(places, low), bisect_right(places, low)
     return (last, bisect_left(places, high)) if low < high else (first, last)
 
@@ -51,7 +51,7 @@ class Grid:
 
     @cached_property
     def jumps(self) -> tuple[Order, ...]:
-        """The lowest order that jumps at each breakpoint of each axis: 1 if the slopes on both sides differ."""
+        """The lowest order of a derivative that jumps at each breakpoint: 1 if the slopes on both sides differ."""
         turned = (self.values, tuple(zip(*self.values, strict=True)) if len(self.axes) > 1 else ())
         return tuple(
             tuple(
@@ -61,7 +61,7 @@ class Grid:
         )
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return the least and the largest value on a box; None if it is unbounded."""
+        """Return the least and largest value of the derivative of an `order` on a box; None if it is unbounded."""
         if any(_beyond(*each) for each in zip(self.axes, self.jumps, order, box, strict=True)):
             return None
         weights = [list(_weights(*each)) for each in zip(self.axes, order, box, strict=True)]
@@ -70,7 +70,7 @@ class Grid:
 
 
 def _beyond(places: Sequence[Fraction], jumps: Order, order: int, side: Side) -> bool:
-    """Return whether a derivative of lower order jumps on a side of a box."""
+    """Return whether a derivative of less than `order` jumps on a side; `jumps`: the lowest that does, by place."""
     first, last = _pieces_on(places, *side)
     return any(jump < order for jump in jumps[first:last])
 
@@ -87,7 +87,7 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """Return the weights of the value at a place, which is constant beyond the first and the last breakpoint."""
+    """Return the weights of the value at t in a linear table, constant beyond its first and last breakpoint."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -141,7 +141,7 @@ class Curve:
 
     @cached_property
     def jumps(self) -> tuple[Order]:
-        """The lowest order that jumps at each breakpoint."""
+        """The lowest order of a derivative that jumps at each breakpoint."""
         widths = (_ZERO, *(b - a for a, b in pairwise(self.axes[0])))
         return (tuple(self._jump(k, width) for k, width in enumerate(widths)),)
 
@@ -150,7 +150,7 @@ class Curve:
         return next(differ, _NEVER)
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return the least and the largest value on a box, or bounds of them; None if it is unbounded."""
+        """Return bounds of the derivative of an `order` on a box, mostly exact; None if it is unbounded."""
         ((low, high),), m = box, min(order[0], 4)
         if _beyond(self.axes[0], self.jumps[0], m, (low, high)):
             return None
@@ -175,7 +175,7 @@ def _at(piece: Piece, t: Fraction) -> Fraction:
 
 
 def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    """Return the range; for a cubic with an inner extremum, the bounds by its control points."""
+    """Return a polynomial's range on [a, b]; for a cubic with an inner extremum, bounds by its control points."""
     values = [_at(piece, a), _at(piece, b)]
     if len(piece) == 3 and piece[2]:
         turn = -piece[1] / (2 * piece[2])
@@ -265,7 +265,7 @@ def is_table(name: str) -> bool:
 
 @lru_cache(maxsize=256)
 def table_of(name: str) -> tuple[Grid | Curve, Order]:
-    """Return the table and the order of its derivative."""
+    """Return the table that is encoded in a function's name, and the order of its derivative."""
     kind, *numbers = name.split()
     count, table = KINDS[kind]
     return table(tuple(map(Fraction, numbers[count:]))), tuple(map(int, numbers[:count]))
@@ -292,12 +292,12 @@ def in_one_piece(name: str, box: Sequence[Side]) -> bool:
 
 
 def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:
-    """Return the value at numbers; None at a jump."""
+    """Return the value of the table's derivative with this name at numbers; None at a jump."""
     ends = range_on(name, [(x, x) for x in at])
     return ends[0] if ends and ends[0] == ends[1] else None
 
 
 def range_on(name: str, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-    """Return the range on a box, whose ends may be infinite; None if it has none."""
+    """Return the range of the table's derivative with this name on a box, also infinite; None if it has none."""
     table, order = table_of(name)
     return None if any(math.isnan(end) for side in box for end in side) else table.range(order, box)

@@ -123,7 +123,7 @@ def _quoted(value: object) -> str:
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
-    """Return the program of a text in declared names; `pi` is the constant unless declared. Raises: `Unreadable`."""
+    """Return the `Expression` of a text in declared names; `pi` is 3.14.. unless declared. Raises: `Unreadable`."""
     if not isinstance(text, str):
         raise Unreadable(_quoted(text), "an expression is a text")
     if len(text) > LONGEST:
@@ -174,7 +174,7 @@ class _Reader:
         self.next()
 
     def put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
-        """Add an instruction, with arithmetic of numbers folded, and return its index."""
+        """Add an instruction, or the number that it yields for numbers, and return its index."""
         known = [self.numbers.get(arg) for arg in args]
         folded = value if op == "number" else self._fold(op, known)
         if isinstance(folded, Fraction):
@@ -215,7 +215,7 @@ class _Reader:
         return self.power(base, self.factor(depth + 1))
 
     def power(self, base: int, exponent: int) -> int:
-        """Add base ** exponent by the kind of the exponent."""
+        """Add base ** exponent, both indices of instructions, by the kind of the exponent, and return its index."""
         known = self.numbers.get(exponent)
         if known is None:
             return self.put("raise", (base, exponent))

@@ -204,7 +204,7 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """Yield a row for each claim, and one for each required claim that is missing."""
+    """Yield a `Row` for each claim, and one for each required claim that is missing."""
     certificate = context.file
     by_id: dict[str, Row] = {}
     for claim in certificate.claims:
@@ -224,14 +224,14 @@ def rows(context: Context) -> Iterator[Row]:
 
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
-    """Return the assumptions of a claim that are not verified."""
+    """Return the ids of the claims that a row's claim assumes, and that no row of `known` has as verified."""
     claim = certificate.claim(row.id)
     needed = assumed_claims(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _row(context: Context, claim: Claim) -> Row:
-    """Return the outcome of a claim: verified, nothing asserted, or failed with the reason."""
+    """Return the `Row` of a claim: verified, nothing asserted, or failed with the reason."""
     kind, verdict = context.form.kind, _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
@@ -260,7 +260,7 @@ def _narrow(context: Context) -> str:
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
-    """Demand that the evidence has no unknown part."""
+    """Demand that the claim's evidence has no other keys than these."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
         raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
@@ -300,7 +300,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
 
 
 def _unmodelled(context: Context) -> bool:
-    """Return whether the file has an observer without a model of the last row, and a form with b = 0."""
+    """Return whether the form has b = 0 and the lambda_tracking observer, whose last row may have no model."""
     observer = context.file.observer
     return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
 
@@ -340,7 +340,7 @@ def _differences(context: Context) -> Iterator[str]:
 
 
 def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
-    """Return the plant's box with the derivatives of inputs, and their names by input."""
+    """Return the plant's box with the derivatives u' of inputs, and their names by u, if to_form reads u."""
     box, rates = box_of_rates(context)
     read = {name for row in context.form.to_form for name in row.names}
     return box, {u: rate for u, rate in rates.items() if u in read}
@@ -349,7 +349,8 @@ def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[st
 def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
-    """Yield each equation's name and the difference of its sides at these values."""
+    """Yield name and residual of each equation of the form, z' = A z + b, y = output, X(Z(x)) = x, at values `at` of
+    the plant's names; `rates`: the names of u' by u."""
     form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}

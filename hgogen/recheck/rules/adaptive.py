@@ -112,7 +112,7 @@ def attenuation(context: Context, claim: Claim) -> Finding:
 
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
-    """Prove the bound by the claim's V, at the ends of gamma and of each gamma^-i with a nonzero row of G_1."""
+    """Prove the L2 gain by the claim's V, at the ends of gamma and of each gamma^-i with a nonzero row of G_1."""
     observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
@@ -138,7 +138,7 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
 
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
-    """Prove the bound by (87), with the P of the other claims."""
+    """Prove the claim's bound of the L2 gain by (87) of Alessandri (2020), with the P of the other claims."""
     observer, evidence = observer_of(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
@@ -172,7 +172,6 @@ def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int
 
 
 def _printed(M: Matrix) -> str:
-    """Return a matrix for a sentence, exactly."""
     return f"[{'; '.join(' '.join(map(str, row)) for row in M)}]"
 
 
@@ -186,13 +185,13 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 
 
 def _rate(observer: Observer, P: Matrix) -> Matrix:
-    """Return -N'P - P N - sigma (D P + P D)."""
+    """Return -N'P - P N - sigma (D P + P D), N = A - K C, D = diag(1, .., n), K and sigma the observer's."""
     N = companion(column(observer.numbers, "gains", len(P)))
     return -1 * lyapunov(P, N) - signless(observer.numbers, "sigma") * _spread(P, Fraction(1))
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """Return the matrix P, which must be equal in all claims on the paper's inequalities."""
+    """Return the claim's matrix P, which must be equal in all claims on the paper's inequalities."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
         if other.maker == claim.maker and other.fact not in _CONVERGENCE and other.evidence.get("P", P) != P:
@@ -201,7 +200,7 @@ def _P(context: Context, claim: Claim) -> Matrix:
 
 
 def _spread(P: Matrix, b: Fraction) -> Matrix:
-    """Return D P + P D."""
+    """Return D P + P D, D = diag(b, .., b + n - 1)."""
     return Matrix([[(2 * b + i + j) * value for j, value in enumerate(row)] for i, row in enumerate(P)])
 
 
@@ -209,14 +208,14 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 
 
 def falls(context: Context, claim: Claim) -> Finding:
-    """Prove N'P + P N + p_1 (D P + P D) < 0."""
+    """Prove N'P + P N + p_1 (D P + P D) < 0, N = A - K C, D = diag(b, .., b + n - 1), by P and b of the claim."""
     p_1, (P, N, spread) = above_zero(observer_of(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * lyapunov(P, N) - p_1 * spread})
     return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_matrix_words(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Finding:
-    """Prove p_3 (D P + P D) >= 2 lambda_max(P), for the P of the claim on p_1 if that is proved."""
+    """Prove p_3 (D P + P D) >= 2 lambda_max(P), D = diag(b, b + 1, ..), for P, b of the claim on p_1, if proved."""
     p_3, (P, _, spread) = above_zero(observer_of(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
@@ -236,7 +235,6 @@ def rises(context: Context, claim: Claim) -> Finding:
 
 
 def _matrix_words(claim: Claim) -> str:
-    """Return the words for the claim's P and D."""
     return f"for its P and D = diag(b, .., b + n - 1), b = {printed(scalar(claim.evidence, 'b'))}"
 
 
@@ -245,7 +243,7 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def below_cap(context: Context, claim: Claim) -> Finding:
-    """Prove L' < 0 at the cap."""
+    """Prove L' = L (p_1 (p_2 - L) + p_3 Gamma) < 0 at the gain L = `cap`."""
     numbers = observer_of(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
@@ -256,7 +254,7 @@ def below_cap(context: Context, claim: Claim) -> Finding:
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
-    """Return P, N and D P + P D, with N'P + P N <= -I, P > 0, D P + P D > 0."""
+    """Return P, N = A - K C and D P + P D, D = diag(b, ..), once N'P + P N <= -I, P > 0, D P + P D > 0 are proved."""
     P, b = _P(context, claim), above_zero(claim.evidence, "b")
     N, spread = companion(column(observer_of(context, claim).numbers, "gains", len(P))), _spread(P, b)
     demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})
@@ -267,7 +265,8 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at every gain from a level on, by the claim's P; return the number of boxes."""
+    """Prove V' <= -alpha V, V = e'P e by the claim's P, at every gain from `level` on and every rate of the gain;
+    `slopes`: evidence; return the number of boxes."""
     observer, n = observer_of(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
     D = unit(n).weighed(b + i for i in range(n))
@@ -282,7 +281,7 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """Return the largest rate of decrease of the gain, and True, as it is zero at the least gain, p_2."""
+    """Return p_1, the largest rate of decrease of the gain L, and True, as it is zero at the least gain, p_2."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
         raise Unproved("its p_2 is not from 0 to its cap")
@@ -291,7 +290,7 @@ def _updated(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """Return the largest rate of decrease of the gain, and False, as it also applies at the least gain."""
+    """Return sigma, the largest rate of decrease of the gain gamma, and False, as it also applies at the least gain."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
@@ -319,7 +318,7 @@ Form = Callable[[Matrix], Matrix]  # an affine function of N
 
 
 def core(context: Context, claim: Claim) -> Finding:
-    """Prove that the linear core decays behind its saturation or dead zone."""
+    """Prove that the linear error decays behind its saturation or dead zone, by P, mu, tau of the claim."""
     observer, n = observer_of(context, claim), len(context.z)
     units = _units(claim.evidence, n)
     N = similar(units, companion(column(observer.numbers, "gains", n)))
@@ -329,7 +328,8 @@ def core(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, by P, mu, tau of the claim, for all slopes in the ranges of the evidence
+    `slopes`; return the number of boxes."""
     observer, evidence = observer_of(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
@@ -354,7 +354,8 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
-    """Return the form at N plus an upper bound of the effect of each slope."""
+    """Return the matrix of `form` at N plus an upper bound of the effect of each slope, N + d step with |d| <= 1: d (v
+    h' + h v') <= S h h' + v v'/S, h the rows of H."""
     whole = base = form(N)
     for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
@@ -373,7 +374,8 @@ def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
 
 
 def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
-    """Yield the forms in N with a times V added: (n + 1, n + 1), and (n, n) for the whole error injected."""
+    """Yield, as functions of N, the matrices of the quadratic form of V' + a V: (n + 1, n + 1) behind the saturation or
+    dead zone, and (n, n) with the whole error injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")

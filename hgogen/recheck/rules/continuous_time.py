@@ -86,7 +86,7 @@ from ..text import Expression
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
-    """Return the name and the value of the least theta; theta_low must not be above theta."""
+    """Return the name and value of the observer's least gain: theta_low, which must not be above theta, else theta."""
     name = "theta_low" if "theta_low" in observer.numbers else "theta"
     least = scalar(observer.numbers, name)
     if least > scalar(observer.numbers, "theta"):
@@ -101,7 +101,8 @@ def _phrase(observer: Observer) -> str:
 
 
 def dwell(context: Context, claim: Claim) -> Finding:
-    """Prove that the time hold is long enough; the decay with the low gain is another claim."""
+    """Prove that `hold`, the time for which the switched gain stays high, is long enough: alpha hold > log(up down),
+    the factors of V at the two switches. The decay with the low gain is another claim."""
     numbers, evidence = observer_of(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
@@ -124,7 +125,8 @@ def dwell(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, V = e'P e by the claim's P, for all e' with the evidence's `slopes`;
+    return the number of boxes."""
     error = one_sided_inclusion(context, observer_of(context, claim), slopes)
     demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
@@ -134,7 +136,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
-    """Prove the L2 gain from the claim's inputs to the weighted errors of the states."""
+    """Prove |C e|_2 <= mu |v|_2 from the claim's inputs v, noise and disturbances, to weighted errors of states."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
@@ -150,7 +152,7 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
-    """Prove the ultimate bound of the error of each state."""
+    """Prove the ultimate bound of the error of each state under the claim's bounded inputs, noise and disturbances."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
@@ -163,7 +165,8 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
-    """Return the error at the observer's theta, its parts, its scales, the inputs, and their description."""
+    """Return the `ErrorInclusion`, its `Parts` at the observer's theta, the errors (N) of fields for errors 1 of their
+    states, the claim's inputs, and words for these."""
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
@@ -190,7 +193,8 @@ Shares = list[tuple[Fraction, Fraction]]
 
 
 def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at a theta, by the claim's P, for all slopes; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, V = e'P e by the claim's P, for the high gain on the uniform form with
+    the evidence's `ranges` of slopes; return the number of boxes."""
     _ = context.equations
     observer, n = observer_of(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
@@ -226,7 +230,7 @@ def _above(context: Context) -> list[Fraction]:
 
 
 def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
-    """Return the range of each s_k/F_k', and the number of boxes."""
+    """Return the evidence's range of each s_k/F_k', s_k = A_(k,k+1), F_k' = dF_k/dz_(k+1), and the number of boxes."""
     shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
     for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
         rate, z = context.rates[k], context.z[k + 1]
@@ -254,7 +258,7 @@ def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
 
 
 def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
-    """Yield each K_i q_1 .. q_(i-1) as a slope of its own."""
+    """Yield the `Slope` K_i q_1 .. q_(i-1) for each i, the q_k in their ranges `shares`."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
@@ -262,7 +266,7 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
-    """Yield the error dynamics at all combinations of ends."""
+    """Yield the error dynamics at each combination of ends of slopes and of the q_k in their ranges `shares`."""
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
@@ -273,7 +277,8 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
 
 
 def convergence(context: Context, claim: Claim) -> Finding:
-    """Prove that the error converges exponentially from everywhere."""
+    """Prove that the error of a Kalman filter of z' = A z + b(u), y = C z + d(u) converges exponentially from
+    everywhere: (C, A) is observable, (A, Q) controllable."""
     observer, form, n = observer_of(context, claim), context.form, len(context.z)
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)
@@ -291,7 +296,7 @@ def convergence(context: Context, claim: Claim) -> Finding:
 
 
 def _linear(context: Context, A: Matrix, C: Matrix) -> None:
-    """Demand that the form is z' = A z + b(u), y = C z + d(u)."""
+    """Demand that the certificate's form is z' = A z + b(u), y = C z + d(u)."""
     _ = context.equations
     form, algebra = context.form, context.algebra
     for texts, row in zip(form.A, A, strict=True):
@@ -307,7 +312,7 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
 
 
 def _gramian(A: Matrix, start: Matrix) -> Matrix:
-    """Return the sum of A^k M (A')^k for k < n."""
+    """Return the sum of A^k M (A')^k for k < n, M = `start`."""
     total, term = start, start
     for _ in range(len(A) - 1):
         term = A @ term @ A.T

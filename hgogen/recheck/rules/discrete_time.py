@@ -51,7 +51,7 @@ _FINE = 2**200  # parts of a root
 
 @dataclass(frozen=True)
 class _Running:
-    """The error of the file's observer in steps of the length `h`, by its `method` and at its theta."""
+    """The error of the certificate's observer in steps of the length `h` by a `method`, at its theta."""
 
     context: Context
     error: ErrorInclusion
@@ -67,12 +67,12 @@ class _Running:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error of each field (N) for an error 1 of its state. Raises: `Unproved`."""
+        """The error e_k of each field (N) for an error 1 of the state that it estimates. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @property
     def at(self) -> str:
-        """The words for the method, dt and theta."""
+        """A phrase for a finding on the method, dt and theta."""
         return f"by {self.evidence['method']} at dt = {printed(self.h)}, theta = {printed(self.theta)}"
 
     @property
@@ -100,7 +100,8 @@ def step(context: Context, claim: Claim) -> Finding:
 
 
 def throughout(context: Context, claim: Claim) -> Finding:
-    """Prove |e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
+    """Prove |e+|_P < |e|_P in a step at the claim's theta, at most the observer's, at every step length up to a
+    longest, in pieces with a P each."""
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
@@ -128,7 +129,7 @@ def throughout(context: Context, claim: Claim) -> Finding:
 
 @cache
 def _bernstein(degree: int) -> Matrix:
-    """Return the Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
+    """Return the matrix from a polynomial's values at k/degree to its Bernstein coefficients on [0, 1]."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     return inverse(Matrix([comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at))
 
@@ -189,7 +190,7 @@ def start(context: Context, claim: Claim) -> Finding:
 
 
 def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
-    """Return the limits of all fields that estimate a state, by index."""
+    """Return by index the limits of the errors of all fields that estimate a state; `clear`: the evidence."""
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
@@ -200,7 +201,8 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
 
 
 def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """Return the largest |e(0)|_P^2, for fields that begin with the error of their state, or with 0."""
+    """Return the largest |e(0)|_P^2 for initial errors of states of at most `first` (n), at the corners; a field that
+    estimates no state begins with 0."""
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
@@ -218,7 +220,7 @@ Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
 def error(context: Context, claim: Claim) -> Finding:
-    """Prove the share of each kind of input in the error of each field that estimates a state."""
+    """Prove bounds of the error of each field that estimates a state, for each kind of input: noise, method, .."""
     run, shares, by_kind = (
         _running(context, claim),
         part(claim.evidence, "shares", list),
@@ -252,7 +254,8 @@ def error(context: Context, claim: Claim) -> Finding:
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
-    """Demand that the sizes follow from the plant; return their description, the condition, and the number of boxes."""
+    """Demand that the sizes in the shares follow from the plant; return words for the sizes, words for the condition,
+    and the number of boxes."""
     context, evidence, method, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not method and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
@@ -275,8 +278,8 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
 
 
 def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
-    """Return a bound of a share's effect on the error of each field (N): the share's own bound, or without one the
-    bound by the quadratic forms in which the inputs keep e within 1."""
+    """Return a bound of the effect of a share of inputs on the error of each field (N): the share's own bound, or
+    without one that by |e|_P <= 1 for its P."""
     N, unit = len(scales), scalar(share, "unit")
     bounds = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
     if len(bounds) < N:
@@ -287,17 +290,17 @@ def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fra
 
 
 def _root(value: Fraction) -> Fraction:
-    """Return a close upper bound of the square root."""
+    """Return a close upper bound of the square root of a value."""
     return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
 
 
 def _field(one: Any, count: int) -> int:
-    """Return the field index of a bound, from 0."""
+    """Return the index from 0 of the field of a bound in the evidence."""
     return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
-    """Return the nonzero inputs of a share, in its unit."""
+    """Return the nonzero inputs of a share, in its unit: errors of samples, stages, rows of z' and fields."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
     still, inputs = [Fraction(0)] * len(error.N), list[Input]()
@@ -327,7 +330,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Return `count` sizes that are not negative, or none."""
+    """Return the `count` numbers >= 0 under a key, or []."""
     sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
         raise Unproved(f"a size of its {key} is negative")

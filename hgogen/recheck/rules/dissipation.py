@@ -71,7 +71,8 @@ class ErrorSystem:
 
 
 def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return the error system of the plant, by a claim's gain (n, p), G1 (n, k) and G2 (p, k). Raises: `Unproved`."""
+    """Return e' = F(e, x) + G(e, x) w of the plant and the observer xhat' = f + l (y - h), by the gain l (n, p), G1 (n,
+    k) and G2 (p, k) in the `description`. Raises: `Unproved`."""
     plant = context.plant
     around, n, p = around_of(context, description), len(plant.states), len(plant.output)
     texts = entries(description, "G1", n)
@@ -114,7 +115,7 @@ def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSyste
 
 
 def around_of(context: Context, description: Mapping[str, Any]) -> Box:
-    """Return the ranges of the errors in a claim's description. Raises: `Unproved`."""
+    """Return the ranges of the errors in the `description` of an error system. Raises: `Unproved`."""
     plant, around = context.plant, signals(description, "errors")
     if tuple(around) != tuple(f"e_{x}" for x in plant.states) or around.keys() & plant.box.keys():
         raise Unproved("its errors are not e_ and the name of each of the plant's states, in their order")
@@ -131,7 +132,7 @@ def smooth(texts: Iterable[Expression]) -> None:
 
 
 def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
-    """Return a matrix (rows, columns) of expressions in these names. Raises: `Unproved`."""
+    """Return the matrix (rows, columns) of expressions in these names under a key. Raises: `Unproved`."""
     texts = entries(description, key, rows)
     return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in texts)
 
@@ -163,7 +164,8 @@ OBSERVED = ("observer", "unknown", "along", "flow", "noise", "errors")  # of a c
 
 
 def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return the error system of the file's plant, by a claim's observer, F and G. Raises: `Unproved`."""
+    """Return e' = F(e, x, u) + G(e, x, u) w of the plant and any observer xhat' = g(xhat, y, u), by g, F and G in the
+    `description`. Raises: `Unproved`."""
     plant, around, n = context.plant, around_of(context, description), len(context.plant.states)
     inputs, parameters = context.file.inputs, context.file.parameters
     unknown, along = tuple(part(description, "unknown", list)), part(description, "along", dict)
@@ -211,7 +213,8 @@ def _demand_same(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that the set is invariant, that the claimed system is that of plant and observer, and F(0) = 0."""
+    """Demand that the set x_k = a_k(x) (`along`) is invariant, that F and G of the system are those of plant and
+    observer, and F(0) = 0."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
@@ -272,7 +275,7 @@ _duals = dual(intervals)  # slopes in the names of a box
 
 @dataclass(frozen=True)
 class ClaimedGain:
-    """The error system with the V and the L2 gain mu that a claim states."""
+    """The error system e' = F + G w with V(e) and the L2 gain mu from w to e that a claim states."""
 
     system: ErrorSystem
     V: Expression
@@ -311,7 +314,7 @@ def is_positive(context: Context, claim: Claim) -> Finding:
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
-    """Prove S(e, x) < 0 for every e of the box but 0, and every x."""
+    """Prove S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, and every x."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     reads = {"c": claimed.V.names, "d": claimed.system.read_by_flow, "g": claimed.system.read_by_noise}
@@ -352,7 +355,7 @@ def level(context: Context, claim: Claim) -> Finding:
 
 
 def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
-    """Return the claim's smooth system, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
+    """Return the claim's error system, smooth, with V = 0 and V_e = 0 at e = 0, equal in all claims of the file.
     Raises: `Unproved`."""
     description = part(claim.evidence, "system", dict)
     known_keys = next((keys for keys in _SYSTEMS if description.keys() == {*keys, *_OF_ALL}), None)
@@ -384,7 +387,7 @@ def _vanishing(claimed: ClaimedGain) -> None:
 
 
 def _regular(claimed: ClaimedGain) -> Any:
-    """Return the statement that F has finite slopes in e, and that G is finite."""
+    """Return a function of a box that tries to prove that F has finite slopes in e, and that G is finite."""
     system = claimed.system
 
     def attempt(box: Box) -> Attempt:
@@ -400,7 +403,7 @@ def _regular(claimed: ClaimedGain) -> Any:
 
 
 def _smooth(claimed: ClaimedGain) -> Any:
-    """Return the statement that V has finite second derivatives."""
+    """Return a function of a box that tries to prove that V has finite second derivatives."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -418,7 +421,7 @@ def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
 
 
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
-    """Return the share of the box on which the matrices are proved definite, and the basis T (n, n) of the proof."""
+    """Return the share of the box of errors where matrices are proved definite, and the proof's basis T (n, n)."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
     if share > 1:
         raise Unproved("its share is above 1")
@@ -426,7 +429,7 @@ def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
 
 
 def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
-    """Yield the slabs outside the share of the box, each with its bisection and bound."""
+    """Yield the slabs of the box of errors outside its `share`, each with its bisection and bound from the evidence."""
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
@@ -438,7 +441,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
 
 
 def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
-    """Demand that an expression equals S."""
+    """Demand that an expression equals S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
     (p,) = jacobian((claimed.V,), {name: e[name] for name in claimed.errors}, claimed.errors, arithmetic)
@@ -461,7 +464,7 @@ def _quadratic(claimed: ClaimedGain) -> Matrix | None:
 
 
 def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> Matrix:
-    """Return V_ee (n, n) in any arithmetic."""
+    """Return V_ee (n, n) at values of the errors, in any arithmetic."""
     inner_ = seeded(values, claimed.errors, arithmetic)
     zero = arithmetic.number(Fraction(0))
     (slopes,) = jacobian((claimed.V,), inner_, claimed.errors, dual(arithmetic))
@@ -472,7 +475,7 @@ def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithme
 
 
 def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> Box:
-    """Return the box of the copies c, d, g of the errors, a share of their box, and of the signals that they read."""
+    """Return the box of copies c, d, g of the errors, `share` of their box, and of signals; `reads`: names by copy."""
     box: dict[str, Any] = {}
     for copy, names in reads.items():
         for name in sorted(names):
@@ -485,7 +488,7 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 
 def _definite(claimed: ClaimedGain, T: Matrix, keys: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """Return the statement that T'M T is positive definite, M given by `keys`."""
+    """Return a function of a box that tries to prove that T'M T is positive definite, M = `keys`(claimed, box)."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
@@ -508,7 +511,7 @@ def _number(value: Fraction) -> Dual:
 
 
 def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
-    """Return a copy's values of the errors, and the signals, each with its slope in the names of the box."""
+    """Return values of errors, from the `copy` c, d or g, and of signals, with slopes in the names of the box."""
     every = seeded(sides(box), box, intervals)
     names = {name: f"{copy}.{name}" if name in claimed.around else name for name in claimed.box}
     return {name: every.get(copied, _number(Fraction(0))) for name, copied in names.items()}
@@ -519,7 +522,7 @@ def _hessian(claimed: ClaimedGain, box: Box) -> Matrix:
 
 
 def _second_order(claimed: ClaimedGain, box: Box) -> Matrix:
-    """Return the matrix 2 N(c, d, g) over a box."""
+    """Return 2 N(c, d, g) = -(H F_e + F_e'H + H G G'H/mu^2 + I), H = V_ee(c), F_e at d, G at g, over a box."""
     n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
     H, values = _hessian(claimed, box), seeded(_values(claimed, box, "d"), claimed.errors, _duals)
     rates = [rate.slopes for rate in claimed.system.flow(values, dual(_duals))]

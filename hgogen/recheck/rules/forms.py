@@ -57,7 +57,7 @@ from ..text import KINKS, Expression, expression
 
 
 def _gain(context: Context, claim: Claim) -> Finding:
-    """Prove 0 < a_m <= a_i <= a_M on the box."""
+    """Prove 0 < a_m <= a_i <= a_M on the box, a_i of a chain y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .."""
     low, _, finding = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
     if low <= 0:
         raise Unproved("its lower bound is not above zero")
@@ -65,7 +65,7 @@ def _gain(context: Context, claim: Claim) -> Finding:
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
-    """Refute that a_i is positive, by a point of the box at which it is zero or negative."""
+    """Refute that a_i of a chain is positive, by a point of the box at which it is zero or negative."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)
@@ -76,7 +76,7 @@ def _no_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _offset(context: Context, claim: Claim) -> Finding:
-    """Prove that c = y - a_1 z_1 is finite on the box."""
+    """Prove that c = y - a_1 z_1 of a chain is finite on the box."""
     _ = context.equations
     chain = claim.at[0] if claim.at else 1
     head = context.z[place_of(context, chain, 1)]
@@ -92,7 +92,7 @@ def _offset(context: Context, claim: Claim) -> Finding:
 
 
 def _affine(context: Context, claim: Claim) -> Finding:
-    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that both read no state; A, b
+    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that d and c read no state; A, b
     may read states that an output measures alone, with a number for c_k."""
     _ = context.equations
     z, measured, algebra = context.z, list[str](), context.algebra
@@ -116,7 +116,7 @@ def _affine(context: Context, claim: Claim) -> Finding:
 
 
 def _uniform(context: Context, claim: Claim) -> Finding:
-    """Prove that F_i reads z_1..z_(i+1), and y reads z_1."""
+    """Prove that z_i' = F_i reads z_1..z_(i+1), and y reads z_1."""
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
@@ -129,7 +129,7 @@ def _uniform(context: Context, claim: Claim) -> Finding:
 
 
 def _slope(context: Context, claim: Claim) -> Finding:
-    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
+    """Prove that dh/dz_1, or dF_(i-1)/dz_i, y = h, z' = F, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
     low, high, finding = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
@@ -139,8 +139,8 @@ def _slope(context: Context, claim: Claim) -> Finding:
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
-    """Prove that a slope is zero at a point of the box without a kink; or that it has opposite signs at two points, and
-    its row is continuous."""
+    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is zero at a point of the box without a kink; or that it has opposite signs
+    at two points, and h or F_(i-1) is continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
     read = context.at_kinks(text, rate)
@@ -169,7 +169,7 @@ def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
 
 
 def _lipschitz(context: Context, claim: Claim) -> Finding:
-    """Prove |d rows/dz| <= bound, for the rows in `_STEEP` of the kind of the form."""
+    """Prove |d rows/dz| <= bound for the form's kind: rows of b in chains, else of A z + b, partly with outputs."""
     name, rows = _STEEP[context.form.kind]
     return jacobian_bound(context, claim, rows(context), name)
 
@@ -208,8 +208,8 @@ MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
 def phases(context: Context, claim: Claim) -> Finding:
-    """Prove that Phi is the output with its derivatives along the plant's flow, and smooth on the box. The last entry
-    need not be differentiable in the inputs: it has no derivative where an input passes a kink."""
+    """Prove that Phi is (y, y', .., y^(n-1)) along the plant's flow, and smooth on the box. The last entry need not be
+    differentiable in the inputs: it has no derivative where an input passes a kink."""
     plant, states = context.plant, context.plant.states
     box, rates, Phi = _read_phases(context, claim)
     if len(plant.output) != 1 or len(Phi) != len(states):
@@ -237,7 +237,7 @@ def phases(context: Context, claim: Claim) -> Finding:
 
 
 def rank(context: Context, claim: Claim) -> Finding:
-    """Prove that det dPhi/dx is bounded away from zero; Phi is another claim."""
+    """Prove that det dPhi/dx is bounded away from zero; that Phi is (y, y', ..) is another claim."""
     slopes = _phase_slopes(context, claim)
     low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
     if low <= 0 <= high:
@@ -246,7 +246,7 @@ def rank(context: Context, claim: Claim) -> Finding:
 
 
 def one_to_one(context: Context, claim: Claim) -> Finding:
-    """Prove that all principal minors of L dPhi/dx are above zero; Phi is another claim."""
+    """Prove that all principal minors of L dPhi/dx are above zero; that Phi is (y, y', ..) is another claim."""
     slopes, n, boxes = _phase_slopes(context, claim), len(context.plant.states), 0
     _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
@@ -270,7 +270,7 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """The Jacobian dPhi/dx as quotients, `rows` (n, n), with Phi, its box and its algebra."""
+    """The Jacobian dPhi/dx, Phi = (y, y', ..), as quotients, `rows` (n, n), with Phi, its box and its algebra."""
 
     rows: list[list[Quotient]]
     Phi: list[Expression]
@@ -290,7 +290,7 @@ def _phase_slopes(context: Context, claim: Claim) -> _Slopes:
 def _bounded_determinant(
     slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
 ) -> tuple[Fraction, Fraction, int]:
-    """Return the evidence's bounds of the determinant of rows, once proved, and the number of boxes."""
+    """Return the evidence's bounds low, high of the determinant of `rows`, once proved, and the number of boxes."""
     text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
     if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
         raise Unproved(f"its expression {text.text} is not the determinant")
@@ -300,14 +300,14 @@ def _bounded_determinant(
 
 
 def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
-    """Return the box and the names of `box_of_rates`, and Phi."""
+    """Return the plant's box with the derivatives u' of inputs, their names by u, and Phi = (y, y', ..)."""
     box, rates = box_of_rates(context)
     return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
 
 
 def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
-    """Return the plant's box with the derivatives of inputs, unbounded without a range, and the name of the derivative
-    by the name of the input. Raises: `Unproved`."""
+    """Return the plant's box with the derivatives u', u'', .. of inputs, unbounded without a range, and the name of
+    each derivative by the name of what it is the derivative of. Raises: `Unproved`."""
     count, inputs = len(context.plant.states), context.file.inputs
     endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
     lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
@@ -320,7 +320,7 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
 
 
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
-    """Demand that rows have no kink function, and no table whose derivative of that order jumps."""
+    """Demand that rows have no kink function, and no table with a derivative up to an order that jumps."""
     for row in rows:
         if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
             raise Unproved(f"{row.text[:60]} is not shown to be differentiable")

@@ -72,7 +72,7 @@ class Balls:
         return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
     def times(self, share: Fraction) -> "Balls":
-        """Return the matrix times a number above 0."""
+        """Return the matrix times a number `share` > 0."""
         p, q = share.numerator, share.denominator
         return Balls(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
 
@@ -120,13 +120,13 @@ def _whole(x: Interval) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Window:
-    """The transition matrix over a window of time, and the Gramian over it."""
+    """The matrix Phi of x' = A x over a window of time, and the Gramian W = integral Phi' C' C Phi of y = C x."""
 
     Phi: Balls
     W: Balls
 
     def then(self, after: "Window") -> "Window":
-        """Return the window that joins this one and the next."""
+        """Return the window that consists of the window and the next one, `after`."""
         return Window(after.Phi @ self.Phi, self.W + self.Phi.transposed @ after.W @ self.Phi)
 
 
@@ -134,8 +134,8 @@ Series = Sequence[Balls]
 
 
 def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
-    """Return the window of a piece, from the coefficients below N + 1 of A and C at its beginning, and those below N +
-    2 `around` it, on the whole piece."""
+    """Return the `Window` of a piece of time, from the Taylor coefficients below N + 1 of A and C at its beginning, and
+    those below N + 2 `around` it, as balls on the whole piece."""
     n, p = len(A[0].mid), len(C[0].mid)
     unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
     Phi = [Balls(unit, [[0] * n for _ in range(n)])]
@@ -168,12 +168,13 @@ def _up(value: int, share: Fraction) -> int:
 
 
 def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
-    """Return an upper bound of the coefficient k of a b."""
+    """Return an upper bound of the coefficient k of the product of series a and b, over 2^192."""
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
 def _coefficient(a: Series, b: Series, k: int) -> Balls:
-    """Return the coefficient k of a b, by one product of the coefficients of a in a row and those of b in a column."""
+    """Return the coefficient k of the product of series a and b, by one product of the coefficients of a in a row and
+    those of b in a column."""
     first, last = a[: k + 1], b[k::-1]
     wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
     return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
@@ -256,14 +257,14 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
-    """Return whether it is 2 pi k for an integer k."""
+    """Return whether `turns` is 2 pi k for an integer k."""
     pi = algebra.function("pi", ())
     each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
     return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
 
 
 def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
-    """Demand that each input is inside its range at t_0, strictly if it varies."""
+    """Demand that each input is inside its range at the time `at`, strictly if it varies."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
@@ -276,7 +277,8 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
-    """Return the statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N for one output."""
+    """Return a function of a box of parameters that tries to prove det(N'N) not 0, N the rows C, C A + C', .. at the
+    time `at`; det N for one output."""
     n = len(context.z)
 
     def attempt(box: Box) -> Attempt:
@@ -292,7 +294,7 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
 
 
 def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval) -> list[list[Interval]]:
-    """Return enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time."""
+    """Return the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time, over a box of parameters."""
     n = range(len(context.z))
     A, N = series_of(context, inputs, box, time, len(n))
     rows = [[x.coefficients[0] for x in row] for row in N]
@@ -312,8 +314,8 @@ def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: In
 def series_of(
     context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval, order: int
 ) -> tuple[list[list[Taylor]], list[list[Taylor]]]:
-    """Return A and C as series below the order at a time, along the inputs, for all parameters of the box; the row of C
-    for an output that is affine in z is y(z_k = 1) - y(0). Raises: `Undefined`."""
+    """Return A (n, n) and C (p, n) as Taylor series below an order at a time, along the inputs, for all parameters of
+    the box; the row of C for an output that is affine in z is y(z_k = 1) - y(0). Raises: `Undefined`."""
     arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
     known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
@@ -331,7 +333,8 @@ def series_of(
 
 
 def least(context: Context, claim: Claim) -> Finding:
-    """Prove that every window's smallest eigenvalue is at least the bound, for all parameter values."""
+    """Prove that the smallest eigenvalue of the observability Gramian over every window is at least the claim's bound,
+    for all parameter values."""
     (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
@@ -370,7 +373,7 @@ def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
 
 
 class _Course:
-    """A course of A and C along the inputs, in scaled coordinates."""
+    """The course of A and C along inputs of the time, in units of the half widths of the states' ranges."""
 
     def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
         self.context, self.inputs, self.weights = context, inputs, weights
@@ -383,7 +386,7 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """Demand that the bound holds for every window. Raises: `Unproved`, `Undefined`."""
+        """Demand W >= bound over every window of 2^level pieces of a length. Raises: `Unproved`, `Undefined`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -397,7 +400,7 @@ class _Course:
         return None
 
     def piece(self, begin: Fraction, length: Fraction) -> Window:
-        """Return the window of a piece of time."""
+        """Return the `Window` of the piece of time from `begin` on."""
         A, C = self.series(point(begin), ORDER + 1)
         group = begin // (_GROUP * length)
         if group != self.group:
@@ -406,7 +409,7 @@ class _Course:
         return piece(A, C, self.around, length)
 
     def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
-        """Return a lower bound of the share of |v|^2 that remains from any time in a piece to its end."""
+        """Return a lower bound of |x|^2 at the end of a piece over |x|^2 at any time in it, x' = A x."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.transposed).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
@@ -414,7 +417,7 @@ class _Course:
         return Fraction(low)
 
     def series(self, time: Interval, order: int) -> tuple[Series, Series]:
-        """Return the coefficients of A and C below the order, at a time."""
+        """Return the Taylor coefficients of A and C at a time, below an order, as balls."""
         A, C = series_of(self.context, self.inputs, self.context.form.box, time, order)
         d = self.half
         shares = (
@@ -430,7 +433,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
 
 
 def _demand(window: Window, bound: Fraction) -> None:
-    """Demand that W - bound has no negative eigenvalue."""
+    """Demand that W - bound I of a window's Gramian W has no negative eigenvalue."""
     middle, off = window.W.fractions
     demand_nonnegative({"W less the bound": middle - (bound + off) * unit(len(middle))})
 
