@@ -44,12 +44,10 @@ _STEPS = 12  # points of a grid, and of a finer one inside its best cells
 
 @dataclass(frozen=True)
 class Task:
-    """The task of a gain for a chain of `n` integrators with the slope k.
-
-    `bounds`: "sigma", "largest" of |Y|, and upper bounds of "gamma" and "mu", inf for none; `deltas` None without a
-    disturbance; `K` (n, 1) a given gain, for which only P is searched; D P + P D >= `margin` lambda; `least` the lower
-    bound of gamma, from which k holds.
-    """
+    """The design of K and P for a chain of `n` integrators whose nonlinear part has the Lipschitz constant k =
+    `slope`. `bounds`: "sigma", "largest" of |Y|, Y = P K, and upper bounds of "gamma" and "mu", inf for none;
+    `deltas`: delta_1, delta_2 of a disturbance, or None; `K` (n, 1): a given gain, for which only P is searched; D P
+    + P D >= `margin` lambda; `least`: the gamma from which on k holds."""
 
     n: int
     slope: float
@@ -60,11 +58,11 @@ class Task:
     least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
-        """Return the task with another bound of that name."""
+        """Return the task with the bound called `name` replaced by `value`."""
         return replace(self, bounds={**self.bounds, name: value})
 
     def unknown(self, x: Array) -> tuple[Array, Array]:
-        """Return P and Y = P K from the first of the variables x."""
+        """Return P (n, n) and Y = P K (n, 1) from the first entries of the program's variables x."""
         p = self.n * (self.n + 1) // 2
         P = symmetric(x[:p], self.n)
         return P, x[p : p + self.n, None] if self.K is None else P @ self.K
@@ -72,7 +70,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The solution P (n, n) and Y = P K (n, 1) of the solver, with `gamma` and `mu` (inf without a disturbance)."""
+    """A solution in floats: P (n, n), Y = P K (n, 1), the bound `gamma`, and `mu`, inf without a disturbance."""
 
     P: np.ndarray
     Y: np.ndarray
@@ -81,8 +79,8 @@ class Optimum:
 
 
 def best(task: Task) -> Optimum | None:
-    """Return the optimum with the smallest gamma, or mu where there is a disturbance, within the bounds; None where the
-    solver finds none. Raises: `NoSolver`."""
+    """Return the solution with the smallest gamma, or with a disturbance the smallest mu, within the task's bounds;
+    None where the solver finds none. Raises: `NoSolver`."""
     optimum = _optimum(task)
     if optimum is None or optimum.gamma > task.bounds["gamma"]:
         return None
@@ -102,13 +100,14 @@ def best(task: Task) -> Optimum | None:
 
 
 def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
-    """Return the optimum of (88) by one program in P/t, Y/t, with lambda/t = 1/2; or of (89) at a gamma."""
+    """Return the solution with the least gamma (88), by one program in P/t, Y/t, lambda/t = 1/2; or at a given
+    `gamma` the one with the least mu (89)."""
     n, p = task.n, task.n * (task.n + 1) // 2
     A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
     largest, free = task.bounds["largest"], 0 if task.K is not None else n
 
     def blocks(x: Array) -> list[Array]:
-        """Return (54), D P + P D >= 0, P <= peak I, |Y| <= largest; for (89) lambda gamma >= .., (87)."""
+        """Return the matrices that must be >= 0: (54), D P + P D, peak I - P, |Y| <= largest; for (89) also (87)."""
         (P, Y), (peak, decay, last) = task.unknown(x), (x[-2], 0.5, x[-1]) if gamma is None else x[-3:]
         turned, scale = D @ P + P @ D, last if gamma is None else 1.0
         phi = A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * turned + decay * one
@@ -165,7 +164,8 @@ class Design:
 
 @dataclass(eq=False)
 class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name a feasible value of one bound alone."""
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name the value of this bound that would do
+    alone."""
 
     n: int
     bounds: dict[str, float]
@@ -220,7 +220,8 @@ def adaptive_gain(
 
 
 def _count(n: Any, slope: Any) -> int:
-    """Return the number of integrators, and demand that it and the slope are valid."""
+    """Return the number of integrators of `n`, a number or a form, and demand that `slope` is given for a number
+    alone."""
     if isinstance(n, Form):
         if slope is not None:
             raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
@@ -241,11 +242,8 @@ def _count(n: Any, slope: Any) -> int:
 
 
 def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Task:
-    """Return the task with the form's slope from the gamma with the best design, within all bounds but that of mu.
-
-    k(gamma) decreases as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma is
-    valid; otherwise a smaller one may be.
-    """
+    """Return the task with the form's Lipschitz constant k(gamma) at the gamma of the best design. k decreases as
+    gamma grows: where a design's bound is above its gamma, a larger gamma is valid, else a smaller one may be."""
     free = task.bounded("mu", math.inf)
 
     def at(gamma: float) -> tuple[Task, Design | None]:
@@ -271,12 +269,12 @@ def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Ta
 
 
 def _objective(design: Design) -> Fraction:
-    """Return the bound that the best design minimises: that of mu, or without a disturbance that of gamma."""
+    """Return the mu of a design, without a disturbance its gamma: the number that the search minimises."""
     return design.gamma if design.mu is None else design.mu
 
 
 def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
-    """Return the best proved design within the bounds, in few digits if possible; None where there is none."""
+    """Return the best design that is proved within the task's bounds, with K and P in few digits; None for none."""
     for margin in _MARGINS:
         optimum = best(replace(task, margin=margin))
         if optimum is None:
@@ -314,7 +312,7 @@ def _column(K: Any, n: int) -> np.ndarray:
 
 
 def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
-    """Return K and P in so many digits with their proofs; None where rounding loses a proof, or violates a bound."""
+    """Return K and P of a solution in `digits` (of K, of P) with their proofs; None where rounding loses one."""
     P = [[_to_digits(value, digits[1]) for value in row] for row in optimum.P.tolist()]
     if task.K is None:
         K = [_to_digits(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
@@ -343,7 +341,7 @@ def _to_digits(value: float, digits: int) -> float:
 
 
 def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
-    """Return, by name, a feasible value of each bound that alone makes the task infeasible."""
+    """Return, by name, for each bound that alone makes the task infeasible, a value with which there is a design."""
     enough = {}
     for name in names:
 
@@ -363,7 +361,8 @@ def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """Return a feasible value in the direction of the factor, near the edge; None where the edge is too far."""
+    """Return a bound's value with which `at` finds a design, near the least change from `refused`, which is searched
+    by powers of `factor`; None where six of them do not do."""
     good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None

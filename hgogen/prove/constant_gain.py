@@ -42,7 +42,7 @@ from hgogen.sentence import NONE, Reason, because
 
 
 def no_argument(form: Form) -> Reason:
-    """Return why the b of a form allows no output error in its argument, or `NONE`."""
+    """Return why the b of a form cannot be evaluated at z + N (y - C z) in the place of z; `NONE` where it can."""
     if form.jacobian is not None:
         return because("it works in chains, and this form keeps the plant's coordinates")
     if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
@@ -51,18 +51,19 @@ def no_argument(form: Form) -> Reason:
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
-    """Return the entries N (n) with which b reads the sample in the place of the first state of each chain."""
+    """Return the N (n) with which b(z + N (y - C z)) reads the sample in the place of the first state of each chain:
+    1/a_1 there, 0 elsewhere."""
     return tuple(1 / a if i == 0 else sp.S.Zero for chain in chains(form) for i, a in enumerate(chain))
 
 
 def numbers_in_place(form: Form) -> list[float]:
-    """Return the entries of `sample_in_place` at the nominal parameters."""
+    """Return the N (n) of `sample_in_place` as floats, at the nominal parameters."""
     return [float(sp.sympify(entry).subs(form.system.nominal)) for entry in sample_in_place(form)]
 
 
 def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr]) -> Inclusion | Nothing:
-    """Return the inclusion of an observer of a constant gain whose b has an argument with these entries N (n, or n q:
-    `columns`) of numbers and parameters."""
+    """Return the `error` of an observer with a constant gain changed to one whose b has the argument z + N (y - C
+    z); `entries` of N (n, or n q: `columns`), numbers or expressions of parameters."""
     if isinstance(error, Nothing):
         return error
     read = _by_field(form, error, as_matrix(form, entries))
@@ -83,7 +84,7 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
 
 
 def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
-    """Return the inclusion, or why there is none for a step: a slope with an infinite end."""
+    """Return the error, or `Nothing` where a slope of b has an infinite end: no step can then be proved."""
     if isinstance(error, Nothing) or not error.endless:
         return error
     i, j = error.endless[0].entry or (0, 0)
@@ -92,8 +93,8 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 
 
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
-    """Return, for each field, the row (n, n) that b reads for its error: of that error and of the chains' first
-    states."""
+    """Return, for each state z_j, the row (n) of e_j - sum_k N_jk a_(k,1) e_k, e_k the error of the first state of
+    chain k: the combination of errors that b reads in the place of e_j."""
     rows = [list(field_row(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
@@ -107,7 +108,7 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
 
 
 def _number(value: Any, form: Form) -> Fraction | None:
-    """Return the value as a rational number, if it has one whatever the parameters that have ranges."""
+    """Return the value as a rational number; None where it contains an input or a parameter with a range."""
     known = sp.cancel(exact(sp.sympify(value).xreplace(fixed(form))))
     return Fraction(known.p, known.q) if known.is_Rational else None
 
@@ -117,10 +118,8 @@ Chain = tuple[sp.Expr, ...]
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """The gain `K` with the inclusion `error`.
-
-    `driven`: whether A or C depends on an input; then `vertices` (k, n, n) are A - K C at the ends of the ranges.
-    """
+    """A gain `K` of z' = A z + b + K (y - C z), with the `error` of its observer. `driven`: whether A or C depends
+    on an input; `vertices` (k, n, n): then A - K C at the ends of the ranges of the a_i."""
 
     K: ScaledGain
     driven: bool
@@ -194,13 +193,15 @@ def _from_gains(
 
 
 def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
-    """Return the entries of a gain of chains (n, or n q: `columns`), given in the same way as K. Raises: `BadGain`."""
+    """Return the entries (n, or n q: `columns`) of a gain, given as K may be: a sequence, one for each chain, or a
+    matrix. `what` names the argument in an error. Raises: `BadGain`."""
     groups = _groups(what, values, [chain for chain in chains(form) if chain])
     return tuple(x for _, k in groups for x in k.ravel().tolist())
 
 
 def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
-    """Yield the chains that the gain couples, with its block: all for a matrix, else one by one. Raises: `BadGain`."""
+    """Yield pairs of the chains that share a block of the gain and this block: all chains for a matrix, else one by
+    one. Raises: `BadGain`."""
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)
@@ -215,7 +216,7 @@ def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequ
 
 
 def _shape(values: Any) -> tuple[int, ...]:
-    """Return the shape of an array, () of anything else, such as rows of different lengths."""
+    """Return the shape of an array-like value; () of any other, such as rows of different lengths."""
     try:
         return np.shape(values)
     except ValueError:
@@ -223,7 +224,8 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Return each group's matrices (k_i, n_i, n_i) along the diagonal: all eigenvalues, not all combinations."""
+    """Return matrices (k, n, n) with the groups' matrices (k_i, n_i, n_i) along the diagonal; they have all
+    eigenvalues, but not all combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):
@@ -232,7 +234,8 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
-    """Return the values for each chain. Raises: `BadGain` where they are not one sequence for each."""
+    """Return one sequence of `values` for each chain, of these `sizes`. Raises: `BadGain` where they are not given
+    so."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
@@ -243,7 +246,8 @@ def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") ->
 
 
 def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """Return a_(i,1), .. of each output, free of states; 1 for phase coordinates. Raises: `BadGain`."""
+    """Return the factors a_1, a_2, .. of each output's chain, y = a_1 z_1, z_i' = a_(i+1) z_(i+1) + b_i, where they
+    contain no state; ones for phase coordinates. Raises: `BadGain`."""
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
         raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")

@@ -69,12 +69,12 @@ EXISTS = "in continuous time, without noise, the error converges exponentially f
 
 
 def theta_claim(theta: float) -> str:
-    """Return the claim that theta is above the bound."""
+    """Return the text of the claim that `theta` is above the bound from which on errors converge."""
     return f"theta = {same(theta)} is above that bound"
 
 
 def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
-    """Return the claims `MAKER.convergence` and `MAKER.theta` as unknown, as no bound is proved."""
+    """Return the checks `MAKER.convergence` and `MAKER.theta` as unknown, for the reason `why`."""
     none, fix = because("no bound is proved"), "Validate by trials."
     return (
         Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
@@ -83,7 +83,8 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
 
 
 def decays(rate: float, during: str = "") -> Reason:
-    """Return the sentence that the error decays at a rate, or that it does so `during` certain times."""
+    """Return the sentence that the error decays like exp(-`rate` t), where given with `during`, such as "between
+    switches"."""
     pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
     decay = because(pattern, rate=Down(rate, 2))
     return because("{during} {decay}", during=during, decay=decay) if during else decay
@@ -108,8 +109,8 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -alpha V at `theta`, by the `weights`, whose S is empty where corners are checked one by one.
-    `others`: parameters of V other than P, by name."""
+    """A proof that V' <= -`alpha` V, V = e'P e, for all slopes at `theta`, by the `weights` P and S; S is empty
+    where corners are checked one by one. `others`: parameters of V besides P, by name."""
 
     theta: Fraction
     alpha: Fraction
@@ -118,19 +119,19 @@ class Falls:
 
     @property
     def rate(self) -> float:
-        """The rate r (1/s) with |e|_P <= exp(-r t), rounded down."""
+        """The rate r = alpha/2 (1/time) with |e|_P <= exp(-r t) |e(0)|_P, rounded down."""
         return outward.number(self.alpha / 2)[0]
 
     @property
     def written(self) -> Evidence:
-        """The P and the other parameters for a certificate, and S where there are multipliers."""
+        """P, the other parameters of V, and S where there are multipliers, under the keys of a certificate."""
         return {"P": self.weights.P, **self.others} | ({"S": self.weights.S} if self.weights.S else {})
 
 
 @dataclass(frozen=True, eq=False)
 class GainVariation:
-    """The effect of a time-varying gain on e' = M e: `shift` is added to M/theta; each of the `cores` N adds the system
-    e' = theta N e without b; each of the `ways` W adds W e times any share >= 0 to e'. All are of FLINT's rationals."""
+    """The effect of a varying gain on e' = M e, in FLINT's rationals (N, N): `shift` is added to M/theta; V must
+    also fall for e' = theta C e for each C of the `cores`, and not rise for e' = theta W e for each W of the `ways`."""
 
     shift: Array
     cores: tuple[Array, ...] = ()
@@ -139,7 +140,7 @@ class GainVariation:
     def forms(
         self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
     ) -> Iterator[Quadratic]:
-        """Yield the forms of `falling`, and those of the additional terms in the same size."""
+        """Yield the quadratic forms that prove V' <= -alpha V for the error system e at theta with this gain."""
         known = floats if e.M.dtype == float else np.asarray
         shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
@@ -156,12 +157,10 @@ STILL = GainVariation(rational([[0]]))  # for a constant gain
 
 @dataclass(frozen=True)
 class Flow:
-    """The `error` of an observer in continuous time, and the search for Lyapunov functions at `theta` and beyond.
-
-    `how`: their name in claims; here norms, of an observer whose gain varies by its `variation`. `first` (n, n): a P >
-    0 in floats to try first. A subclass for another kind of function defines its weights in floats at a theta and an
-    alpha (`_weights`), for which other thetas and alphas they are valid (`_thetas`, `_alphas`), and its proof (`at`).
-    """
+    """The `error` of an observer in continuous time, and the search for V = e'P e that falls for all slopes, at
+    `theta` and from which theta on. `how`: the name of V in claims; `variation`: how the gain varies; `first` (n,
+    n): a P > 0 in floats to try first. A subclass for another V defines its weights at a theta and an alpha
+    (`_weights`), the other thetas and alphas for which these are valid (`_thetas`, `_alphas`), and its proof (`at`)."""
 
     error: Inclusion
     theta: Fraction
@@ -173,7 +172,7 @@ class Flow:
 
     @cached_property
     def fastest(self) -> Falls | None:
-        """A proof at theta with a rate close to the largest; None where none is found."""
+        """A proof of V' <= -alpha V at theta, with alpha near the largest; None where none is found."""
         theta, weights = self.theta, self._weights_at_theta
         if weights is None:
             return None
@@ -186,8 +185,8 @@ class Flow:
 
     @cached_property
     def least(self) -> Falls | None:
-        """A proof at a theta close to the least, below the declared one if there are weights for it; None if there is
-        none."""
+        """A proof that V falls at a theta near the least possible: below the declared one if that is proved, else
+        above it; None where none is found."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
         first = (self.theta, self._weights_at_theta) if self._weights_at_theta is not None else next(later, None)
@@ -206,7 +205,8 @@ class Flow:
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
-        """Return constant slopes at which errors do not decay at theta; `NONE` where none of those tried is such."""
+        """Return a reason that names constant slopes with which errors do not decay at theta; `NONE` where no corner
+        has one. `states` name the z_j."""
         speed, d = self.slowest
         if speed < 0:
             return NONE
@@ -216,17 +216,19 @@ class Flow:
 
     @cached_property
     def _weights_at_theta(self) -> Any:
-        """The weights at theta; None where there are none, or where an error does not decay at constant slopes."""
+        """The P and S, in floats, with which V falls at theta; None where none are found, or constant slopes exclude
+        them."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
     def _system(self) -> Callable[[Fraction], Uncertain]:
-        """The function from theta to the system of the error; it caches the last ones, as each is used at several
-        rates."""
+        """The function from theta to the error system e' = M e + G diag(d) H e there; the last 16 results are
+        cached."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
-        """Return the largest real part of an eigenvalue over the corners that are tried, and its corner."""
+        """Return the largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at a theta, and
+        its d."""
         e = self._system(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
@@ -234,7 +236,8 @@ class Flow:
 
     @cached_property
     def slowest(self) -> tuple[float, Array]:
-        """The slowest corner at theta."""
+        """The largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at the declared theta,
+        and its d."""
         return self._slowest(self.theta)
 
     def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
@@ -247,7 +250,8 @@ class Flow:
         return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at theta: constant slopes at which errors do not decay, or the worst slope."""
+        """Return why there is no proof at theta: constant slopes with which errors do not decay, or the slope whose
+        range hinders most. `states` name the z_j."""
         unstable = self.unstable(states)
         if unstable:
             return unstable
@@ -262,7 +266,7 @@ class Flow:
         return because(pattern, i=i + 1, z=states[j], low=low, high=high)
 
     def by(self, weights: Weights, alpha: Fraction) -> Falls | None:
-        """Return a proof at theta by these weights; None where they prove nothing."""
+        """Return the proof that V' <= -alpha V at theta by these `weights`; None where they do not prove it."""
         P, S = rational(weights.P), rational(weights.S)
         forms = self._exactly(self.theta, alpha)
         return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None
@@ -275,7 +279,7 @@ class Flow:
         )
 
     def _hindrance(self) -> Slope | None:
-        """Return the slope of b whose narrowing brings the forms at theta nearest to being negative."""
+        """Return the slope of b whose narrowing by a hundredth raises the margin of the forms at theta most."""
         forms = self._floats(self.theta, Fraction(0))
         best = widest(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
         if best is None:
@@ -292,17 +296,17 @@ class Flow:
         return min(gains, key=gains.__getitem__, default=None)
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """Return a proof of that rate at a theta; None where none is found."""
+        """Return a proof of V' <= -alpha V at a theta; None where none is found."""
         weights = self._weights(theta, alpha)
         known = weights and self._proved(self._exactly(theta, alpha), *weights)
         return Falls(theta, alpha, known) if known else None
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return rational weights near P and S that prove the forms; None where none are found."""
+        """Return rational P and S near those given that prove all forms negative; None where none are found."""
         return proved(forms, P, S)
 
     def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Any:
-        """Return weights in floats with which the forms are negative; None where none are found."""
+        """Return P and S, in floats, with which V' <= -alpha V at a theta; None where none are found."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
         return weights if weights is not None and negative(forms, *weights, self._coordinates) else None
@@ -317,8 +321,8 @@ class Flow:
         return (best.P, best.S) if best is not None and best.margin > 0 else None
 
     def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
-        """Return the weights with the largest margin for the binding forms. These are few, and are cached. Other forms
-        join them until every form has at least half of the margin."""
+        """Return P and S with the largest margin of all forms, from programs with few of them: the first and last,
+        then those with less than half of the margin, until none is left. The chosen ones are kept for the next call."""
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
@@ -339,12 +343,12 @@ class Flow:
 
     @cached_property
     def _binding(self) -> list[int]:
-        """The indices of the binding forms that are known so far."""
+        """The indices of the forms that `_widest` has chosen so far."""
         return []
 
     def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
-        """Return the first P, scaled to the trace n, or that of the linear part, and the S with which slopes cost
-        least; None where there is no such P."""
+        """Return `first`, scaled to the trace n, or else the P of the linear part, and the S that suit it best; None
+        where there is no P. No solver is needed."""
         first = self.first
         P = self.error.linear_lyapunov if first is None else np.asarray(first * len(first) / np.trace(first))
         if P is None:
@@ -363,7 +367,8 @@ class Flow:
 
     @cached_property
     def _coordinates(self) -> Array | None:
-        """P^(-1/2) of the first P: coordinates in which a solver expects P near the unit matrix."""
+        """The matrix P^(-1/2) of `first`, or else of the linear part: coordinates in which a solver expects P near
+        1."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
@@ -375,8 +380,8 @@ def _reached(
     seek: Callable[[Fraction], Any],
     close: float,
 ) -> Fraction:
-    """Return how far from `start` towards `end` there are weights: first as far as the known weights are valid, then
-    from there on with new ones, last by bisection."""
+    """Return the value nearest to `end`, from `start` on, for which there are weights: as far as `serving(weights)`
+    holds, then with new weights by `seek`, last by bisection until the ratio of the ends is below `close`."""
     for _ in range(_ROUNDS):
         value = farthest(serving(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
@@ -398,14 +403,15 @@ _NO_NORM = (
 
 @dataclass(frozen=True)
 class OneSided(Flow):
-    """The search for an `error` of which some slopes have an infinite end, at `theta` and beyond."""
+    """The search for V = e'P e of an `error` of which some slopes have an infinite end, at `theta` and beyond: P
+    must satisfy P onto_k = s_k lambda_k reads_k', lambda_k >= 0, for each such slope k of sign s_k."""
 
     how: str = "one norm that keeps to the signs of slopes without an end,"
     close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
 
     @property
     def endless(self) -> tuple[Slope, ...]:
-        """The slopes with an infinite end that read an error."""
+        """The slopes with an infinite end that multiply an error."""
         return tuple(slope for slope in self.error.endless if any(slope.reads))
 
     @property
@@ -414,11 +420,12 @@ class OneSided(Flow):
         return no_solver(_ONE_SIDED) or because(_NO_NORM)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at theta."""
+        """Return why there is no proof at the declared theta."""
         return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return weights of rounded coefficients of the basis, so that P satisfies the equations exactly."""
+        """Return rational P and S near those given that prove all forms negative; P is a sum of the basis matrices,
+        so that P onto_k = s_k lambda_k reads_k' holds exactly."""
         rows = np.array([floats(matrix).ravel() for matrix in self._basis])
         y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
         for bits in _BITS:
@@ -432,8 +439,8 @@ class OneSided(Flow):
 
     @cached_property
     def _basis(self) -> tuple[Array, ...]:
-        """A basis of the symmetric P (n, n), of FLINT's rationals, for which P onto_k is parallel to reads_k for all
-        k."""
+        """A basis, in FLINT's rationals, of the symmetric P (n, n) with P onto_k parallel to reads_k for every
+        endless slope k."""
         n = len(self.error.N)
         units, slopes = list[Array](), self.endless
         for j in range(n):
@@ -451,14 +458,15 @@ class OneSided(Flow):
         return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
 
     def _lambdas(self, P: Array) -> Iterator[Any]:
-        """Yield the lambda_k of a P that satisfies the equations, in its arithmetic."""
+        """Yield the lambda_k of P onto_k = s_k lambda_k reads_k' for each endless slope k, in the arithmetic of P."""
         for slope in self.endless:
             onto, reads = rational(slope.onto), rational(slope.reads)
             onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
             yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
 
     def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
-        """Return P that satisfies the equations, and multipliers S, with the largest margin of the forms in floats."""
+        """Return P, a sum of the basis matrices, and S with the largest margin of the forms, in floats; None for
+        none."""
         basis = [floats(matrix) for matrix in self._basis]
         if not basis or no_solver(_ONE_SIDED):
             return None
@@ -468,7 +476,7 @@ class OneSided(Flow):
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
-    """Return a basis of the null space of the rows, of vectors x (count)."""
+    """Return a basis of the vectors x (count) with row x = 0 for all `rows`."""
     if not rows:
         return [[fmpq(int(i == j)) for j in range(count)] for i in range(count)]
     reduced, rank = fmpq_mat([list(row) for row in rows]).rref()
@@ -485,36 +493,37 @@ def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
 
 @dataclass(frozen=True)
 class FromTheta:
-    """A proof that every theta above `theta` converges, by the Lyapunov function there."""
+    """A proof that the `error` converges at every theta above a bound, by a V that `falls` there."""
 
     error: Inclusion
     falls: Falls
 
     @property
     def theta(self) -> Fraction:
-        """The bound, at which the error is proved to converge too."""
+        """The bound, at which the error converges too."""
         return self.falls.theta
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the bounds of the slopes, theta, and the P and S at it."""
+        """Return the ranges of the slopes, the bound on theta, and P and S at it, under the keys of a certificate."""
         function = self.falls.written
         return None if function is None else {"error": self.error, "least": self.theta, **function}
 
 
 @dataclass(frozen=True)
 class AtTheta:
-    """A proof of the rate at which the error decays at the declared theta."""
+    """A proof of the rate at which the error decays at the declared theta, by a V that `falls`."""
 
     falls: Falls
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return alpha, and the P and S for it; the slopes are those of the claim of convergence."""
+        """Return alpha, P and S; the ranges of the slopes are in the evidence of `FromTheta`."""
         function = self.falls.written
         return None if function is None else {"alpha": self.falls.alpha, **function}
 
 
 def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
-    """Return `MAKER.convergence`, that there is a bound, and `MAKER.theta`, that theta is above it, with the rate."""
+    """Return the checks `MAKER.convergence`, that errors converge above some theta, and `MAKER.theta`, that `theta`
+    is above it, with the rate."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
     kind = OneSided if error.endless else Flow
@@ -524,8 +533,8 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
 def claims(
     maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
-    """Return these claims for an observer with these numbers; theta is the gain `name`, the error decays `during` some
-    time."""
+    """Return the checks `MAKER.convergence` and `MAKER.theta` from the search `flow`; `numbers`: the observer's
+    arguments, `name` of the gain theta, `during` as in `decays`."""
     theta = float(flow.theta)
     try:
         least = flow.least

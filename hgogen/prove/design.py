@@ -95,7 +95,7 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
 
 
 class Checks(tuple[Check, ...]):
-    """Checks that print one on each line."""
+    """A tuple of checks that prints each on a line of its own."""
 
     __slots__ = ()
 
@@ -294,7 +294,7 @@ def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: fl
 
 
 def _below_exp(x: Fraction) -> Fraction:
-    """Return a number below e^x, x >= 0: (1 + x/m)^m by squares, each rounded down."""
+    """Return a number just below e^x, x >= 0: (1 + x/m)^m, m = 2^12, by squares that are rounded down."""
     power = 1 + x / (1 << _SQUARES)
     for _ in range(_SQUARES):
         power = Fraction(int(power * power * (1 << 60)), 1 << 60)
@@ -302,7 +302,7 @@ def _below_exp(x: Fraction) -> Fraction:
 
 
 def _least(enough: Callable[[Fraction], bool]) -> float:
-    """Return approximately the least k >= 1 that is `enough`, where every larger one is enough; the result is."""
+    """Return a k >= 1 with `enough(k)`, near the least one, where every larger k is enough. Raises: `BadGain`."""
     low, high = 1.0, 1.0
     while not enough(Fraction(high)):
         low, high = high, 2 * high
@@ -343,7 +343,7 @@ def _square(column: Sequence[Fraction]) -> Fraction:
 
 
 def _condition(P: Any, peak: Fraction) -> Fraction:
-    """Return sqrt(cond P), rounded up."""
+    """Return sqrt(`peak`/lambda_min(P)), the root of the condition number of P, rounded up."""
     return root(peak / smallest(exact(P))[0], bits=52)
 
 

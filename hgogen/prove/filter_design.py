@@ -68,7 +68,8 @@ class InjectionFilter:
 
 
 def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
-    """Return the inclusion of the observer's error, with `pushed` (n, m) its N H; or why there is none."""
+    """Return the error of the observer with a filter F (m, m), G (m) and `pushed` = N H (n, m); or why there is
+    none."""
     n, m = pushed.shape
     order = (*range(n), *[0] * m)
     layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
@@ -78,7 +79,8 @@ def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarra
 
 
 def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Return Q (n + m, n + m)."""
+    """Return the matrix [A, N H; -G C, F] (n + m, n + m) of the linear error, A and C a chain of n integrators,
+    `pushed` = N H."""
     n = len(pushed)
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
 
@@ -122,7 +124,8 @@ Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
 
 @dataclass(frozen=True)
 class _Search:
-    """A search for a filter of `m` states on a chain, for the error of the state at that place."""
+    """The search for a filter with `m` states that decays at `rate` and lets little noise through to the error of
+    state `state` (index from 0) of a chain, at `theta`."""
 
     chain: Integrators
     theta: Fraction
@@ -132,9 +135,9 @@ class _Search:
 
     @property
     def first(self) -> Filter:
-        """The first filter with the least bound: that of alpha = 3, beta = 1, with all poles at -1, or a faster one
-        with the same injection at rest. A filter with fewer states injects its last state into the remaining ones;
-        additional states are not injected."""
+        """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or a faster one with the same
+        gain at rest, of least bound. With m < n its last state is injected into all later ones; states beyond n are
+        not injected."""
         n, m = self.chain.n, self.m
         at = [(i, min(i, m - 1)) for i in range(n)]
         filters = []
@@ -146,12 +149,14 @@ class _Search:
         return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
-        """Return a proof of the rate, with a bound of the effect of noise."""
+        """Return the proved bound of the state's error under noise at the wanted rate; None where the filter has
+        none."""
         query = self._query(filter_)
         return bound_at(*query) if query and bound_in_floats(*query) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
-        """Yield filters with few digits, the best first: in floats none near the first one is better."""
+        """Yield filters in few digits, that with the least bound in floats first, from a simplex search near
+        `filter_`."""
         from scipy.optimize import minimize  # a dependency of the solver
 
         # filters and costs, and the coordinates of the best P
@@ -172,8 +177,8 @@ class _Search:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
     def _cost(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
-        """Return the logarithm of the bound in floats, and the coordinates in which its P is the unit matrix; a large
-        number where there is none. The search for P starts in the given coordinates, or else in those of the filter."""
+        """Return the logarithm of the bound in floats and the W = P^(-1/2) of its P; 1e6 and None without a bound.
+        The search for P starts at the given W, else at that of the filter."""
         for W in (*coordinates, None):
             query = self._query(self._filter(numbers), W)
             known = query and bound_in_floats(*query)
@@ -182,8 +187,8 @@ class _Search:
         return _LARGE, None
 
     def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """Return the arguments of a bound, in coordinates W or those of a P with which all errors decay, if there is
-        one."""
+        """Return the arguments of `bound_at` for a filter, in coordinates W, by default those of a V that falls;
+        None where its linear error does not decay."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")
@@ -201,7 +206,7 @@ class _Search:
         return lambda alpha: driven(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
-        """Return the diagonal of F and the one above it, and H."""
+        """Return the searched numbers of a filter: the diagonal of F, the one above it, and H."""
         F, _, H = filter_
         return np.concatenate([np.diag(F), np.diag(F, 1), H.ravel()])
 

@@ -67,8 +67,9 @@ _NOISY = 0.5  # the rate of noise over the rate of decay
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """The system of the error without a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p)
-    and `E` (m, p), with v in units of its sizes; `chain` (n): the output of each state's chain."""
+    """An error system whose gain K is still to be chosen, e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E
+    v): `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p), `E` (m, p), v in units of the noise;
+    `chain` (n): the output to whose chain each state belongs."""
 
     M: Array
     G: Array
@@ -81,14 +82,15 @@ class Open:
 
     @property
     def with_gain(self) -> Uncertain:
-        """The system of the error, with the rows that a gain multiplies appended (n + p, ..)."""
+        """The system with matrices [M; -C], [G; -D] and [B; I] (n + p, ..): [P, Y] times these, Y = P K, is P times
+        those with K."""
         M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def scaled(self, T: Array, pace: float) -> "Open":
-        """Return the system of x, e = diag(T) x, in a time `pace` times as fast, with each slope's input and reading
-        balanced."""
+        """Return the system of x, e = diag(T) x, in a unit of time 1/`pace`, each slope's column of G as long as its
+        row of H."""
         G, H = self.G / T[:, None] / pace, self.H * T
         columns, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > _SMALL) & (columns > _SMALL)))
@@ -96,8 +98,8 @@ class Open:
         return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
     def scale(self, pace: float) -> Array:
-        """Return the T (n) with which noise moves the head of a chain by 1, and a state of size 1 moves the one before
-        it by `pace` in a unit of time."""
+        """Return the T (n) of e = diag(T) x with which noise of 1 is an error of 1 in x of a chain's first state,
+        and each x_i has the factor `pace` in x_(i-1)'."""
         T = np.zeros(len(self.M))
         for i, j in enumerate(self.chain):
             head = i == 0 or self.chain[i - 1] != j
@@ -105,7 +107,8 @@ class Open:
         return T
 
     def pace(self, rate: float) -> float:
-        """Return the rate times the least power of 2 at whose scale no slope is larger than the chain's entries."""
+        """Return rate 2^k with the least k at which, in the scale of this pace, no slope is larger than the chain's
+        factors."""
         pace = rate
         for _ in range(_DOUBLINGS):
             x = self.scaled(self.scale(pace), pace)
@@ -117,8 +120,8 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The task: a gain for the `open` system with a `rate`, a small largest |c e| over the `rows` c (r, n), and a speed
-    <= `fastest` (1/time)."""
+    """A gain to be designed for the `open` system: errors decay at `rate`, the largest |c e| under noise over the
+    `rows` c (r, n) is small, and noise alone changes the error at a speed of at most `fastest` (1/time)."""
 
     open: Open
     rate: float
@@ -127,12 +130,13 @@ class Task:
 
     @cached_property
     def pace(self) -> float:
-        """The unit of time in which numbers are near 1: a long chain needs poles that are faster than the rate."""
+        """The speed (1/time) in units of which the program's numbers are near 1; it grows with n, as long chains
+        have fast poles."""
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
-        """Return K (n, p) by one P for this rate, and for noise at the rate `noisy`, if there is one. Raises:
-        `NoSolver`."""
+        """Return K (n, p) for which one P proves the decay at `rate` and a small bound of noise at alpha = 2
+        `noisy`; None where none is found. Raises: `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
@@ -143,15 +147,15 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The program in the scale of the chain. Its variables (N) are the entries of P and Y, the multipliers of slopes
-    for the rate, those with noise, and the lambda; t is the last."""
+    """The cone program for a gain in scaled units. Its variables (N) are the entries of P and Y = P K, multipliers
+    of the slopes for the rate and again for noise, and the lambda_j; then t, the largest c P^-1 c'."""
 
     open: Open
     rate: float
     alpha: float
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
-        """Return the gain K (n, p), None where the solver finds none."""
+        """Return K = P^-1 Y (n, p) with the least t over the `rows` c; None where the solver finds none."""
         (p, n), (of_P, of_Y, k) = self.open.C.shape, self._sizes
         size, one = self._size, np.eye(self._size + 1)
 
@@ -176,30 +180,31 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        """The systems at each corner, or one with multipliers."""
+        """The systems with constant slopes at each corner, or a single one with multipliers."""
         return ends(self.open.with_gain)
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
-        """The numbers of entries of P and Y, and of slopes with multipliers: none if corners are checked one by one."""
+        """The numbers of entries of P and of Y, and of slopes with multipliers, 0 where corners are checked one by
+        one."""
         n = len(self.open.M)
         return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
     @cached_property
     def _size(self) -> int:
-        """The number N of variables without t."""
+        """The number of variables without t."""
         of_P, of_Y, k = self._sizes
         return of_P + of_Y + 2 * k + len(self.open.C)
 
     def _falling(self) -> Iterator[Rows]:
-        """Yield the forms of the rate, and with noise."""
+        """Yield, for each system, the cones of V' <= -2 rate V and of V' <= -alpha V + sum_j lambda_j v_j^2."""
         of_P, of_Y, k = self._sizes
         for e in self._ends:
             yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
             yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
     def _negative(self, form: Quadratic, first: int) -> Rows:
-        """Return the cone in which a form is negative, its multipliers from the `first` variable on."""
+        """Return the cone in which a form is negative; its multipliers are the variables from the index `first` on."""
         brings, shared = entries(form), sum(self._sizes[:2])
         whole = np.zeros((self._size, form.size, form.size))
         whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
@@ -208,8 +213,8 @@ class _Program:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n, p), with the entries of N in the `argument` of b, and the proof that the error `falls` at the rate;
-    `noise_bound`: its largest bound, approximately."""
+    """A gain K (n, p), with the entries of N in b(z + N (y - C z)) as `argument`, and the proof that its error
+    `falls` at the rate; `noise_bound`: the largest |c e| under noise, in floats."""
 
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
@@ -220,8 +225,8 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A search for gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; `argument`: the
-    entries of N at theta = 1, or none."""
+    """A search for gains K of a form, for a `task` under noise of at most `sizes` (p), K written at `theta`;
+    `argument`: the entries of N in b(z + N (y - C z)) at theta = 1, () for none."""
 
     form: Form
     task: Task
@@ -230,7 +235,8 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """Return the gain with the least noise bound; None where none is found. Raises: `NoSolver`."""
+        """Return the gain with the least noise bound over rates of noise; None where none is found. Raises:
+        `NoSolver`."""
         tried = list[Candidate]()
 
         def noise_bound(noisy: float) -> float:
@@ -250,7 +256,7 @@ class Search:
 
     @property
     def written(self) -> tuple[float, ...]:
-        """The entries of N divided by their powers of theta, in as many digits as those of K."""
+        """The entries of N for the declared theta, in as many digits as K."""
         places = columns(self.form, len(self.argument)) if self.argument else ()
         return tuple(self._rounded(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
 
@@ -258,17 +264,18 @@ class Search:
         return float(f"{value / self.theta**power:.{_DIGITS}g}")
 
     def promise(self) -> float:
-        """Return the noise bound with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
+        """Return the noise bound of `middle`, to two digits; 1e30 where there is no gain. Raises: `NoSolver`."""
         one = self.middle()
         return float(f"{one.noise_bound:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
-        """Return the gain with noise at about half of the rate; None where none is found. Raises: `NoSolver`."""
+        """Return the gain for a rate of noise at about half of the rate of decay; None where none is found. Raises:
+        `NoSolver`."""
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """Return the gain for noise at that rate whose program demands the least part of the rate that another P
-        proves."""
+        """Return the gain of the program that demands the least part of the rate for which another P still proves
+        all of it, with noise at the rate `noisy`; None for none."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -283,7 +290,8 @@ class Search:
         return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
-        """Return the gain whose program demands the part `less` of the rate, if a P of its own proves all of it."""
+        """Return the gain of the program that demands `less` times the rate, where a P of its own proves the whole
+        rate."""
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None
@@ -299,14 +307,15 @@ class Search:
 
 
 def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
-    """Return the inclusion for a gain with these entries, and those of N in the argument of b; or why there is none."""
+    """Return the error of an observer with gain K (n, or n p) and N, the entries `argument` in b(z + N (y - C z));
+    or why there is none."""
     error = with_gains(form, K)
     return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
 
 
 def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
-    """Return the system of the error without a gain, with noise in its sizes (p), and half of the range of the slope
-    `narrower`; or why no gain is designed."""
+    """Return the error system without a gain, noise in units of `sizes` (p), the slope with the index `narrower` in
+    half of its range, N = `argument`; or why no gain can be designed."""
     if len(form.leads) < len(form.blocks):
         return because("it is for outputs of which each has a chain of its own")
     without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
@@ -348,8 +357,8 @@ class NoGain(HgogenError):
 
 
 def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
-    """Return the error of a task without a gain, under noise of these `sizes` (p). It names the slope whose halved
-    range allows the largest rate. Raises: `NoSolver`."""
+    """Return the error that no gain reaches the task's rate under noise of at most `sizes` (p). It names the slope
+    whose halved range allows the largest rate. Raises: `NoSolver`."""
     error = with_gains(form, [Fraction(0)] * form.n)
     slopes = () if isinstance(error, Nothing) else error.slopes
     reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))
@@ -377,7 +386,7 @@ def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
 
 
 def _reached(task: Task, rates: Iterable[float]) -> float:
-    """Return the first of these rates at which one P gives a gain; 0.0 where none does."""
+    """Return the first of the `rates` at which one P gives a gain; 0.0 where none does."""
     return next((rate for rate in rates if task.gain(rate, rate * _NOISY) is not None), 0.0)
 
 
@@ -409,12 +418,12 @@ class Gain:
 
     @property
     def observer(self) -> str:
-        """The observer of the package for which the gain is designed."""
+        """The name of the observer for which the gain is designed: "circle_criterion" with an N, else "high_gain"."""
         return "circle_criterion" if self.argument else "high_gain"
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The arguments of that observer besides the form, by name."""
+        """The arguments theta, gains and, with an N, argument of the observer, by name."""
         optional = {"argument": self.argument} if self.argument else {}
         return {"theta": self.theta, "gains": self.K, **optional}
 
@@ -493,7 +502,8 @@ def gain(
 
 
 def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:
-    """Return the candidates for the entries of N; a search also has the empty one. Raises: `NoSolver`, `BadGain`."""
+    """Return the N to try, each as its entries: () for none, and N as given in `argument`, or as searched where it
+    is True. Raises: `NoSolver`, `BadGain`."""
     if argument is None or argument is False:
         return ((),)
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
@@ -506,8 +516,8 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
 
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
-    """Return the entries of N (n, or n q: `columns`) with the least noise bound, none where b reads no error; the
-    `task` has no N. Raises: `NoSolver`."""
+    """Return the entries of N (n, or n q: `columns`) in b(z + N (y - C z)) with the least noise bound, () where b
+    has no slopes. Raises: `NoSolver`."""
     start = np.array(numbers_in_place(form))
     places, reads = columns(form, len(start)), np.abs(task.open.H).sum(axis=0)
     free = [k for k, at in enumerate(places) if reads[at.row]]
@@ -533,14 +543,14 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
 
 
 def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
-    """Return the search with these entries of N, on the error with them, written at theta = 1."""
+    """Return the search for K of a form with N = `argument`, at theta = 1; `task` and `sizes` as in `Search`."""
     open_ = plain(form, sizes, argument=argument)
     assert not isinstance(open_, Reason)
     return Search(form, replace(task, open=open_), sizes, 1.0, tuple(argument))
 
 
 def _measures(form: Form, per: Any) -> list[float]:
-    """Return the unit of each state's error; 0 where neither `per` nor a range gives it. Raises: `BadNames`,
+    """Return the unit of each state's error, of `per` or half of its range; 0 for none. Raises: `BadNames`,
     `BadGain`."""
     each = each_by_name("per", per, form.names, _FROM_RANGE)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
@@ -551,7 +561,7 @@ def _measures(form: Form, per: Any) -> list[float]:
 
 
 def _moderate(what: str, value: Any) -> float:
-    """Return a positive number that is neither tiny nor huge. Raises: `BadGain`."""
+    """Return `value`, demanded to be in [1e-15, 1e15]; `what` names it in an error. Raises: `BadGain`."""
     size = positive(what, value)
     if not 1 / _FAR <= size <= _FAR:
         raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")
@@ -572,5 +582,5 @@ def _stated(form: Form, best: Candidate) -> Gain:
 
 
 def _numbers(K: Any) -> str:
-    """Return a gain as text that evaluates to the same numbers."""
+    """Return a gain K, nested tuples of numbers, as text that evaluates to the same numbers."""
     return f"({', '.join(map(_numbers, K))})" if isinstance(K, tuple) else same(K)
