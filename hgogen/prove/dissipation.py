@@ -69,8 +69,8 @@ class BadErrorSystem(BadArgument):
 
 @dataclass(frozen=True)
 class Injection:
-    """The matrices that turn a plant into an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), in its
-    signals."""
+    """The matrices of xhat' = f(xhat) + l (y - h(xhat)), x' = f + G1 w, y = h + G2 w: `gain` l (n, p), `G1` (n, k),
+    `G2` (p, k), in signals of the plant."""
 
     gain: sp.ImmutableDenseMatrix
     G1: sp.ImmutableDenseMatrix
@@ -78,15 +78,15 @@ class Injection:
 
     @property
     def names(self) -> frozenset[sp.Symbol]:
-        """The symbols in the matrices."""
+        """The symbols that occur in the three matrices."""
         return frozenset().union(*(M.free_symbols for M in (self.gain, self.G1, self.G2)))
 
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations that turn a plant and an observer into an error system: `observer` g (n) in states, which mean the
-    estimate, outputs and known inputs; the inputs `unknown` to the observer; and pairs `along` of a state and its
-    value."""
+    """An observer xhat' = g(xhat, y, u) of any equations: `observer` g (n), in which states mean their estimates;
+    the plant's `outputs`; the inputs `unknown` to the observer; pairs `along` (x_k, a_k) of the invariant set x_k =
+    a_k(x)."""
 
     observer: tuple[sp.Expr, ...]
     outputs: tuple[Signal, ...]
@@ -95,13 +95,13 @@ class Equations:
 
     @property
     def names(self) -> frozenset[sp.Symbol]:
-        """The symbols in the equations."""
+        """The symbols that occur in the observer's rows, the unknown inputs and the pairs of `along`."""
         read = frozenset().union(*(e.free_symbols for e in (*self.observer, *(a for _, a in self.along))))
         return read.union(self.unknown, (x for x, _ in self.along))
 
     @property
     def condition(self) -> str:
-        """The condition under which the equations hold, or ""."""
+        """The text "x_k = a_k and .." of the invariant set, "" without one."""
         return " and ".join(f"{x} = {sp.sstr(a)}" for x, a in self.along)
 
 
@@ -144,12 +144,12 @@ class ErrorSystem:
 
     @property
     def plain(self) -> Box:
-        """The box, without ranges of the errors."""
+        """The ranges of all symbols but the errors."""
         return {s: ends for s, ends in self.box.items() if s not in self.errors}
 
     @property
     def aliases(self) -> dict[str, str]:
-        """The name of each state's error."""
+        """The name of the error of each state, by the name of the state."""
         return {x.name: e.name for x, e in zip(self.states, self.errors, strict=bool(self.states))}
 
 
@@ -305,16 +305,15 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """Return the expression without common factors, with the sign of each signal's range, so that roots of squares
-    simplify."""
+    """Return the expression with common factors cancelled, symbols >= 0 where their range is, so that roots of
+    squares simplify."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
 
 
 def _fault(a: sp.Expr, fixed: Mapping[sp.Symbol, sp.Expr], around: Box) -> str:
-    """Return why a state may jump along an expression, or "". The plant's equations do not hold this expression, and
-    its slope does not show a jump."""
+    """Return why x_k = a(x), one of `along`, may jump, or ""; the derivative of a does not contain a jump."""
     if a.has(*JUMPS):
         return "may jump; write it with Abs, Min and Max"
     # such as atan(tan(x)) at a pole
@@ -348,8 +347,9 @@ _SHARP = 1e-2  # of V's range on a face
 
 @dataclass(frozen=True)
 class Dissipates:
-    """The subject of a claim about (38), with its result: the `answer`, about the left-hand side `lhs` or V, or
-    `floor`, below which {V <= c} touches no face of the box `within` of the errors."""
+    """The subject and evidence of one claim about the Hamilton-Jacobi inequality dV/de F + |dV/de G|^2/(2 mu^2) +
+    |e|^2/2 < 0 (38): the `answer` about its left side `lhs`, or about V > 0 where `lhs` is None; or `floor`, below
+    which no set {V <= c} touches a face of the box `within` of e."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -365,7 +365,8 @@ class Dissipates:
         return "" if self.system.origin else "of an error system that is given and not made of the plant"
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the error system, and the floor or the bisections."""
+        """Return the error system, V and mu, with the floor or with the bisections that prove the sign; None for
+        none."""
         if self.system.origin is None:
             return None
         system = {"system": self._about(self.system.origin)}
@@ -389,7 +390,8 @@ class Dissipates:
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, origin: Injection | Equations) -> dict[str, Any]:
-        """Return the construction of the error system, outputs by their places, the ranges of e, V and mu."""
+        """Return the construction of the error system by `origin`, the ranges of e, V and mu, as texts under a
+        certificate's keys."""
         names = self._names | {s.name for s in origin.names}
         if isinstance(origin, Equations):
             system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
@@ -409,12 +411,9 @@ class Dissipates:
 
 @dataclass(frozen=True)
 class Dissipation:
-    """The result about (38) for V and mu on the box `within` of the errors.
-
-    `checks`: `dissipation.positive`, (21); `dissipation.inequality`, (38); `dissipation.level`. `level`: every {V <= c}
-    with c below it touches no face of the box; None where that is not proved. `witness`: the exact point that refutes
-    (38), or (21).
-    """
+    """The result about V > 0 (21) and dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38) on the box `within` of the
+    errors. `checks`: `dissipation.positive`, `.inequality`, `.level`; `level`: no set {V <= c} with c below it
+    touches a face of the box, None where not proved; `witness`: the exact point that refutes (38), or (21)."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -431,7 +430,7 @@ class Dissipation:
 
     @property
     def conclusion(self) -> str:
-        """The conclusion in one sentence."""
+        """The sentence about where the error stays and its L2 gain, or "nothing is concluded"."""
         if not self.proved or self.level is None:
             return "nothing is concluded"
         origin = self.system.origin
@@ -497,7 +496,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
 
 
 def _function(system: ErrorSystem, V: Any) -> sp.Expr:
-    """Return V as an expression of the errors."""
+    """Return V, given as an expression or as P of e'P e, as an expression of the errors. Raises: `BadErrorSystem`."""
     n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
         level = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
@@ -531,10 +530,8 @@ def _positive(name: str, value: Any) -> sp.Rational:
 
 
 def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
-    """Return why F and dV/de are not proved to be averages of their slopes, or `NONE`.
-
-    The conditions are F(0, x) = 0, dV/de(0) = 0 and V(0) = 0; no kinks, no jumps; bounded slopes on the whole box.
-    """
+    """Return why F or dV/de is not proved to be an average of its Jacobian times e, or `NONE`: they and V must
+    vanish at e = 0, have no kinks or jumps, and bounded slopes on the box."""
     zero, box = dict.fromkeys(system.errors, sp.S.Zero), {**system.plain, **around}
     slopes = tuple(V.diff(e) for e in system.errors)
     for what, rows in (("V", (V,)), ("dV/de", slopes)):
@@ -555,14 +552,14 @@ def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
 
 
 def _positive_function(system: ErrorSystem, V: sp.Expr, around: Box) -> SecondOrder:
-    """Return V as the average of its Hessian."""
+    """Return -V with half of V's Hessian, of which V = e'(average) e, for the proof that -V < 0."""
     copy = _copies(system, "c")
     hessian = sp.hessian(V, system.errors).xreplace(dict(zip(system.errors, copy, strict=True))) / 2
     return SecondOrder(-V, hessian, (copy,), system.errors, around, {})
 
 
 def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -> SecondOrder:
-    """Return the left side of (38), and N."""
+    """Return the left side of (38), with the matrix N(c, d) of which it is at most -e'(average) e."""
     errors, G = system.errors, sp.Matrix(system.noise)
     here, there, c, d = sp.Matrix(errors), _copies(system, "e"), _copies(system, "c"), _copies(system, "d")
     F = sp.Matrix(system.flow)
@@ -576,10 +573,8 @@ def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -
 
 
 def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
-    """Return a lower bound of V on the faces of the box, short and not far below it, or None where none is positive.
-
-    For e'P e it is the least end_i^2/(P^-1)_ii, where an ellipsoid first touches a face.
-    """
+    """Return a lower bound of V on the faces of the box `around`, in few digits and near the least; None where it is
+    not positive. For e'P e it is min_i end_i^2/(P^-1)_ii, where the ellipsoid first touches a face."""
     e = sp.Matrix(list(around))
     P = sp.hessian(V, list(around)) / 2
     other = P.free_symbols or sp.expand(V - (e.T * P * e)[0, 0]) != 0
@@ -593,7 +588,7 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 
 
 def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
-    """Return the check of a claim that `side`, a name, is negative."""
+    """Return the check `dissipation.WHAT` of a `claim` that `side`, a text such as "-V", is negative."""
     there = because("{side} is {value:.3g} there", side=side, value=answer.value)
     reason = answer.reason if answer.value is None else there
     witness = {s.name: float(number) for s, number in answer.point.items()}
@@ -606,6 +601,7 @@ def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
 
 
 def _slab(proof: Proof, way: int) -> dict[str, Any]:
-    """Return S < 0 (`way` 1), or -V < 0 (-1), with half of the proved bound, so that a weaker arithmetic proves it."""
+    """Return the bisection that proves an expression negative and half of its bound, times `way` = -1 for -V < 0, so
+    that a weaker arithmetic proves it too."""
     assert proof.high is not None  # it is negative
     return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

@@ -69,8 +69,8 @@ _BOXES = 500  # enough for L_b, which need not be tight
 
 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
-    """Return an upper bound of |S db/dz S^-1| on the box, S the diagonal `scale` (n) of numbers and parameters, b_i of
-    z_1, .., z_i; or why there is no bound, or no such form."""
+    """Return a proved upper bound of |S db/dz S^-1| on the box, S the diagonal matrix of `scale` (n), numbers and
+    expressions of parameters; or why there is none, as for a form that is not triangular."""
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
@@ -84,7 +84,8 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
-    """Return why the theorem does not apply to the form, or `NONE`; `endless`: b need not be Lipschitz."""
+    """Return why the error of a high gain on this form has no proof, such as a check that is not proved; `NONE`
+    where it may have one. `endless`: b need not be Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -106,7 +107,8 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
 
 
 def _no_triangle(form: Form) -> Reason:
-    """Return why A, b and the output are not those of triangular chains, or `NONE`."""
+    """Return why z' = A z + b, y is not triangular, z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1 +
+    c(u); `NONE` where it is."""
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
@@ -124,13 +126,14 @@ def _no_triangle(form: Form) -> Reason:
 
 
 def jacobian(form: Form) -> sp.Matrix:
-    """Return the Jacobian db/dz, with constants at their values."""
+    """Return the Jacobian db/dz (n, n), parameters without a range at their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
 def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
-    """Return the companion matrices of the blocks' polynomials along the diagonal."""
+    """Return the block diagonal matrix (n, n) of the companion matrices of polynomials with coefficients `p` (n), in
+    `blocks` of these sizes."""
     n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
     inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
     return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
@@ -143,7 +146,8 @@ _LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker ari
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Return the slopes of b, with 0 in each range; `endless`: whether a slope may have an infinite end."""
+    """Return the slopes db_i/dz_j of an observer's error with their proved ranges, which are widened to contain 0;
+    or why one has none. `endless`: whether a range may have an infinite end."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     nodes = (node for row in map(with_norms, form.b) for node in row.atoms(*JUMPS))
     jumps = sorted(str(node) for node in nodes if node.has(*form.states))
@@ -183,13 +187,10 @@ def inclusion(
     others: Iterable[Slope] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of
-    z.
-
-    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats without
-    rounding; `measured` (N, p): the input matrix of the samples there; `others`: slopes of the core, in those fields;
-    `endless`: whether slopes of b may have an infinite end.
-    """
+    """Return the error e' = .. of an observer on a form in chains, e = `scale` (n, of parameters) times the errors
+    of z. `core` (N, N): the matrix of its linear part at theta = 1 in coordinates scale/units times z; `measured`
+    (N, p): the matrix there of the samples' errors; `others`: slopes of the linear part; `numbers`: the observer's
+    arguments; `endless`: whether slopes of b may have an infinite end."""
     slopes = slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
@@ -214,9 +215,9 @@ def on_integrators(
     gates: Iterable[tuple[int, np.ndarray]] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`:
-    fields whose error passes a saturation by a share in [0, 1], each with its column of the `core`; `endless` as in
-    `inclusion`."""
+    """Return the error of an estimator on a chain of integrators w, in errors of w in `nominal_units`. `gates`:
+    indices of errors that pass a saturation, which leaves a share in [0, 1], each with its column of the `core`; the
+    other arguments as of `inclusion`."""
     reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
@@ -234,7 +235,8 @@ def on_integrators(
 
 
 def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
-    """Return the s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
+    """Return the factors s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, with which s_i w_i is near z_i; or
+    why there are none."""
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
         return Nothing(because("the bound is for a_i shown to be positive"))
@@ -242,7 +244,8 @@ def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
 
 
 def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
-    """Return s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
+    """Return the products s_i a_1 .. a_i (n) for each chain, s the `units`: these times z are s_i w_i, w the
+    integrators."""
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
@@ -250,8 +253,8 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
 def on_companion(
     chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means
-    of outputs by their `weights` (p), by default equal; `endless` as in `inclusion`."""
+    """Return the error of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains'
+    polynomials; outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
@@ -269,8 +272,8 @@ def on_companion(
 def with_gains(
     form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the inclusion of a constant gain with entries K (n, or n q: `columns`) in the form's own coordinates,
-    whose a_i may vary with inputs, on the means of outputs by their `weights` (p), by default equal; `endless` as in
+    """Return the error of an observer with a constant gain K, entries (n, or n q: `columns`) in z, whose a_i may
+    vary with inputs; outputs that share a state count by `weights` (p), by default equally. `endless` as of
     `inclusion`."""
     reason = obstacle(form, endless)
     if reason:
@@ -300,12 +303,13 @@ def with_gains(
 
 
 def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
-    """Return the weights (p) among the numbers of an observer; nothing where no outputs share a state."""
+    """Return {"weights": those of the outputs (p)} for the observer's arguments, {} where no two outputs share a
+    state."""
     return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
 
 
 def plain(form: Form) -> Layout:
-    """Return the layout of an observer whose fields are the form's states."""
+    """Return the layout of errors e_k that are those of the form's states in their order, with no filter."""
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 
@@ -315,7 +319,8 @@ Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 
 
 def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
-    """Return F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
+    """Return the derivatives dF_k/dz_(k+1), k = 1, .., n - 1, of a form z' = F(z, u), parameters without a range at
+    their values."""
     known, slopes = dict(fixed(form)), []
     for row, z in zip(form.flow, form.states[1:], strict=False):
         each = exact(tape.slope(sp.sympify(row), z).xreplace(known))
@@ -326,7 +331,8 @@ def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
 
 
 def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
-    """Return s_1, .., s_(n-1), short numbers in the ranges of the F_k'; or why there are none."""
+    """Return short numbers s_k, k = 1, .., n - 1, in the ranges of dF_k/dz_(k+1); or why there are none, such as a
+    range that contains 0."""
     numbers = []
     for k, each in enumerate(slopes_on(form), 1):
         known = _range(each, form)
@@ -339,7 +345,8 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """Return the inclusion for the gains K (n), on a form whose A holds only the s_k above its diagonal; or why not."""
+    """Return the error of the observer with gains theta^i K_i/(F_1' .. F_(i-1)'), K (n), on a form whose A has only
+    the s_k above its diagonal; or why it has no proof."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
@@ -367,7 +374,7 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
-    """Return the range of each q_k = s_k/F_k', and the evidence of that of 1/F_k'."""
+    """Return the range of each q_k = s_k/F_k', and the evidence for that of 1/F_k'; or why one has none."""
     shares, ranges = Shares(), list[Evidence | None]()
     for k, dF in enumerate(slopes_on(form)):
         inverse, s = exact(sp.sympify(1 / dF)), Fraction(str(form.A[k, k + 1]))
@@ -385,8 +392,8 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
 def _together(
     of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
 ) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the points of the hull: all combinations of the ends of `of_b` slopes of b and `pushes`; none if too
-    many."""
+    """Return the points of [-1, 1]^m at all combinations of the ends of `of_b` slopes of b and of the q_k in
+    `shares`, in each range of the slopes `pushes`, K_i q_1 .. q_(i-1); () where they are too many."""
     ends = [sorted(set(pair)) for pair in shares]
     if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()
@@ -403,7 +410,7 @@ def _together(
 
 
 def _injected(gains: Sequence[Fraction], q: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    """Return K_1, K_2 q_1, K_3 q_1 q_2, .., K the `gains`."""
     return tuple(k * math.prod(q[:i]) for i, k in enumerate(gains))
 
 

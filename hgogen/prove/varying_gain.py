@@ -128,8 +128,8 @@ _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # increases of s, 
 
 @dataclass(frozen=True, eq=False)
 class VaryingGain:
-    """A gamma in [`low`, `high`] with gamma' >= -`sigma` gamma^2, of an observer whose error obeys `error` at a
-    constant gamma; `plant` (n, m) and `measurement` (m): the matrices by which a disturbance v enters w' and y."""
+    """A gain gamma in [`low`, `high`] with gamma' >= -`sigma` gamma^2, of an observer whose `error` is that at a
+    constant gamma; `plant` G_1 (n, m), `measurement` G_2 (m): w' = .. + G_1 v, y = w_1 + G_2 v, v a disturbance."""
 
     error: Inclusion
     low: Fraction
@@ -139,8 +139,8 @@ class VaryingGain:
     measurement: tuple[Fraction, ...]
 
     def attenuation(self, P: Matrix) -> L2Bound | None:
-        """Return a small proved bound of the L2 gain from v to w - what, from a search for V near `P`; None where none
-        is proved, or there is no solver."""
+        """Return a proved bound of the L2 gain from v to w - what, by one V near e'`P` e for every course of gamma;
+        None where none is found, or there is no solver."""
         try:
             return l2_bound([*self._systems()], inverse_root(floats(rational(P))), self._powers)
         except NoSolver:
@@ -148,11 +148,12 @@ class VaryingGain:
 
     @property
     def _powers(self) -> Array:
-        """The matrix D."""
+        """The matrix D = diag(1, .., n) of powers of gamma."""
         return np.asarray(identity(len(self.plant)) * rational([p + 1 for p in self.error.layout.power]))
 
     def _systems(self) -> Iterator[Driven]:
-        """Yield the systems at the ends of gamma and of each gamma^-i whose row of `plant` is not 0."""
+        """Yield the error systems at both ends of gamma, and at both ends of each gamma^-i for which row i of G_1 is
+        not 0."""
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
         noise = e.driven_by(rational([self.measurement]) / number(self.low))
@@ -167,7 +168,8 @@ class VaryingGain:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n), a symmetric P (n, n) and sigma >= 0 that may satisfy (54)."""
+    """K (n), a symmetric P (n, n) and sigma >= 0, which may satisfy (A - K C)'P + P (A - K C) + sigma (D P + P D) <
+    0 (54), A and C a chain of integrators, D = diag(1, .., n)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
@@ -184,18 +186,19 @@ class Candidate:
 
     @cached_property
     def shrink(self) -> Any:
-        """The matrix D P + P D of FLINT's rationals."""
+        """The matrix D P + P D, in FLINT's rationals."""
         return fmpq_mat([[number(value) * (i + j + 2) for j, value in enumerate(row)] for i, row in enumerate(self.P)])
 
     @cached_property
     def rate(self) -> Any:
-        """The matrix -(A - K C)'P - P (A - K C) - sigma (D P + P D) of FLINT's rationals."""
+        """The matrix -(A - K C)'P - P (A - K C) - sigma (D P + P D), in FLINT's rationals."""
         P, N = exact(self.P), exact(companion(np.array(self.K)))
         return -(N.transpose() * P + P * N + self.shrink * number(self.sigma))
 
     @cached_property
     def decay(self) -> Fraction:
-        """A proved lambda of (54), near the largest; not positive where there is none."""
+        """A lambda, near the largest, for which `rate` >= lambda I is proved; not positive where there is none above
+        0."""
         return smallest(self.rate)[0]
 
     @cached_property
@@ -204,27 +207,28 @@ class Candidate:
         return largest(exact(self.P))[1]
 
     def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
-        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) of (70), (88), rounded up."""
+        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)), rounded up (88): k the `slope`, lambda by default
+        `decay` of (54)."""
         return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """The matrices G_1 (n, m) and G_2 (m), rational, in the coordinates of integrators."""
+    """The matrices G_1 (`plant`, (n, m)) and G_2 (`measurement`, (m)), rational: w' = .. + G_1 v, y = w_1 + G_2 v."""
 
     plant: Matrix
     measurement: tuple[Fraction, ...]
 
     @cached_property
     def deltas(self) -> tuple[Fraction, Fraction]:
-        """The numbers delta_1, rounded up, and delta_2."""
+        """The numbers delta_1 = 1 + |G_1|^2, rounded up, and delta_2 = G_2 (I + G_1'G_1) G_2'."""
         G, g = exact(self.plant), fmpq_mat([[number(value) for value in self.measurement]])
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
         return 1 + largest(G * G.transpose())[1], fraction(second)
 
     @property
     def reason(self) -> Reason:
-        """The two matrices as a reason prints them."""
+        """The text of both matrices."""
         rows = [because("{row: }", row=map(float, row)) for row in self.plant]
         return because("G_1 = [{rows:; }], G_2 = [{row: }]", rows=rows, row=map(float, self.measurement))
 
@@ -234,9 +238,9 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """The assumptions of an observer: gamma in [`low`, `high`], and `slope` k >= |T^-1 dc/dw T| from gamma = `low` on,
-    with its proof `steep`; None where no k is known, for the `reason`. `moving`: the error with a disturbance, where
-    the ranges of its slopes are known."""
+    """The range [`low`, `high`] of gamma; the `slope` k >= |T^-1 dc/dw T| from gamma = `low` on with its proof
+    `steep`, None where not known, for the `reason`; the `disturbance`; `moving`: the error under it, where slopes
+    have ranges."""
 
     low: Fraction
     high: Fraction
@@ -249,14 +253,14 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Attenuating:
-    """The proof of a claim about the L2 gain of the `candidate`, under the `assumptions`."""
+    """The evidence of an L2 gain by (87), of a `candidate` K, P, sigma under the `assumptions`."""
 
     candidate: Candidate
     assumptions: Assumptions
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return P, lambda_max(P), the bound k of dc/dw, the disturbance, and s of (87) and mu; the last two for the k
-        that is written, which is a little larger than that of the proof."""
+        """Return P, lambda_max(P), k, the disturbance, s of (87) and mu, under a certificate's keys; s and mu for
+        the written k, a little larger than the proved one."""
         one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
         slope = steep.evidence(form) if steep else None
         if slope is None or disturbed is None:
@@ -270,9 +274,8 @@ class Attenuating:
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
-    """Return K, P, sigma as the rationals that floats are; for a P that is symmetric up to rounding, (P + P')/2
-    (`symmetric`). Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what
-    is not finite."""
+    """Return K (n), P and sigma as exact rationals, P as (P + P')/2 where it is symmetric up to rounding. Raises:
+    `BadGain` for other shapes, for less symmetry, for sigma < 0, and for what is not finite."""
     gain, matrix, shrink = reals("K", K), reals("P", P), reals("sigma", sigma)
     n = gain.size if n is None else n
     if gain.shape != (n,):
@@ -291,7 +294,7 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
 
 
 def disturbance(pair: Any, n: int) -> Disturbance:
-    """Return (G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
+    """Return the `pair` (G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
     if not isinstance(pair, Sequence) or len(pair) != 2:
         raise BadGain("disturbance", "must be a pair, G_1 of the plant and G_2 of the measurement")
     G, g = reals("G_1", pair[0]), reals("G_2", pair[1])
@@ -304,7 +307,8 @@ def disturbance(pair: Any, n: int) -> Disturbance:
 
 
 def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
-    """Return k >= |T^-1 dc/dw T| on the declared ranges for all gamma from this one on, by intervals; or why not."""
+    """Return a proved k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), on the declared ranges for all g >= `gamma`; or why
+    not."""
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
@@ -313,7 +317,8 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
 
 
 def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
-    """Return the block matrix of (87) times -1, of FLINT's rationals."""
+    """Return [rate - lambda I, -P, -P K; -P, alpha_1 I, 0; -K'P, 0, alpha_2], lambda = `decay`, which is >= 0 where
+    (87) holds; in FLINT's rationals."""
     n, P = candidate.n, rational(candidate.P)
     M = np.array((candidate.rate - unit(n) * number(decay)).tolist(), dtype=object)
     Y, last = P @ rational(candidate.K)[:, None], rational([[alpha_2]])
@@ -322,7 +327,8 @@ def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_
 
 
 def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
-    """Return the checks `MAKER.definite`, `MAKER.shrink`, `MAKER.decay` of K, P and sigma alone."""
+    """Return the checks `MAKER.definite`, P > 0, `MAKER.shrink`, D P + P D >= 0, and `MAKER.decay`, (54) with lambda
+    = `decay`, by default above 0."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
@@ -338,7 +344,7 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
-    """Return the check that M > 0, or M >= 0 if not `strict`; the claim is about `sign` M."""
+    """Return the check that a symmetric matrix M > 0, or M >= 0 if not `strict`; its `claim` is about `sign` M."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
     extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
     side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
@@ -352,7 +358,7 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) -> tuple[Check, ...]:
-    """Return the checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
+    """Return the checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain from it is bounded."""
     known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
     checks = [replace(check, proofs=(Grounds(built, candidate),)) for check in known]
@@ -385,18 +391,19 @@ def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) 
 
 
 def numbers(candidate: Candidate, assumptions: Assumptions) -> dict[str, Any]:
-    """Return the numbers of the observer on which its claims depend."""
+    """Return the range of gamma, sigma and K, the observer's arguments in a certificate, by name."""
     return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
 
 
 def gain(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return a proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
+    """Return a proved mu = sqrt(2 s) high^n, near the smallest by (87); None where (70) or (87) fails."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
 
 def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return the number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
+    """Return the s of `share_of` for lambda = (4 k lambda_max(P) + 1)/(2 low) (70); None without a slope k or a
+    disturbance."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
     decay = (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low)
@@ -404,8 +411,8 @@ def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | 
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
-    """Return a small s = delta_1 alpha_1 = delta_2 alpha_2 that is proved to satisfy (87) with lambda = `decay`, if
-    any."""
+    """Return a small s with rate - lambda I - (delta_1 P P + delta_2 P K K'P)/s >= 0, lambda = `decay`, proved: (87)
+    with delta_i alpha_i = s; None for none."""
     M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
@@ -427,8 +434,8 @@ _DEFAULT_B = Fraction(1, 4)  # b of D: nearly the best one for two to four state
 
 @dataclass(frozen=True)
 class Law:
-    """The law of a gain l with a `least` value: r = l'/l^2 >= -`fall`; if `easing`, r >= -fall (1 - least/l). `name`:
-    that of the least value in claims; `P` (n, n), in errors of w, and `b` of D: a first candidate."""
+    """The law of a varying gain l >= `least`: l'/l^2 >= -`fall`, with `easing` >= -fall (1 - least/l). `name`: that
+    of the least value, in claims; `b` of D = diag(b, b + 1, ..) and `P` (n, n), in errors of w, to try first."""
 
     name: str
     least: float
@@ -441,8 +448,8 @@ class Law:
 def varying_gain_checks(
     maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
 ) -> tuple[Check, Check]:
-    """Return `MAKER.convergence`, that there is a bound on the gain's least value, and `MAKER.theta`, that it is
-    above."""
+    """Return the checks `MAKER.convergence`, that errors converge at every rate of the gain that the `law` permits,
+    from some least value on, and `MAKER.theta`, that its least value is above it. K: gains (n) on the `chain`."""
     form = chain.form
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
@@ -465,7 +472,7 @@ def varying_gain_checks(
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
-    """Return the claims with the name of the gain's least value in their text."""
+    """Return both checks with the name of the gain's least value in their claims."""
     convergence, above = checks
     name, value = law.name, same(law.least)
     exists = f"in continuous time, without noise, the error converges exponentially for every {name} above a bound"
@@ -476,7 +483,7 @@ def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
 
 
 def proved_above(checks: Sequence[Check], maker: str) -> bool:
-    """Return whether the least value of the gain is proved to be above its bound."""
+    """Return whether the check `MAKER.theta`, the gain's least value is above its bound, is proved."""
     return any(check.id == ClaimId(maker, "theta") and check.verdict is Verdict.PROVED for check in checks)
 
 
@@ -484,8 +491,8 @@ BOXES = 500  # enough for sup Gamma, which need not be tight
 
 
 def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """Return the P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` if it is not positive
-    definite."""
+    """Return a P with N'P + P N <= -I, N = A - K C, and D P + P D, D = diag(b, .., b + n - 1), in rationals. Raises:
+    `BadGain` where D P + P D is not positive definite."""
     exactly = np.array([Fraction(float(k)) for k in K])
     proof = lyapunov(tuple(map(tuple, companion(exactly))))
     assert proof is not None  # N is Hurwitz
@@ -504,8 +511,8 @@ def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
 def update_checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
-    """Return `updated_gain.p_1`, `.p_3` and `.cap` for the gains K (n), and the claims of `varying_gain_checks` about
-    p_2. Raises: `BadGain` where D P + P D is not proved positive definite."""
+    """Return the checks `updated_gain.p_1`, `.p_3` and `.cap` on L' = L (p_1 (p_2 - L) + p_3 Gamma), and those of
+    `varying_gain_checks` about p_2; K: gains (n). Raises: `BadGain` where D P + P D is not positive definite."""
     proof, spread = weighted(K, b)
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": proof.P, "b": Fraction(b)}
@@ -518,7 +525,7 @@ def update_checks(
 
 
 def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
-    """Return the check of N'P + P N + p_1 (D P + P D) < 0."""
+    """Return the check N'P + P N + p_1 (D P + P D) < 0; `proof` holds N and P, `spread` is D P + P D."""
     P, N = np.array(proof.P), np.array(proof.N)
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
@@ -527,7 +534,7 @@ def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Che
 
 
 def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
-    """Return the check of p_3 (D P + P D) >= 2 lambda_max(P)."""
+    """Return the check p_3 (D P + P D) >= 2 lambda_max(P); `proof` holds P, `spread` is D P + P D."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
     claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
@@ -536,7 +543,8 @@ def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Che
 
 
 def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
-    """Return the check that M > 0, which names P and D."""
+    """Return the check `updated_gain.FACT` that M > 0; `pattern` and `fix`: the reason and the advice where it is
+    not."""
     about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
     id = ClaimId("updated_gain", fact)
     if positive(exact(M)):
@@ -545,7 +553,8 @@ def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix:
 
 
 def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
-    """Return the check of p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 on the declared ranges, to which Gamma is clamped."""
+    """Return the check p_1 (p_2 - cap) + p_3 sup Gamma(cap) < 0: L' < 0 at L = `cap`, Gamma clamped to the declared
+    ranges."""
     id, claim = (
         ClaimId("updated_gain", "cap"),
         "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
@@ -584,7 +593,8 @@ _ROUND = Fraction(1, 2**20)  # relative increase of `up` and `down` over their f
 
 @dataclass(frozen=True)
 class DwellProof:
-    """A proof of a dwell time: a Lyapunov function that `falls` in the high gain, and the factors of V at switches."""
+    """A proof of a dwell time of two gains: V that `falls` at the rate alpha in the high gain, and the factors `up`
+    and `down` by which V grows at most when the gain switches up and down."""
 
     falls: Falls
     up: Fraction
@@ -592,19 +602,21 @@ class DwellProof:
 
     @property
     def least(self) -> arb:
-        """The least sufficient dwell time, as a ball."""
+        """The least sufficient dwell time log(up down)/alpha in the high gain, as a ball."""
         return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
 
     def evidence(self, form: Form) -> Evidence:
-        """Return P and alpha of the high gain, and the two factors; those of the low gain are in the claim of theta."""
+        """Return alpha, P of the high gain, and both factors, under a certificate's keys; P of the low gain is in
+        the claim of theta."""
         return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
 
 
 def switching(
     maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
 ) -> tuple[Check, ...]:
-    """Return `MAKER.convergence`, that there is a bound on a constant gain, `MAKER.theta`, that `low` is above it, and
-    `MAKER.hold`, that the dwell time `hold` is long enough: with too short a one the gain may switch for ever."""
+    """Return the checks `MAKER.convergence`, that errors converge in every gain above some theta, `MAKER.theta`,
+    that the `low` gain is above it, and `MAKER.hold`, that the dwell time `hold` in the high gain `theta` is long
+    enough."""
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     why = because("theta_low is not above a proved bound")
     hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
@@ -646,7 +658,7 @@ def _dwell(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
 
 
 def _factor(P: Array, Q: Array) -> Fraction:
-    """Return a short rational c with c P - Q >= 0, both positive definite."""
+    """Return a short rational c, near the least, with c P - Q >= 0, for P, Q > 0."""
     half = np.linalg.inv(np.linalg.cholesky(floats(P)))
     c = Fraction(f"{np.linalg.eigvalsh(half @ floats(Q) @ half.T).max() * (1 + _ROUND):.9g}")
     while not nonnegative(fmpq_mat((P * number(c) - Q).tolist())):
@@ -655,5 +667,5 @@ def _factor(P: Array, Q: Array) -> Fraction:
 
 
 def _up(value: arb, below: float = inf) -> Up:
-    """Return the ball's upper end, printed rounded up."""
+    """Return the upper end of a ball, which prints rounded up."""
     return Up(float(value.upper()) * (1 + 1e-12), below=below)
