@@ -32,7 +32,8 @@ from hgogen.reading.given import BadGain
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """The core x' = M x + B y with M (N, N) and B (N, p) in SX; `x`: the symbols of the fields that are not frozen."""
+    """The part x' = M x + B y of an estimator that is linear in its fields x and the measurement y: M (N, N) and B (N,
+    p) in SX; `x`: the symbols of the fields that are not frozen."""
 
     x: Graph
     M: Graph
@@ -40,8 +41,9 @@ class Core:
 
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
-    """The core as graphs of parameters and gains, with frozen fields at their values; None for a part without a core.
-    `valid` (p): 1 for an output whose sample is used, else 0; by default every sample is used."""
+    """Return M, B of the linear part x' = M x + B y of an estimator, in terms of parameters and gains, with frozen
+    fields at their values; None for a part without it. `valid` (p): 1 for an output whose sample is used, else 0; by
+    default every sample is used."""
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
@@ -54,7 +56,7 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
 
 
 def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """M (N, N) of a part that has a core, evaluated at the numbers of the places that it reads."""
+    """Return M (N, N) of the linear part x' = M x + B y of an estimator, at the numbers `nominal` of its symbols."""
     linear = core(part, outputs)
     assert linear is not None
     return numbers(linear.M, nominal)
@@ -64,14 +66,14 @@ ONE: Mapping[Place, np.ndarray] = {Place("gain", "theta"): np.ones(1)}
 
 
 def core_at_one(part: Ode) -> tuple[np.ndarray, np.ndarray]:
-    """M (N, N) and B (N, 1) of a part of one output that has a core, at theta = 1."""
+    """Return M (N, N), B (N, 1) of the linear part x' = M x + B y of an estimator of one output, at theta = 1."""
     linear = core(part, 1)
     assert linear is not None
     return numbers(linear.M, ONE), numbers(linear.B, ONE)
 
 
 def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """The value of an SX graph of places of parameters and gains at their numbers."""
+    """Return the value of an SX graph of parameters and gains, by their numbers `nominal`."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
     (evaluated,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
@@ -79,13 +81,14 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def of_form(form: Form) -> dict[Place, np.ndarray]:
-    """The numbers of the places of parameters, as declared, and of the fallbacks of rows without a finite value, 0."""
+    """Return the declared numbers of the form's parameters by place, and 0 for stored values of rows that may have
+    none."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
     return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
-    """Return the declared numbers of the places of the form, of the gains and of the values derived from them."""
+    """Return, by place, the declared numbers of parameters, of gains and of the values derived from them."""
     values = of_form(observer.form)
     values |= {Place("gain", field.name): np.array(field.initial) for field in observer.gains}
     for part in observer.parts:
@@ -102,13 +105,13 @@ Lines = Callable[[Mapping[str, Graph], Graph, Graph, Saturate, Model], Mapping[s
 
 @dataclass(frozen=True, eq=False)
 class Saturating(Ode):
-    """An estimator with saturations in its linear core. `whole` returns its right-hand side by field name, with fewer
-    operations than the sum of linear part and remainder."""
+    """An estimator whose linear part passes through saturations. `whole` returns its right-hand side by field name,
+    with fewer operations than the sum of linear part and remainder."""
 
     whole: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]] | None = None
 
     def rhs(self, values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
-        """The whole right-hand side."""
+        """Return the whole right-hand side, by field name."""
         assert self.whole is not None
         return dict(self.whole(values, u, y, valid))
 
@@ -131,8 +134,8 @@ def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> S
 
 
 def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Iterator[np.ndarray]:
-    """Yield the linear error cores (N, N) at theta = 1 with each saturation passing all or nothing of its error. For a
-    state inside its range, the core with saturated estimates is a convex combination of them."""
+    """Yield the matrices M (N, N) of the error e' = M e at theta = 1, c = 0, with each saturation passing all or
+    nothing of its error. For a state inside its range, M with saturated estimates is a convex combination of them."""
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
         def linear(
@@ -144,8 +147,8 @@ def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Ite
 
 
 def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
-    """Return, for each saturation, the field whose error it passes, and the column (N) that it adds to the last of the
-    `vertices`, in which nothing is passed."""
+    """Return, for each saturation, the index of the field whose error it passes, and the column (N) that its passing
+    adds to the last matrix of `cores`, the `vertices`, in which nothing is passed."""
     shut, columns = cores[-1], []
     for k in reversed(range(len(cores).bit_length() - 1)):
         passed = cores[-1 - 2**k] - shut

@@ -47,14 +47,15 @@ _CLAMPED = f"{_PLANT}; c takes w clamped to its ranges"
 
 @dataclass(frozen=True)
 class Integrators:
-    """`form` in the coordinates w; each w is an SX column (n), chain after chain."""
+    """`form` z_i' = a_i z_(i+1) + b_i in the coordinates w_i = a_1 .. a_i z_i of chains w_i' = w_(i+1) + c_i(w, u);
+    each w is an SX column (n), chain after chain. `gains`: the a_i of each chain."""
 
     form: Form
     gains: tuple[tuple[sp.Expr, ...], ...]
 
     @cached_property
     def dynamics(self) -> Dynamics:
-        """The form's graphs."""
+        """The right-hand sides of the form as SX graphs."""
         return Dynamics(self.form)
 
     @property
@@ -64,12 +65,12 @@ class Integrators:
 
     @cached_property
     def products(self) -> tuple[sp.Expr, ...]:
-        """The products a_(i,1) .. a_(i,j) (n), which scale z to w."""
+        """The products a_1 .. a_i (n) of each chain, which scale z to w: w_i = a_1 .. a_i z_i."""
         return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
 
     @cached_property
     def scale(self) -> Graph:
-        """The products as SX (n) of parameters; parameters without a range are replaced by their values."""
+        """The factors w_i/z_i (n), SX of parameters; parameters without a range are replaced by their values."""
         system = self.form.system
         places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
         fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
@@ -77,12 +78,12 @@ class Integrators:
 
     @cached_property
     def nominal(self) -> np.ndarray:
-        """The products (n) at the nominal parameters."""
+        """The factors w_i/z_i (n) at the nominal parameters."""
         return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """The least and largest products (2, n) over the parameters' ranges; nominal ones without a finite range."""
+        """The least and largest w_i/z_i (2, n) over the parameters' ranges; nominal ones without a finite range."""
         ends = []
         for product, nominal in zip(self.products, self.nominal, strict=True):
             exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
@@ -92,7 +93,7 @@ class Integrators:
         return np.array(ends).T
 
     def z(self, w: Graph) -> Graph:
-        """The form's state (n)."""
+        """Return the form's state z_i = w_i/(a_1 .. a_i) (n)."""
         return w / self.scale
 
     def nonlinear(self, w: Graph, u: Graph) -> Graph:
@@ -100,19 +101,19 @@ class Integrators:
         return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
     def offset(self, u: Graph) -> Graph:
-        """The outputs' offset o(u) (p)."""
+        """Return o(u) (p) of the outputs y = w_1 + o(u)."""
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
     def saturated(self, w: Graph, i: int) -> Graph:
-        """An SX scalar clamped to the declared range of w_i; unchanged where there is none."""
+        """Return `w`, an SX scalar, clamped to the declared range of w_i; unchanged where there is none."""
         if not self.form.states[i].bounded:
             return w
         low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
         return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
-        """The field `w` (n), with the outer box of `state_field` and `peak`. The box contains the plant's w for all
-        parameters in their ranges. Raises: `BadGain` for a bad initial state."""
+        """Return the memory field of the estimate w (n), with the outer box of `state_field` for the gain `peak`. The
+        box contains the plant's w for all parameters in their ranges. Raises: `BadGain` for a bad initial state."""
         z, scale = state_field(self.form, initial, peak), self.nominal
         ends = np.array([product * side for product in self.reach for side in (z.low, z.high)])
         names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
@@ -148,7 +149,8 @@ def observer_on(
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """Return the observer whose estimate is `w` (n), SX of its state; `claims` are additional to those of the form."""
+    """Return the observer `name` on `chain` whose estimate is `w` (n), SX of its state; `claims`: checks beyond the
+    form's."""
     form = chain.form
     return Observer(
         form=form,
@@ -169,7 +171,7 @@ def observer_on(
 
 
 def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
-    """Return the elements `wanted` of a field as a separate field."""
+    """Return the elements of a field with the indices `wanted` as a separate field."""
     wanted = tuple(wanted)
 
     def cut(values: tuple[T, ...]) -> tuple[T, ...]:
@@ -187,8 +189,8 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
 
 
 def integrators(observer: str, form: Form) -> Integrators:
-    """Return the form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
-    Raises: `BadGain` for another form, or several outputs."""
+    """Return the form as chains w_i' = w_(i+1) + c_i(w, u), for the observer of that name; no a_i is 0 at the nominal
+    parameters. Raises: `BadGain` for another form, or several outputs."""
     if len(form.output) > 1:
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     demand_linear_rows(observer, form)
@@ -211,14 +213,15 @@ def integrators(observer: str, form: Form) -> Integrators:
 
 
 def demand_linear_rows(observer: str, form: Form) -> None:
-    """Raise `BadGain` for a uniform form, whose rows may be nonlinear in the next state."""
+    """Raise `BadGain` for a uniform form, whose z_i' = F_i(z_1..z_(i+1), u) may be nonlinear in z_(i+1)."""
     if form.kind == "uniform":
         fix = "use the form uniform_chain if the plant is in it, else riccati"
         raise BadGain(observer, "wants constant slopes, which a uniform form need not have", fix=fix)
 
 
 def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
-    """Raise `BadGain` for an a_i of parameters by which an observer cannot divide at their nominal values."""
+    """Raise `BadGain` for an a_i = `a` that is 0 or no finite number at the nominal parameters; observers divide by
+    it."""
     value = a.subs(form.system.nominal)
     if not (value.is_extended_real and value.is_finite and float(value)):
         reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
@@ -226,7 +229,7 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
 
 
 def no_chain(observer: str, form: Form) -> BadGain:
-    """Return the error for a form whose A is no superdiagonal: one of another kind, or with an unproved structure."""
+    """Return the error for a form z' = A z + b whose A is no superdiagonal, or whose structure is not proved."""
     if form.structured:
         return BadGain(observer, f"takes a triangular form, this one is {form.kind}", fix=_INSTEAD)
     reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
@@ -259,14 +262,14 @@ def listed(K: np.ndarray) -> str:
 
 
 def companion(K: Any) -> Any:
-    """A - K C (n, n) of an array of gains K (n), floats or rationals."""
+    """Return A - K C (n, n), A the shift and C = (1, 0, .., 0), for gains K (n), floats or rationals."""
     N = np.diag(K[1:] * 0 + 1, 1)
     N[:, 0] -= K
     return N
 
 
 def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
-    """The column D_l K (n) for the SX scalar l = `level`."""
+    """Return the column (l K_1, .., l^n K_n) for the SX scalar l = `level`."""
     power, gains = ca.SX(1), []
     for k in K:
         power = power * level
@@ -277,7 +280,8 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
 def moving_gain(
     chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
-    """Return the observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump changes it."""
+    """Return w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1), l the field `level`, l' = law(y - w_1), by default
+    0."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
@@ -291,14 +295,14 @@ def moving_gain(
 
 
 def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
-    """The status bit of a gain that has reached its cap, the upper end of its field."""
+    """Return the part that raises a status bit while the gain `level` is at its cap, the upper end of its range."""
     reached = {Place("status", "GAIN_LIMITED"): sym("state", level.name) >= level.high[0]}
     return Jump(lambda clock: Pieces(bits=(bit,), adapt=(Block("has the gain reached its cap?", reached),)))
 
 
 def unmodelled(form: Form) -> Jump:
-    """Return the status bits of missing samples for an observer that cannot predict: it has no model of the last
-    row."""
+    """Return the part with the status bits of missing samples, for an observer that has no model of w_n' and cannot
+    predict."""
     bits = tuple(
         Bit(
             f"MISSING_{y}",
@@ -311,7 +315,7 @@ def unmodelled(form: Form) -> Jump:
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
-    """Return y - o(u) - w_1 at the last valid sample, with the estimate predicted to its time; SX scalar."""
+    """Return y - o(u) - w_1 at the last valid sample, w predicted to its time; SX scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]
 
 
@@ -319,8 +323,9 @@ Remainder = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Gr
 
 
 def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], remainder: Remainder) -> Ode:
-    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; fields and K come from the
-    observer. The errors of outputs that measure the same state enter as their mean by `weights` (p)."""
+    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; its fields and the field of
+    K are added by the observer. The errors of outputs that measure the same state enter as their mean by `weights`
+    (p)."""
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 

@@ -42,7 +42,7 @@ _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
 
 @dataclass(eq=False)
 class NoAlignment(HgogenError):
-    """A name that is no alignment."""
+    """An argument `align` that is none of "top", "end", "cascade"."""
 
     name: object
     text = "align={name!r} is none of top, end, cascade; leave it out to take the first that is proved"
@@ -79,8 +79,8 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
-    """Return the name of the first alignment proved with a chain for each output, else of one proved for as many
-    outputs as possible, with its chains."""
+    """Return the first alignment, by name, with the plant proved to be a chain for each output, else for as many
+    outputs as possible, and its chains."""
     name, chains = best = _of_all(rows, align)
     if chains.answer(Shape.CONSTANT)[0]:
         return best

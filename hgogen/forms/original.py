@@ -91,10 +91,10 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
 
 
 def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:
-    """Return why the structure that a high gain needs is not proved for the state order `along`, else `NONE`.
+    """Return why x_i' = f_i(x_1..x_(i+1), u) is not proved for the states x in the order `along`, else `NONE`.
 
-    Each row must read the states up to the next one, with a partial derivative in it that is identically zero nowhere:
-    neither on the box nor, where the row has branches, on a part of it.
+    Each row f_i must have a partial derivative in x_(i+1) that is identically zero nowhere: neither on the box nor,
+    where the row has branches, on a part of it.
     """
     if len(rows.output) > 1:
         return because("the shape is for one output")

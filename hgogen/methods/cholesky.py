@@ -31,18 +31,19 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class Cholesky:
-    """P = S S' of a Riccati observer by predict and correct."""
+    """The method for a Riccati observer that predicts, then corrects by each sample, with P = S S', S lower
+    triangular."""
 
     name: str = RULE
     equations: tuple[str, ...] = EQUATIONS
     prediction: Tableau = RK4
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Refuse a part without a covariance. Raises: `NoCovariance`."""
+        """Raise `NoCovariance`: the method is for an observer with a covariance only."""
         raise NoCovariance("cholesky")
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Predict, then one scalar update for each output."""
+        """Return the filter's memory and statements: predict, then one scalar update for each output."""
         return SquareRoot(part, clock).pieces()
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
@@ -50,7 +51,7 @@ class Cholesky:
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """The step lengths that the closed loop of the filter admits."""
+        """Return the step lengths up to which errors of the filter decay, predict and correct together."""
         return factored_lengths(part, dt)
 
 

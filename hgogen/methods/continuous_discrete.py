@@ -29,17 +29,19 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class ContinuousDiscrete(Staged):
-    """P = L D L' of a Riccati observer by predict and correct; any other part by classical Runge-Kutta."""
+    """The method that predicts, then corrects by each sample, a Riccati observer with P = L D L'; other parts by
+    classical Runge-Kutta."""
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Predict, then one scalar update for each output, as statements or as loops."""
+        """Return the filter's memory and statements, predict and a scalar update for each output, inline or in
+        loops."""
         return chosen(part, clock)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """The step lengths that the closed loop of the filter admits."""
+        """Return the step lengths up to which errors of the filter decay, predict and correct together."""
         return factored_lengths(part, dt)
 
 

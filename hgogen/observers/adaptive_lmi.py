@@ -94,7 +94,7 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains | str:
-    """Return K and P for a Lipschitz constant of 1, and gamma up to theta."""
+    """Return K and P for a Lipschitz constant of 1, and gamma from theta/4 to theta; a text where there are none."""
     if scale.n < 2:
         return "one state needs no inequality; take high_gain"
     try:
@@ -126,11 +126,13 @@ def adaptive_lmi(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The observer with adaptive gain on a form of one output with constant a_i.
+    """The observer w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1) of a chain of integrators (a form of one output
+    with constant a_i). Its gain gamma rises by gamma' = alpha gamma while |y - w_1| > d, else falls by gamma' = -sigma
+    gamma^2.
 
-    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.convergence` (a bound on gamma_inf is
-    proved), `.theta` (gamma_inf is above it), `.attenuation` (of a disturbance); `adaptive_lmi.lipschitz` in
-    coordinates other than the plant's states.
+    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (inequality (54) of the module on K, P, sigma), `.convergence`
+    (a bound on gamma_inf is proved), `.theta` (gamma_inf is above it), `.attenuation` (of a disturbance);
+    `adaptive_lmi.lipschitz` in coordinates other than the plant's states.
 
     Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, with gamma(0) = gamma_inf; `K` (n), `P` (n, n),
     `sigma` > 0 of `hgogen.design`, for a chain of n integrators; `rise` alpha (1/s) > 0; `threshold` d > 0 in the unit
@@ -191,7 +193,7 @@ def adaptive_lmi(
 def _driven(
     chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
 ) -> VaryingGain | None:
-    """Return the error model with the disturbance; None where the ranges of the partial derivatives are unknown."""
+    """Return the model of the error with the disturbance's input; None where the ranges of dc/dw are unknown."""
     K, form = np.array([float(k) for k in design.K]), chain.form
     error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):

@@ -122,7 +122,7 @@ def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
 
 
 def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
-    """Return z' = A z + K (y - C z - offset) + b, with b at z + N (y - C z - offset)."""
+    """Return z' = A z + K (y - C z - offset) + b(z + N (y - C z - offset), u) as a differential equation."""
     form, weights = dynamics.form, weighted(dynamics.form, None)
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:

@@ -52,10 +52,11 @@ def dead_zone(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The dead-zone observer on a form of one output with constant a_i.
+    """The observer w' = A w + c(w, u) + diag(theta, .., theta^n) K (e - sat e), e = y - w_1, of a chain of integrators
+    (a form of one output with constant a_i); |sat e| <= sqrt sigma, sigma' = theta (-lambda sigma + r e^2).
 
-    Checks: `dead_zone.core` (the linear core decays with the dead zone, for these lambda, r and K);
-    `dead_zone.convergence` (a bound on theta is proved), `dead_zone.theta` (theta is above it).
+    Checks: `dead_zone.core` (the error of the linear part w' = A w + .. decays with the dead zone, for these lambda, r,
+    K); `dead_zone.convergence` (a bound on theta is proved), `dead_zone.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r`, 0 < r < lambda, both without unit; `poles` (n) of A - K C, or
     `gains` K (n) in their place; `sigma` sigma(0) >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted

@@ -79,8 +79,9 @@ def high_gain(
     weights: Mapping[str, float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The standard high-gain observer on a form in chains z_i' = a_i z_(i+1) + b_i, one for each output, or in the
-    plant's coordinates on a form that carries dPhi/dx.
+    """The observer z' = A z + b(z, u) + K_theta (y - C z), K_theta = diag(theta, .., theta^n) K, on a form in chains
+    z_i' = a_i z_(i+1) + b_i, one for each output, or in the plant's coordinates on a form with Phi = (y, y', ..): x' =
+    f + (dPhi/dx)^-1 K_theta (y - h).
 
     Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it);
     `high_gain.lipschitz` in coordinates other than the plant's states (b on the whole box of z).
@@ -88,12 +89,12 @@ def high_gain(
     Args: `theta` > 0; `poles` (n) of A - K C with negative real parts, for a_i free of inputs (the poles of the
     observer's linear core are theta times these); or `gains` K (n), for any a_i in ranges, such as
     hg.design.constant_gain(form). For several chains either is a sequence, one entry for each chain, or `gains` is a
-    matrix (n, q): each row acts on the errors of all q chains' outputs, the entry of chain k times
-    theta^(p(row) - p(k) + 1), which is theta^j with aligned tops. `initial` the plant's state; `saturate` limits of the
-    values of b, by the state of the row, and `arguments` whether its argument is clamped as well; `singular` (0..1)
-    switches the correction off near a zero of det dPhi/dx, unless it is proved to have none; `weights`, by name,
-    default 1, in the mean error of outputs that measure the same state: 1/v_j is optimal for noise of variance v_j in
-    the unit of the first; `accept` ids of refuted checks to ignore.
+    matrix (n, q): each row acts on the errors of all q chains' outputs, the entry of chain k times theta^(p(row) - p(k)
+    + 1), which is theta^j with aligned tops. `initial` the plant's state; `saturate` limits of the values of b, by the
+    state of the row, and `arguments` whether its argument is clamped as well; `singular` (0..1) switches the correction
+    off near a zero of det dPhi/dx, unless it is proved to have none; `weights`, by name, default 1, in the mean error
+    of outputs that measure the same state: 1/v_j is optimal for noise of variance v_j in the unit of the first;
+    `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay at the ends of the ranges of the a_i;
     `BadGain` for theta <= 0, gains of another length, a form that has no chains, or poles on an A(u).
@@ -144,7 +145,7 @@ def high_gain(
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
-    """Return lines on the outputs that measure the same state, and on those that are not used."""
+    """Yield banner lines on the outputs that measure the same state, and on those that are not used."""
     names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
     for chain in (chain for chain in redundant_outputs(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
@@ -155,7 +156,8 @@ def _means(form: Form, weights: Any) -> Iterator[str]:
 
 
 def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
-    """Return z' = A z + b + K (y - C z - offset), with a constant core."""
+    """Return z' = A z + b(z, u) + K_theta (y - C z - offset) as a differential equation, A and C constant unless
+    `chosen` depends on u."""
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K.values, dtype=float))
     if chosen.driven:
@@ -168,7 +170,7 @@ def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float |
 
 
 def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Sequence[float]) -> Ode:
-    """Return z' = A(u) z + b + K (y - C(u) z - offset), whose core varies with the input."""
+    """Return z' = A(u) z + b(z, u) + K_theta (y - C(u) z - offset) as a differential equation."""
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
@@ -179,7 +181,8 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
 
 def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
-    """Return z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h), with the core of the phase coordinates."""
+    """Return z' = f(sat z, u) + (dPhi/dx)^-1 K_theta (y - h(z, u)), z the plant's state, p (n) the gains K; no
+    correction for |det dPhi/dx| <= `least`."""
     n = dynamics.n
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -190,7 +193,8 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
 
 
 def _least(dynamics: Dynamics, share: float) -> float | None:
-    """Return the |det dPhi/dx| up to which there is no correction; None where it is proved to have no zero."""
+    """Return the |det dPhi/dx| up to which there is no correction, `share` of its largest; None if it is proved
+    nonzero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")

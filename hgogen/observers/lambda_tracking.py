@@ -126,7 +126,8 @@ GROWN = replace(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return k from theta/2 to 10 theta; an error as large as the range of y raises it by theta^2 per second."""
+    """Return starting gains, k from theta/2 to 10 theta; an error as large as the range of y raises k by theta^2 per
+    second."""
     y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
     moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
@@ -276,7 +277,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
 
 
 def _started(w: Field, chain: Integrators, start: Any) -> Field:
-    """Return the field with the initial values `start`, if any, of the chain."""
+    """Return the field `w` of the estimate with the initial values `start` (n), (y, y', ..), if there are any."""
     if start is None:
         return w
     values = reals("start", start)

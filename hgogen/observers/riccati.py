@@ -99,7 +99,7 @@ def riccati(
 
 
 def _demand_scaled(form: Form, theta: Theta) -> None:
-    """Raise `BadGain` for a theta that differs from 1 on a form for which no high gain is defined."""
+    """Raise `BadGain` for a theta other than 1 on a form of several outputs for which no high gain is defined."""
     argument, outputs = f"theta up to {theta.peak:g}", form.system.outputs
     if theta.peak == 1 or len(form.output) == 1:
         return

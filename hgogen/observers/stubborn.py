@@ -47,10 +47,11 @@ def stubborn(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The stubborn observer on a form of one output with constant a_i.
+    """The observer w' = A w + c(w, u) + diag(theta, .., theta^n) K sat e, e = y - w_1, of a chain of integrators (a
+    form of one output with constant a_i); |sat e| <= sqrt sigma, sigma' = theta (-lambda sigma + r e^2).
 
-    Checks: `stubborn.core` (the linear core decays with the saturation, for these lambda, r and K);
-    `stubborn.convergence` (a bound on theta is proved), `stubborn.theta` (theta is above it).
+    Checks: `stubborn.core` (the error of the linear part w' = A w + .. decays with the saturation, for these lambda, r,
+    K); `stubborn.convergence` (a bound on theta is proved), `stubborn.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r` > 0, both without unit; `poles` (n) of A - K C, or `gains` K (n) in
     their place; `sigma` sigma(0) >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted checks to ignore.

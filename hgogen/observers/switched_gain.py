@@ -71,7 +71,7 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return theta_low = theta/4, a threshold above the noise, 5 % of the range of y, and a hold of 2/theta_low."""
+    """Return starting gains: theta_low = theta/4, a threshold of 5 % of the range of y, and a hold of 2/theta_low."""
     low = max(1.0, two(scale.theta / 4))
     threshold, hold = two(scale.reading / 20), two(2 / low)
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
@@ -90,7 +90,8 @@ def switched_gain(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The switched-gain observer on a form of one output with constant a_i.
+    """The observer w' = A w + c(w, u) + diag(l, .., l^n) K e, e = y - w_1, of a chain of integrators (a form of one
+    output with constant a_i); l = theta from |e| > d on, l = theta_low once |e| <= d for the time T_d.
 
     Checks: `switched_gain.convergence` (a bound on a gain is proved), `switched_gain.theta` (both gains are above it),
     `switched_gain.hold` (the decay at the high gain compensates for every switch).
@@ -131,7 +132,8 @@ def switched_gain(
 
 
 def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
-    """Return the timer and the switch; the timer counts samples in a real, so that it restarts with the estimate."""
+    """Return the memory and statements that switch the gain; their timer counts samples in a real, so that it restarts
+    with the estimate."""
     needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
     if needed > LONGEST:
         raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")

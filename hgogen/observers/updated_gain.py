@@ -102,7 +102,7 @@ CLAMPED = Hypothesis(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return gains with L from theta/2 to ten times theta."""
+    """Return starting gains, with the gain L from theta/2 to ten times theta."""
     least, cap = max(1.0, two(scale.theta / 2)), two(10 * scale.theta)
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 
@@ -122,15 +122,17 @@ def updated_gain(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The updated-gain observer on a form of one output with constant a_i.
+    """The observer w' = A w + c(w, u) + D_L K (y - w_1), D_L = diag(L, .., L^n), of a chain of integrators (a form of
+    one output with constant a_i); L' = L (p_1 (p_2 - L) + p_3 Gamma), Gamma the norm of D_L^-1 (dc/dw) D_L.
 
-    Checks: `updated_gain.p_1`, `updated_gain.p_3` (the inequalities above, for the P of N'P + P N = -I);
-    `updated_gain.cap` (L' < 0 at the cap); `updated_gain.convergence` (a bound on p_2 is proved, whatever Gamma is),
-    `updated_gain.theta` (p_2 is above it).
+    Checks: `updated_gain.p_1` (N'P + P N + p_1 (D P + P D) < 0), `updated_gain.p_3` (p_3 (D P + P D) >= 2
+    lambda_max(P)), for the P of N'P + P N = -I, N = A - K C; `updated_gain.cap` (L' < 0 at the cap);
+    `updated_gain.convergence` (a bound on p_2 is proved, whatever Gamma is), `updated_gain.theta` (p_2 is above it).
 
-    Args: `p_1` > 0 (decay of L, without unit), `p_2` >= 1 (1/s), the lower end of L, `p_3` > 0 (weight of Gamma);
-    `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start` L(0) from
-    p_2, its default, to the cap; `initial` the plant's state; `accept` ids of refuted checks to ignore.
+    Args: `p_1` > 0 (decay of L, without unit), `p_2` >= 1 (1/s), the lower end of L, `p_3` > 0 (weight of Gamma); `cap`
+    > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D = diag(b, .., b + n - 1);
+    `start` L(0) from p_2, its default, to the cap; `initial` the plant's state; `accept` ids of refuted checks to
+    ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the smallest b
     for which it is, for other numbers that do not fit, or a form that is no chain of integrators.
