@@ -81,8 +81,7 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def of_form(form: Form) -> dict[Place, np.ndarray]:
-    """Return the declared numbers of the form's parameters by place, and 0 for stored values of rows that may have
-    none."""
+    """Return, by place, the declared numbers of the form's parameters, and 0 for stored last finite values."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
     return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 

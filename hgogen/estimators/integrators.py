@@ -149,8 +149,7 @@ def observer_on(
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """Return the observer `name` on `chain` whose estimate is `w` (n), SX of its state; `claims`: checks beyond the
-    form's."""
+    """Return the observer whose estimate is `w` (n), SX of its state; `claims`: checks beyond those of the form."""
     form = chain.form
     return Observer(
         form=form,
@@ -220,8 +219,7 @@ def demand_linear_rows(observer: str, form: Form) -> None:
 
 
 def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
-    """Raise `BadGain` for an a_i = `a` that is 0 or no finite number at the nominal parameters; observers divide by
-    it."""
+    """Raise `BadGain` for an a_i = `a` that is 0 or not finite at the nominal parameters: observers divide by it."""
     value = a.subs(form.system.nominal)
     if not (value.is_extended_real and value.is_finite and float(value)):
         reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
@@ -280,8 +278,7 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
 def moving_gain(
     chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
-    """Return w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1), l the field `level`, l' = law(y - w_1), by default
-    0."""
+    """Return w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1), l the field `level`, l' = law(y - w_1)."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]

@@ -39,7 +39,7 @@ _RANGES = "Declare rates=((low, high), ..) of the input, one pair for each deriv
 
 
 class NoPhase(NoForm):
-    """The error for a plant without coordinates z = (y, y', .., y^(n-1)), as far as hgogen can tell."""
+    """The error for a plant not proved to have coordinates z = (y, y', .., y^(n-1))."""
 
 
 @Asking(4, most=1, costly=True, slow=True)

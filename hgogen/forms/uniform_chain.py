@@ -32,8 +32,7 @@ _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
 class NoUniformChain(NoForm):
-    """The error for a plant without the coordinates xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u'), as far as hgogen can
-    tell."""
+    """The error for a plant not shown to have coordinates xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
 
 
 @Asking(5, most=1, costly=True, slow=True)
@@ -79,8 +78,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
 
 
 def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
-    """Return the order of the states in z_i' = F_i(z_1..z_(i+1), u), y = c z_1 + o(u), as chains, with c and o(u).
-    Raises: `NoUniformChain`."""
+    """Return the order of the states z_i, and c, o(u) of y = c z_1 + o(u). Raises: `NoUniformChain`."""
     one_output(plant, "; these coordinates take one", NoUniformChain)
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)
@@ -95,8 +93,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
 
 
 def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
-    """Return the coordinates xi_1 = c z_1, xi_(i+1) = D_i F_i with b and the Jacobian dxi/dx. Raises:
-    `NoUniformChain`."""
+    """Return xi_1 = c z_1, xi_(i+1) = D_i F_i with b and the Jacobian dxi/dx. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
     plain = dict(zip(plant.states, (exact(sp.sympify(row)) for row in of_plant(plant).flow), strict=True))
     F = [plain[x] for x in z]

@@ -31,8 +31,7 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class Cholesky:
-    """The method for a Riccati observer that predicts, then corrects by each sample, with P = S S', S lower
-    triangular."""
+    """The method that predicts, then corrects by each sample, a Riccati observer with P = S S'."""
 
     name: str = RULE
     equations: tuple[str, ...] = EQUATIONS

@@ -29,15 +29,13 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class ContinuousDiscrete(Staged):
-    """The method that predicts, then corrects by each sample, a Riccati observer with P = L D L'; other parts by
-    classical Runge-Kutta."""
+    """The method that predicts, then corrects by each sample, with P = L D L'; by Runge-Kutta without a covariance."""
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the filter's memory and statements, predict and a scalar update for each output, inline or in
-        loops."""
+        """Return the filter's memory and statements: predict, and a scalar update for each output."""
         return chosen(part, clock)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:

@@ -123,8 +123,7 @@ def cascade(
 
 
 def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
-    """Return the gains alpha (n) from `gains` or `poles`; the complex poles, or else the two fastest, are those of v_1,
-    v_2."""
+    """Return alpha (n) from `gains` or `poles`; the complex poles, or else the two fastest, are those of v_1, v_2."""
     if gains is not None and poles is not None:
         raise BadGain("cascade", "takes gains or poles, not both; leave one out")
     if poles is None:

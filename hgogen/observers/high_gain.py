@@ -156,8 +156,7 @@ def _means(form: Form, weights: Any) -> Iterator[str]:
 
 
 def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
-    """Return z' = A z + b(z, u) + K_theta (y - C z - offset) as a differential equation, A and C constant unless
-    `chosen` depends on u."""
+    """Return z' = A z + b(z, u) + K_theta (y - C z - offset) as a differential equation."""
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K.values, dtype=float))
     if chosen.driven:
@@ -181,8 +180,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
 
 def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
-    """Return z' = f(sat z, u) + (dPhi/dx)^-1 K_theta (y - h(z, u)), z the plant's state, p (n) the gains K; no
-    correction for |det dPhi/dx| <= `least`."""
+    """Return x' = f(sat x, u) + (dPhi/dx)^-1 K_theta (y - h(x, u)), none of it for |det dPhi/dx| <= `least`."""
     n = dynamics.n
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -193,8 +191,7 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
 
 
 def _least(dynamics: Dynamics, share: float) -> float | None:
-    """Return the |det dPhi/dx| up to which there is no correction, `share` of its largest; None if it is proved
-    nonzero."""
+    """Return the |det dPhi/dx| up to which no correction is made, `share` of its largest; None if it has no zero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")

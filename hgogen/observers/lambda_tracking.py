@@ -126,8 +126,7 @@ GROWN = replace(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return starting gains, k from theta/2 to 10 theta; an error as large as the range of y raises k by theta^2 per
-    second."""
+    """Return gains to start from: k from theta/2 to 10 theta; an error as large as y's range raises k by theta^2/s."""
     y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
     moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}

@@ -132,8 +132,7 @@ def switched_gain(
 
 
 def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
-    """Return the memory and statements that switch the gain; their timer counts samples in a real, so that it restarts
-    with the estimate."""
+    """Return the switch and its timer, which counts samples in a real, so that it restarts with the estimate."""
     needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
     if needed > LONGEST:
         raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")

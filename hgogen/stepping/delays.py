@@ -111,8 +111,7 @@ def arranged(step: Step) -> Step:
 
 @dataclass(frozen=True, eq=False)
 class _Delayed:
-    """A step that accepts late samples, by a ring buffer of past periods, built from the step `plain` without
-    delays."""
+    """A step that accepts late samples by a ring buffer of past periods, from the step `plain` without delays."""
 
     plain: Step
 

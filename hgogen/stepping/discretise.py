@@ -210,8 +210,7 @@ class Curved(Around):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """Return memory and statements of a step: by an explicit method in its view S or P, else by Runge-Kutta on (z,
-    P)."""
+    """Return memory and statements of a step: by an explicit method in its view, else by Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     integration = explicit.step(part.equation(explicit.view), clock)
@@ -224,8 +223,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Return the step lengths without the second derivatives of the outputs, and 1/fastest, which limits every
-    method."""
+    """Return the step lengths without the outputs' second derivatives, and 1/fastest, which limits every method."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)

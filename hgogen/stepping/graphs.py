@@ -140,8 +140,7 @@ def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
 
 
 def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
-    """Yield the elements of a field of the last group of `line`, nested groups from the outermost on, in memory
-    order."""
+    """Yield the elements of a field of the last of nested groups, `line`, from the outermost on, in memory order."""
     for members in product(*(range(group.count) for group in line)):
         path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
         yield from of_field(field, unit, f"{path}.{field.name}")
@@ -241,8 +240,7 @@ class Symbolic(Reader[Memory]):
 
 
 class _Choice:
-    """The values after the two branches of a condition, of which a flag selects one; a constant flag needs no
-    selection."""
+    """The results of two branches of a condition, of which a flag selects one; a constant flag selects at once."""
 
     def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
         self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
@@ -253,8 +251,7 @@ class _Choice:
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Graph, memory: Memory) -> Memory:
-        """Return the values of the places that a branch writes, by the branch that `flag` selects, from those in
-        `memory`."""
+        """Return the values of the places that a branch writes, by the branch that `flag` selects."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}
@@ -308,8 +305,7 @@ class Flow:
 
 @dataclass(frozen=True, eq=False)
 class Graphs:
-    """The CasADi functions of the step `source`, of one call and of its differential equation; `graph` returns that of
-    a block."""
+    """The CasADi functions of the step `source`: one call, and the differential equation; `graph` returns a block's."""
 
     source: Step
     graph: Callable[[Block], ca.Function]
@@ -339,8 +335,7 @@ class Graphs:
         return of_signals("estimates", self.source.states)
 
     def step(self) -> ca.Function:
-        """Return the function (state, u, y, p) -> next, x, status of one call; the status is a number, or one for each
-        32 bits."""
+        """Return (state, u, y, p) -> next, x, status of one call; the status is a number, or one for each 32 bits."""
         step, state, lies = (
             self.source,
             ca.MX.sym("state", len(self.memory)),

@@ -147,8 +147,8 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Return the block that raises a status bit where the plant's state cannot be computed from the estimate z; empty
-    if it always can."""
+    """Return the block that reports a plant's state that cannot be computed from the estimate z; empty if it always
+    can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -189,8 +189,7 @@ def guard_inputs(observer: Observer) -> Block:
 
 
 def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
-    """Return whether a sample `raw` is a number in the sensor's range `reading`, widened by its width at both ends;
-    SX."""
+    """Return whether a sample `raw` is in the sensor's range `reading`, widened by its width at both ends; SX."""
     low, high = reading
     width = high - low
     in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)

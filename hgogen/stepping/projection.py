@@ -127,8 +127,7 @@ def _start_point(
     V: Graph,
     limits: list[tuple[float, float]],
 ) -> np.ndarray:
-    """Return x_0 of a restart: the initial values, or the point of the ranges at which most outputs depend on x (dh/dx
-    != 0)."""
+    """Return x_0 of a restart: the initial values, or a point of the ranges where more outputs depend on x."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [Place("state", field.name) for field in fields]
     sizes = np.cumsum([field.size for field in fields])[:-1]
@@ -158,8 +157,7 @@ def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Fiel
 
 
 def projection(observer: Observer, pieces: Pieces) -> Program:
-    """Return the program that projects the estimate of an observer onto its declared ranges, in the metric of P if
-    `pieces` has one."""
+    """Return the program that projects an observer's estimate onto its ranges, in the metric of P if there is one."""
     if pieces.project:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
@@ -193,8 +191,7 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
-    """Return the last point on the way from x to `projected` that is in the outer box; a clamp removes rounding
-    errors."""
+    """Return the last point from x to `projected` that is in the outer box; a clamp removes rounding errors."""
     step, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(step[i] > 0, high - x[i], x[i] - low)

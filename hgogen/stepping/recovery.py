@@ -116,15 +116,13 @@ def plant_rate(observer: Observer) -> float | None:
 
 
 def _typical(decays: np.ndarray) -> float | None:
-    """Return the median over k points of the geometric mean of the rates `decays` (k, n) above rounding; None for all
-    0."""
+    """Return the median over k points of the geometric mean of `decays` (k, n) above rounding; None for only 0."""
     means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in decays if row.max() > 0]
     return float(np.median(means)) if means else None
 
 
 def rate(observer: Observer, clock: Clock) -> float:
-    """Return the slowest rate mu at which errors of the observer decay; the inverse of ten samples where none is
-    known."""
+    """Return the slowest rate mu at which errors of the observer decay; that of ten samples where none is known."""
     mu = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(mu, default=1 / (SAMPLES * clock.dt))
 
@@ -217,8 +215,7 @@ class Sign:
         return count if self.output is None else ca.fabs(count)
 
     def _signed(self, side: Graph, size: Graph) -> Graph:
-        """Return a count with the absolute value `size` and the sign of `side`; `size` itself for the sign of the
-        ranges."""
+        """Return a count with the absolute value `size` and the sign of `side`; only `size` for the ranges."""
         return size if self.output is None else ca.if_else(side < 0, -size, size)
 
     @property
@@ -337,14 +334,12 @@ class Recovery:
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
-        """Sections that several others call: one counts estimates outside the ranges, one projects the estimate onto
-        them."""
+        """Sections that others call: one counts estimates outside the ranges, one projects the estimate onto them."""
         return (*self._counting, *self._projecting)
 
     @cached_property
     def _counting(self) -> tuple[Section, ...]:
-        """The section that counts an estimate outside its ranges, if several sections have samples at every period;
-        else ()."""
+        """The section that counts estimates outside their ranges, if several sections have samples; else ()."""
         if self.sections < 2 or self.clock.every or not self.signs:
             return ()
         return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
@@ -357,8 +352,7 @@ class Recovery:
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """Return the program that resets corrupted fault counts and limits, and changes the count of range by
-        `weight`."""
+        """Return the program that resets corrupted counts and limits, and changes the count of range by `weight`."""
         unchanged = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
@@ -428,16 +422,14 @@ class Recovery:
 
     @cached_property
     def other_memory(self) -> Program:
-        """The program that resets all memory except the estimate and lasting fields; copies of the model start from the
-        estimate."""
+        """The program that resets all memory except estimate and lasting fields; copies of the model follow it."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the writes of the change of |c| of a sign at these samples, and of a value with the sign of the new
-        count c."""
+        """Return the writes of the change of |c| at these samples, and of a value with the sign of the new count c."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
@@ -451,8 +443,7 @@ class Recovery:
         }
 
     def _limit(self, j: int) -> Graph:
-        """Return the error of output j, SX scalar, beyond which it is a sign: max(SHARE s_j, min(SIGMAS sqrt(S_j),
-        SHARE s_j r_j))."""
+        """Return the |y - yhat| of output j beyond which an error is a sign of a fault, SX scalar."""
         least, trust, riccati = SHARE * self._spans[j], self._trust, _riccati(self.observer)
         noisier = float(np.sqrt(trust.max() / trust[j])) if trust is not None and trust[j] > 0 else 1.0
         if riccati is None or noisier <= 1:
@@ -466,13 +457,11 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Return whether a sample of output j judges the estimate: one that is valid, or in the sensor's range though
-        far from yhat."""
+        """Return whether a sample of output j judges the estimate: a valid one, or one far from yhat in the range."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
-        """Return the program that restarts or projects the estimate where the count of one of `signs` is at its
-        limit."""
+        """Return the program that restarts or projects the estimate where a count of `signs` is at its limit."""
         acts, lost = Place("work", "acts"), Place("work", "lost")
         over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
         helpless = []
@@ -512,8 +501,7 @@ class Recovery:
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
-        """Return r, the largest ratio over the coordinates of the width of the outer box to that of the declared
-        box."""
+        """Return r, the largest ratio over the coordinates of the widths of the outer and the declared box."""
         fields = self._estimate_fields()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
         values = {Place("state", field.name): np.array(field.initial) for field in fields}

@@ -111,8 +111,7 @@ def _used(output: Signal) -> str:
 
 
 def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
-    """Return the block that counts the next period, of number 0 in the first call, and clears the marks of used
-    samples."""
+    """Return the block that counts the next period, 0 in the first call, and clears the marks of used samples."""
     now = sym("state", "now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
     fresh = {Place("state", name): ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
@@ -179,8 +178,7 @@ def timed(section: Section, output: Signal) -> Section:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """The memory and statements `pieces` of an observer's parts, combined into the sections predict, update, adapt of a
-    step."""
+    """The memory and statements `pieces` of an observer's parts, combined into the sections of a step."""
 
     observer: Observer
     clock: Clock
@@ -255,8 +253,7 @@ class Assembly:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """The sections predict, update of each output, adapt, in order, without statements whose results are never
-        read."""
+        """The sections predict, update of each output, adapt, without statements whose results are never read."""
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # the last one that can change the estimate
         outside = () if self.still and not self.rated else (outside_bit(self.observer),)
@@ -286,13 +283,11 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """The program that resets fault counts and all memory but the estimate, called where a value of the state is
-        lost."""
+        """The program that resets fault counts and all memory but the estimate after a loss of a state's value."""
         return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
-        """Return `program`, then the clamp of what it wrote to the state; `before`: a clamped program earlier in the
-        section."""
+        """Return `program`, then the clamp of what it wrote to the state; `before`: a clamped program before it."""
         if not self.clock.guarded:
             return program
         keep = tuple(map(Call, self._keep))
