@@ -59,12 +59,10 @@ class NoClaims(BadArgument):
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
-    """Return the certificate of a form's checks, and of the observer of that name.
-
-    A claim that `recheck.verification` does not verify is "stated" in it, not "proved". Raises: `NotCertifiable` for a
-    model with functions that the certificate's grammar lacks (Piecewise, floor); `OtherNumbers` for an observer that
-    does not fit its rules; `NoClaims` for an argument that is no form, check or name.
-    """
+    """Return the certificate, a JSON value, of a form's `checks`, and of the observer with the name `observer`. A
+    claim whose evidence `recheck.verification` does not verify is "stated" there, not "proved". Raises:
+    `NotCertifiable` for a model with functions that the grammar lacks (Piecewise, floor); `OtherNumbers` for an
+    observer that does not fit its rules; `NoClaims` for an argument that is no form, check or name."""
     checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]
     content = sealed({**head(form, checks, observer), "claims": claims})
@@ -81,7 +79,7 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
 
 
 def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
-    """Return the checks. Raises: `NoClaims`."""
+    """Return the checks as a tuple; demand that all arguments of `certificate` have their types. Raises: `NoClaims`."""
     if not isinstance(form, Form):
         raise NoClaims(f"{type(form).__name__} given to certificate", "is no form; give observer.form, observer.checks")
     each = tuple(checks) if isinstance(checks, Iterable) else (checks,)
@@ -95,19 +93,21 @@ def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ..
 
 
 def asserted(content: Mapping[str, Any]) -> int:
-    """Return the number of claims in a certificate that `recheck.verification` verifies."""
+    """Return the number of claims in a certificate with the verdict "proved" or "refuted"."""
     return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 
 def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return the ids and reasons of the claims that were proved or refuted, but have no evidence in the certificate."""
+    """Return (id, reason) of each claim with the verdict "stated": it was proved or refuted, but has no evidence
+    here."""
     return tuple(
         (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
     )
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    """Return the claim of a check with its evidence, or with a reason where no evidence can be verified."""
+    """Return a check as a claim {"id", "verdict", "evidence"}, "stated" with a reason where no evidence can be
+    written."""
     proofs_by_verdict = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
     if proofs_by_verdict is None:
         return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}

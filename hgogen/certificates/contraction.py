@@ -44,9 +44,9 @@ _BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))
 
 @dataclass(frozen=True)
 class Reach:
-    """The limits of dt and theta: `longest`, the largest proved dt at the step's theta, and `pieces`, proofs of all dt
-    up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs at it of all dt that cover each
-    theta up to the step's own. None, or no pieces, where nothing is proved."""
+    """The limits of dt and theta up to which a step contracts: `longest`, the largest proved dt at the step's theta,
+    and `pieces`, proofs of all dt up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs
+    at this theta of all dt that cover each theta up to the step's own. None, or (), where nothing is proved."""
 
     longest: Fraction | None = None
     pieces: tuple[Piece, ...] = ()
@@ -59,12 +59,10 @@ NOWHERE = Reach()
 
 @dataclass(frozen=True)
 class Contraction:
-    """Proofs that the error of a step contracts, call by call.
-
-    `checks`: OBSERVER.step, at its dt and theta; OBSERVER.shorter, at every dt up to a longest one; OBSERVER.tuned, at
-    every theta from a least one to its own; the last two only if they are proved. `rate` (1/s) of |e|_P at its dt and
-    theta, rounded down, None where it is not proved; `reach`: the limits of dt and theta; `proof`: of the first check.
-    """
+    """The result of the question whether the error of a step contracts, |e+|_P <= sqrt(1 - alpha dt) |e|_P, at every
+    call. `checks`: OBSERVER.step, at its dt and theta, and where proved OBSERVER.shorter, at every dt up to a
+    longest one, and OBSERVER.tuned, at every theta from a least one on; `rate` (1/time) of |e|_P, rounded down, None
+    where it is not proved; `reach`: limits of dt and theta; `proof`: that of OBSERVER.step."""
 
     checks: tuple[Check, ...]
     rate: float | None
@@ -81,12 +79,10 @@ class Contraction:
 
 
 def contraction(step: Step) -> Contraction:
-    """Return the proofs about the error of a step at its gains and dt, and the limits of dt and theta.
-
-    They exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by
-    an explicit method, or by one that realises a constant core; for others the check says why nothing is proved.
-    Raises: `NoSolver` without Clarabel; `NoStep`.
-    """
+    """Return whether the error of a step contracts at its gains and dt, with the proof, and the limits of dt and
+    theta up to which it does. Proofs exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`,
+    `low_power` and `peaking_free` by an explicit method, or one that realises a constant linear core; for others the
+    check names the reason. Raises: `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "contraction")
     return _contraction(step.observer, step.method, step.code.rule, step.dt, step.limit)
 
@@ -117,7 +113,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
 
 
 def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
-    """Yield the proved checks of other step lengths and of other thetas."""
+    """Yield the checks OBSERVER.shorter and OBSERVER.tuned, where they are proved."""
     reason = because("the inequality is a polynomial in dt, negative on the whole range, in rational arithmetic")
     if far.pieces:
         longest = far.pieces[-1].high
@@ -131,7 +127,7 @@ def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -
 
 
 def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
-    """Return proofs at one theta of every step length up to a longest, as a certificate has them."""
+    """Return the `pieces`, proofs at one theta of all step lengths up to a longest, under the keys of a certificate."""
     each = [{"low": one.low, "high": one.high, **one.weights.written} for one in pieces]
     return {"method": rule, "theta": theta, "pieces": each}
 
@@ -141,12 +137,13 @@ def _claim(observer: Observer, rule: str, dt: float) -> str:
 
 
 def running(observer: Observer, rule: str, dt: float) -> str:
-    """Return the beginning of a claim about a step."""
+    """Return the text "as it runs, by METHOD at dt = .. s", with which claims about a step begin."""
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
 def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
-    """Return a proved claim about the error of an observer, with the `facts` that prove it."""
+    """Return the proved check OBSERVER.`fact` with its `claim` and `reason`; `facts`: its evidence about the
+    `error`."""
     grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Facts(error, facts))
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
@@ -159,7 +156,8 @@ def _unknown(
 
 
 def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
-    """Return why there is no proof at a step length: constant slopes with growing errors, else the main obstacle."""
+    """Return why a step of length h has no proof: constant slopes with which errors grow, else the slope whose range
+    hinders most, and the share of all ranges that is proved."""
     slopes = unstable(steps.at(h))
     if slopes is None:
         known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), sufficient_share(steps, h)
@@ -171,7 +169,7 @@ def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
 
 
 def _fix(far: Reach) -> str:
-    """Return the changes with which there is a proof, with their numbers."""
+    """Return the advice to take a dt or a theta at which there is a proof."""
     ways = [f"dt = {Down(far.longest, 3)}"] if far.longest else []
     ways += [f"theta = {same(float(far.least))}"] if far.least else []
     known = f"It is proved with {' or with '.join(ways)}. " if ways else ""
@@ -182,7 +180,8 @@ def _fix(far: Reach) -> str:
 
 
 def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
-    """Return the limits for a step of length h, which is refused above `limit`. Raises: `NoSolver`."""
+    """Return the limits of dt and theta around a step of length h; `limit`: the length above which steps are
+    refused. Raises: `NoSolver`."""
     theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
 
     def at(level: Fraction) -> Steps:
@@ -205,8 +204,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 
 def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
-    """Return, for a step without a proof, the largest share of its slopes' ranges with one, if any. Raises:
-    `NoSolver`."""
+    """Return the largest share s of the slopes' ranges for which the step of length h contracts, each range times s;
+    None for none. Raises: `NoSolver`."""
 
     def narrowed(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))
@@ -223,7 +222,8 @@ def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fra
 
 
 def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fraction) -> Fraction | None:
-    """Return the value nearest to the end that is proved, a short number between it and the start."""
+    """Return a number of three digits at or near `end`, in the direction of `start`, for which `certain` holds; None
+    for none."""
     towards = up if start > end else down
     for share in _BACK:
         value = Fraction(towards(end + (start - end) * share, 3))
@@ -261,7 +261,7 @@ class Admitted:
 
 
 def admitted(step: Step, known: Contraction) -> Admitted:
-    """Return the limits of a step's dt, with those of its contraction."""
+    """Return the limits of a step's dt: certified by `known`, its contraction, advised, and refused."""
     far = known.reach
     certified = float(far.longest) if far.longest else step.dt if known.proved else None
     advised, refused = (None if most == INF else most for most in (step.advised, step.limit))

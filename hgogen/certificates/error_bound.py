@@ -47,8 +47,8 @@ Slopes = Mapping[str, tuple[Fraction, ...]]
 
 
 def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
-    """Return, by the name of a state of the plant that is none of the form's, the sup |dx/dz_j| (n), where the errors
-    of the form's states are at most `errors` (n); without states whose slopes are unknown."""
+    """Return, by name, for each state x of the plant that is none of the form's, sup|dx/dz_j| (n), where the errors
+    of the form's states z are at most `errors` (n); without those that have no bound."""
     slopes = {}
     for state, expression in form.estimates:
         if state.name in form.names:
@@ -63,8 +63,8 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return the slopes of a state that is an expression of z, which is clamped where the map turns. Raises:
-    `Unbounded`."""
+    """Return sup|dx/dz_j| (n) of a state x given as an `expression` of z, where z may leave its range by `errors` up
+    to where the expression is clamped. Raises: `Unbounded`."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
@@ -73,8 +73,8 @@ def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction])
 
 
 def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
-    """Return the slopes of a state that is reported as an expression of the states of the form's system. These are
-    recovered from z, clamped to its ranges, and then clamped to theirs. Raises: `Unbounded`."""
+    """Return sup|d state/dz_j| (n) of a state that is reported as an expression of the form's system's states, which
+    are recovered from z, clamped to its ranges, and clamped to their own. Raises: `Unbounded`."""
     system, inverse = form.system, sided(form)
     (reported,) = (expression for signal, expression in system.reported if signal == state)
     around = system.box_with(system.states)
@@ -91,8 +91,8 @@ def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
 
 
 def _steepest(expression: sp.Expr, form: Form, where: Box) -> tuple[Fraction, ...]:
-    """Return sup |l_j + c r_j|, c in [0, 1], at an end of c: l are the slopes of the terms that are linear in z, r
-    those of the others. Raises: `Unbounded`."""
+    """Return sup|l_j + c r_j| (n) over c in [0, 1] on the box `where`, l_j the slopes in z_j of the expression's
+    linear terms and r_j those of its other terms, which are clamped. Raises: `Unbounded`."""
     linear, _ = linear_terms(expression, form.states)
     return tuple(max(steepness_in(linear, z, where), steepness_in(expression, z, where)) for z in form.states)
 
@@ -113,18 +113,13 @@ _UP = 1 + 1e-9  # of a count of calls, for rounding errors
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """Bounds of the estimate's errors for a step.
-
-    `shares`: by cause ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the name
-    of a state of the form, or of the plant behind a change of coordinates (`slopes_of_states`), its part; `bounds`:
-    their sums, without the states whose sum exceeds the width of their range; `check` names these. `settles` (the
-    model's unit of time): the time after which an error is within 1.1 of its bound, for initial errors of min(1,
-    `multiple`) times those that the ranges allow; `multiple`: the largest multiple of these with which the estimate
-    never reaches its limits. If no start is known both are None, and `missing` says why; if nothing is proved it says
-    why, and the mappings are empty. `inside`: the distance by which the plant must keep clear of the ends of its
-    ranges. `check`: OBSERVER.error; certificates contain it for the states of the form. `signed`: the statements in the
-    code of a step.
-    """
+    """Bounds of the errors of a step's estimate. `shares`: by cause ("noise", "rounded", "late", "disturbance",
+    "parameters", "method", "rounding") and by the name of a state of the form or the plant, the error from this
+    cause; `bounds`: the sums, without states whose sum exceeds the width of their range; `inside`: the distance by
+    which the plant must keep clear of the ends of its ranges. `settles` (time): from when on an error is within 1.1
+    of its bound, for initial errors of min(1, `multiple`) times those that the ranges allow; `multiple`: the largest
+    one with which the estimate never reaches its limits; both None where unknown, for the reason `missing`. `check`:
+    OBSERVER.error; `signed`: the statements in the step's code."""
 
     check: Check
     shares: Mapping[str, Mapping[str, float]]
@@ -204,7 +199,8 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
 
 
 def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """Return the largest speed of each input between samples, None if unknown. Raises: `BadNames`, `BadGain`."""
+    """Return the largest |u'| between samples of each input, as given in `rates` or declared, 0 where inputs are
+    held, None if unknown. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     requested = each_by_name("rates", rates, names_of(inputs), None)
@@ -214,7 +210,8 @@ def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 
 
 def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, ErrorInput]:
-    """Return the inputs of the error by name, without that of the method and those that are 0. Raises: `Unbounded`."""
+    """Return by cause, but for the method, the inputs of the error with their sizes, from `most`, the declared sizes
+    by cause; without those of size 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     disturbance, mismatch = times(change, pushed), times(by_parameters, wrong)
@@ -242,7 +239,8 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
 def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
-    """Return the bound from the shares of all inputs. Raises: `Unbounded`, `NoSolver`."""
+    """Return the bound of the errors of a step, by the `proof` that it contracts; `most`: the declared sizes by
+    cause, `real`: the precision of rounding. Raises: `Unbounded`, `NoSolver`."""
     assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
@@ -273,7 +271,7 @@ def _bounded(
 
 
 def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
-    """Return the shares of the inputs. Raises: `Unbounded`, `NoSolver`."""
+    """Return the share of each cause in the error, with its proof. Raises: `Unbounded`, `NoSolver`."""
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
     for name, one in error_inputs.items():
         relative = one.sizes.over(one.sizes.largest)
@@ -287,14 +285,15 @@ def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Sh
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:
-    """Return the sum of the shares by field."""
+    """Return, for each k of `fields`, the sum of all shares of the bound of e_k."""
     return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
 def _start_multiple(
     running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
-    """Return the start, and the multiple of its initial errors with which the estimate reaches no limit."""
+    """Return the start and the largest multiple of its errors from which the estimate, with errors of `totals` from
+    inputs besides, reaches no limit; or why there is none."""
     if isinstance(start, Nothing):
         return start
     slack = {k: limit - totals[k] for k, limit in start.limits.items()}
@@ -307,8 +306,8 @@ def _start_multiple(
 
 
 def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
-    """Return the calls after which the error from the start is at most `residual`, by field: V(0) is at most the
-    largest of the corners, and is multiplied by (1 - alpha h)^k."""
+    """Return the number of calls after which the error from the start, min(1, `multiple`) times it, is at most
+    `residual`, by component of e: V(0) at the corners falls by (1 - alpha h)^k."""
     begins, proof = running.begins(start, residual), running.proof
     falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
     for k, most in residual.items():
@@ -325,8 +324,9 @@ def _stated(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> ErrorBound:
-    """Return the bound of these shares, from `calls` on, after which the error from the start is at most `residual`, by
-    field; `room`: the further errors at which no guard acts, None where one may."""
+    """Return the bound with its sentences, from the shares. `residual`: the error from the start that is left after
+    settling, by component of e; `calls`: further calls until rounding has settled; `room`: further errors at which
+    no guard acts, None where one may."""
     settled, multiple, alone = _settled(running, begun, room, residual, calls)
     totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
@@ -381,7 +381,8 @@ def _settled(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
-    """Return the time in which the start decays, the multiple of its initial errors, and whether no guard acts."""
+    """Return the statements of when the error from the start has decayed, the multiple of initial errors, and
+    whether no guard acts; arguments as of `_stated`."""
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun
@@ -396,7 +397,8 @@ def _settled(
 
 
 def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
-    """Return the sentence that a bound is useless, with its largest cause."""
+    """Return the sentence that the bound of a state exceeds the `width` of its range, with the largest of its
+    `parts`."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
     return Sentence.of(
@@ -405,7 +407,7 @@ def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, f
 
 
 def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
-    """Return the sentence with the time from which the bound holds, and the initial errors."""
+    """Return the sentence of the time from which on the bounds hold, and for which initial errors."""
     if settled.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
         return because(pattern, why=settled.unsettled)
@@ -417,7 +419,7 @@ def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
-    """Return the claim about every state, or about those with the names."""
+    """Return the text that each state, or each of the names `known`, is known within a bound for ever."""
     subject = f"of the states {', '.join(known)}" if known else "every state"
     return f"{running(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
 

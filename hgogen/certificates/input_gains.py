@@ -45,8 +45,8 @@ from hgogen.step import Step, demand_step
 
 @dataclass(frozen=True)
 class NoiseGain:
-    """The effect of noise: `gains`, by the names of a state of the form and of an output, the largest error of the
-    state for noise of at most 1 in the samples of the output, in their units; for several outputs they add up. `check`:
+    """The effect of noise on a step: `gains`, by (state of the form, output), the largest error of the state for
+    noise of at most 1 at each sample of the output, for ever; for several outputs they add up. `check`:
     OBSERVER.noise."""
 
     gains: Mapping[tuple[str, str], float]
@@ -63,12 +63,10 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | Nothing:
-    """Return the effect of noise on the estimate of a step that is proved to contract; or why it is unknown: no
-    contraction, or a chain whose gains are no numbers.
-
-    An error beyond the bound approaches it: the bound is |e|_P^2 = 1, and |e|_P^2 - 1 loses alpha dt of itself at each
-    call. Raises: `NoSolver` without Clarabel; `NoStep`.
-    """
+    """Return the largest errors under noise of a step that is proved to contract, by |e+|_P^2 <= (1 - alpha dt)
+    |e|_P^2 + dt sum_k lambda_k v_k^2, sum_k lambda_k <= alpha, so that |e|_P <= 1 is invariant and an error from
+    outside approaches it; or the reason: no contraction, or a chain whose gains contain parameters. Raises:
+    `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "noise_gain")
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
@@ -110,7 +108,8 @@ _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational ari
 
 @dataclass(frozen=True)
 class L2Gain:
-    """A bound `gain` of the L2 gain, None where none is proved; `check`: OBSERVER.l2_gain, with the reason."""
+    """A proved bound `gain` of the L2 gain from inputs to errors, None where there is none; `check`:
+    OBSERVER.l2_gain."""
 
     gain: float | None
     check: Check
@@ -121,8 +120,8 @@ class L2Gain:
 
 @dataclass(frozen=True)
 class IssGain:
-    """The ultimate `bounds` of the errors by the name of a state of the form; empty where nothing is proved. `check`:
-    OBSERVER.iss_gain, with the reason."""
+    """The proved `bounds`, by state of the form, of the errors in the end, {} where there are none; `check`:
+    OBSERVER.iss_gain."""
 
     bounds: Mapping[str, float]
     check: Check
@@ -133,12 +132,10 @@ class IssGain:
 
 @asks_an_observer
 def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
-    """Return a bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
-
-    By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1,
-    by default 0; `of`: the weight of the error of a state of the form, by default 1. Raises: `NoSolver` without
-    Clarabel; `BadNames`, `BadGain` for an invalid size.
-    """
+    """Return a bound mu of the L2 gain, |C e|_2 <= mu |v|_2 + a term of the start, from inputs v to the error of an
+    observer with a constant injection, in continuous time, at its theta. `noise`, by output, and `disturbance`, in
+    the rate of a state of the plant, by name: the size that counts as 1, by default 0; `of`, by state of the form:
+    its weight in C, by default 1. Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size."""
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
     known = _known(observer, noise, disturbance)
@@ -164,9 +161,10 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
-    """Return the ultimate bound of the error of each state of the form under inputs of at most these sizes, whatever
-    their course; it is proportional to the inputs. Arguments as of `l2_gain`. Raises: `NoSolver` without Clarabel;
-    `BadNames`, `BadGain` for an invalid size."""
+    """Return the bound to which the error of each state of the form comes in the end, under `noise` in outputs and a
+    `disturbance` in rates of the plant's states of at most these sizes, by name, of any course: V' <= -alpha V +
+    sum_k lambda_k v_k^2, sum_k lambda_k <= alpha. In continuous time, proportional to the inputs. Raises: `NoSolver`
+    without Clarabel; `BadNames`, `BadGain` for an invalid size."""
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):
@@ -191,9 +189,9 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """The `error` at `theta`, which `falls` without inputs; `driven` by the inputs (q), first those of the outputs, of
-    the sizes `noise` (p), then the `disturbances` in the form's rows, each (n); `scales` (N); and `phrases` of the
-    inputs."""
+    """The `error` at `theta`, which decays by the proof `falls`; `driven`: its system with q inputs, first the
+    outputs' noise of the sizes `noise` (p), then the `disturbances`, each as added to the form's rows (n); `scales`
+    (N) of e; `phrases`: the inputs in words."""
 
     error: Inclusion
     theta: Fraction
@@ -206,7 +204,8 @@ class _Known:
 
 
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
-    """Return the error with its inputs, or why it is unknown. Raises: `NoSolver`, `BadNames`, `BadGain`."""
+    """Return the error of an observer with these inputs, or why it is unknown. Raises: `NoSolver`, `BadNames`,
+    `BadGain`."""
     form, system = observer.form, observer.form.system
     noises = sizes_of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
@@ -239,7 +238,8 @@ def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]
 
 
 def _disturbance_rows(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
-    """Return each disturbance in the rows of the form (n); or why it is unknown."""
+    """Return, for each disturbance of a nonzero size in the rate of a plant's state, what it adds to z' (n), z the
+    form's states; or why that is no number."""
     states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
     for x, size in zip(states, sizes, strict=True):
         if not size:

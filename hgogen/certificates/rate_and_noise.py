@@ -28,8 +28,9 @@ _GUESS = 4.0  # theta over the guess of its rate, where none is proved
 
 @dataclass(frozen=True)
 class Point:
-    """An observer on the curve. `gain`: the designed one, None for a tuning; `rate` (1/time); `continuous`, `step`: the
-    bounds of the effect of noise in continuous time, and in the step at its dt, empty where none are proved."""
+    """A gain on the curve of rate against noise: the `observer` that has it; `gain`: the designed gain, None for one
+    given by the user; `continuous` and `step`: the bounds of errors under noise, by (state, output), in continuous
+    time and for the step at its dt, {} where none are proved."""
 
     observer: Observer = field(repr=False)
     gain: Gain | None
@@ -41,12 +42,12 @@ class Point:
 
     @property
     def about(self) -> float:
-        """The proved rate, or a guess."""
+        """The proved rate of decay, or where none is proved theta/4 as a guess."""
         return float(theta_of(self.observer)) / _GUESS if self.rate is None else self.rate
 
 
 def tuned(step: CallableStep) -> Point:
-    """Return the point of a step of a constant injection. Raises: `NoSolver`."""
+    """Return the point of a step with its own gains, for an observer with a constant injection. Raises: `NoSolver`."""
     error, known = step.observer.error, noise_bounds(step.observer)
     falls = None if error is None or isinstance(error, Nothing) else Flow(error, theta_of(step.observer)).fastest
     bounds: Mapping[tuple[str, str], float] = {} if isinstance(known, Nothing) else known
@@ -54,8 +55,9 @@ def tuned(step: CallableStep) -> Point:
 
 
 def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
-    """Return the point of a gain that is designed for a rate, on the form, at the dt and by the method of a step; with
-    an `argument` of b that is searched. Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do."""
+    """Return the point of a gain that is designed for a `rate`, on the form of the step `like`, with its dt and
+    method; with an N in b(z + N (y - C z)) if `argument`. Raises: `NoSolver`; as `hg.design.gain`, the observer and
+    `sample` do."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.arguments)
@@ -73,7 +75,8 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
 
 
 def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
-    """Return the point with the proofs about its step; those about noise only if the step has the length `dt`."""
+    """Return the point with the longest proved dt of its step, and the bounds under noise if the step has the length
+    `dt`."""
     longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
     gains = noise.gains if isinstance(noise, NoiseGain) else {}
     return replace(point, longest=None if longest is None else float(longest), step=gains)

@@ -59,19 +59,19 @@ _SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and 
 
 
 class Arithmetic(Protocol):
-    """The operations that an evaluation of the program needs."""
+    """The operations with which `after_call` evaluates a step's program, on values of any kind: balls, or texts."""
 
     def parameter(self, number: float) -> Any:
-        """Return the value of a gain or a parameter of the program."""
+        """Return the value that represents a gain or a parameter of the program."""
 
     def constant(self, number: float) -> Any:
-        """Return the value of a number in the program."""
+        """Return the value that represents a constant of the program."""
 
     def apply(self, op: int, values: list[Any]) -> Any:
-        """Return the value of one operation, by CasADi's number of it. Raises: `Unsure`."""
+        """Return the result of one operation, `op` CasADi's number of it, on these values. Raises: `Unsure`."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
-        """Return the columns of a function of the program, by its `body`. Raises: `Unsure`."""
+        """Return the results of a `function` of the program at `columns`, which `body` computes. Raises: `Unsure`."""
 
 
 def after_call(
@@ -81,8 +81,9 @@ def after_call(
     samples: Sequence[Sequence[Any]],
     inputs: Sequence[Sequence[Any]],
 ) -> list[Any]:
-    """Return the elements of the observer's fields (N) after a call, from `fields` (N) before it, and from the
-    `samples` (2, p) and the `inputs` (2, m) of the last call and of this one. Raises: `Unsure`."""
+    """Return the numbers (N) in an observer's memory after one call of its step, in any `arithmetic`: `fields` (N),
+    these numbers before it; `samples` (2, p) and `inputs` (2, m), of the last call and of this one. Raises:
+    `Unsure`."""
     (part,) = step.observer.parts
     p = len(samples[0])
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
@@ -104,31 +105,29 @@ def after_call(
 
 
 def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-    """Return, by element of the observer's fields (N), the difference of a call from exact arithmetic, for fields in
-    the balls `fields` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
-
-    The memory of a step, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
-    constants and the results of `tune` are rounded. Raises: `Unsure`.
-    """
+    """Return balls (N) of the rounding errors in the observer's memory that one call makes in the precision `real`,
+    for memory in the balls `fields` (N), samples in `y` (p) and inputs in `u` (m), now and at the last call. Memory,
+    samples and inputs are numbers of that precision; gains, parameters, constants and the results of `tune` are
+    rounded. Raises: `Unsure`."""
     elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
     return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
 
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
 def _statements(method: Method, part: Ode, clock: Clock) -> tuple[Statement, ...]:
-    """Return the statements of a call in their order."""
+    """Return the statements of one call of the step in their order."""
     pieces = method.ode(part, clock)
     return tuple(_plain((*pieces.tune, *pieces.predict)))
 
 
 def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
-    """Yield the statements in their order, with loops unrolled."""
+    """Yield the statements of a program in their order, with loops unrolled."""
     for statement in program:
         yield from _plain(statement.unrolled) if isinstance(statement, Repeat) else (statement,)
 
 
 def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
-    """Return the outputs of an SX function. Raises: `Unsure`."""
+    """Return the outputs of a CasADi function of scalars (SX), evaluated in this arithmetic. Raises: `Unsure`."""
 
     def call(function: Graph, values: Sequence[Any]) -> list[Any]:
         if isinstance(function, Lookup):
@@ -147,7 +146,7 @@ _DIGITS = 40  # digits of a number that is no quotient
 
 @dataclass(frozen=True)
 class Operand:
-    """An operand of a statement: its `text`, and its value if it is a number."""
+    """A value in the listed program: its `text`, such as "x1", "v3" or "1/2", and its `number` if it is constant."""
 
     text: str
     number: Fraction | None = None
@@ -155,8 +154,9 @@ class Operand:
 
 @dataclass(frozen=True)
 class Listing:
-    """The statements; by stage the elements of the fields (N) at which the observer's equation is evaluated, and the
-    rates there; and the fields after the call."""
+    """The program of one call as texts: its `statements` v1, v2, .., "add x1 v3"; for each stage of the method the
+    names of the memory (N) at which the observer's equation is evaluated (`stages`) and of the `rates` there; and of
+    the memory `after` the call."""
 
     statements: tuple[str, ...]
     stages: tuple[tuple[str, ...], ...]
@@ -165,8 +165,8 @@ class Listing:
 
 
 def listed(step: Step, error: Inclusion) -> Listing | None:
-    """Return the program of a step whose observer has this error; None where a certificate cannot list it: for tables,
-    loops over matrices, and tests of variables."""
+    """Return the listed program of a step whose observer has this `error`; None where a certificate cannot list it:
+    for tables, loops over matrices, and tests of variables."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
     gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
     scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
@@ -186,7 +186,7 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
 
 
 def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
-    """Return the listing without statements that nothing reads, numbered anew."""
+    """Return the listing without the statements that no result depends on, renumbered."""
     wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
     statements = {operand.text: statement for statement, operand in writer.statements.items()}
     for name in reversed(statements):
@@ -208,7 +208,8 @@ def _named(name: str, end: str, count: int) -> list[Operand]:
 
 
 def _constants(form: Form) -> list[Operand]:
-    """Return the numbers in the plant, and the numeric factor of each sum and product: 2 pi of 2 pi f t."""
+    """Return the numbers in the plant's equations, with the numeric factor of each sum and product: 2 pi of 2 pi f
+    t."""
     nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
     parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
     numbers = {x for x in nodes | parts if x.is_number and x.is_real and x.is_finite}
@@ -220,14 +221,15 @@ def _constants(form: Form) -> list[Operand]:
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:
-    """Yield the numbers in nested lists."""
+    """Yield the numbers of nested sequences."""
     for value in values:
         yield from _flat(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
 
 
 @dataclass(frozen=True)
 class _Writer:
-    """An arithmetic whose values are operands: it writes down each operation."""
+    """An `Arithmetic` on texts: it lists each operation among its `statements`, and reads constants as those `known`
+    near them."""
 
     known: Sequence[Operand]
     statements: dict[str, Operand] = field(default_factory=dict)
@@ -275,7 +277,8 @@ def _number(value: Fraction) -> Operand:
 
 
 def _unchanged(op: int, values: list[Operand]) -> Operand | None:
-    """Return the operand that an operation leaves unchanged, or computes from numbers without rounding."""
+    """Return the operand to which an operation reduces without rounding, as a + 0, 1 a or a test of numbers; None
+    for others."""
     known = [each.number for each in values]
     if op in _TESTS and None not in known:
         return _number(Fraction(_TESTS[op](*known)))
@@ -306,12 +309,12 @@ def _as_is(values: list[Operand]) -> list[Operand]:
 
 
 def _numbers_last(values: list[Operand]) -> list[Operand]:
-    """Return the values with numbers last, for operations with any order."""
+    """Return the operands with constants last, for commutative operations."""
     return sorted(values, key=lambda each: each.number is not None)
 
 
 def _number_first(number: int) -> Order:
-    """Return the order with a number first."""
+    """Return the function that puts a constant before the operands."""
     return lambda values: [_number(Fraction(number)), *values]
 
 
@@ -348,8 +351,9 @@ Sized = Mapping[int, Fraction]  # by field, in the unit of its state of the form
 
 @dataclass(frozen=True)
 class RoundingShare:
-    """The final `share`; `early`: the largest effect of rounding on each field at first; `calls`: the number after
-    which it is at most 1 + `CLOSE` times its share, once the error from the start is at most `start_residual`."""
+    """The effect of rounding: `share`, its part of the error bound in the end; `early`: the largest error from it at
+    first, by component of e; `calls`: the number after which its effect is within 1 + `CLOSE` times the share, once
+    the error from the start is at most `start_residual`."""
 
     share: Share
     early: Sized
@@ -360,8 +364,9 @@ class RoundingShare:
 def rounding_share(
     running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
 ) -> RoundingShare:
-    """Return the share of a program in a working precision, in addition to the others, for initial errors of `multiple`
-    times those that the ranges allow, and sample errors of at most `samples` (p). Raises: `Unbounded`, `NoSolver`."""
+    """Return the share of rounding in the precision `real`, besides the other `shares`, for initial errors of
+    `multiple` times those that the ranges allow, and sample errors of at most `samples` (p). Raises: `Unbounded`,
+    `NoSolver`."""
     every, plant = range(len(start.scales)), running.plant
     parts = [_field_bounds(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
@@ -388,7 +393,8 @@ def rounding_share(
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-    """Return the proofs for such sizes, over the largest, and the bound of each field. Raises: `Unbounded`."""
+    """Return the proved bounds for rounding errors of these sizes, over their largest, and by component of e the
+    bound of its error. Raises: `Unbounded`."""
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -396,14 +402,14 @@ def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dic
 
 
 def _ratio(more: Sizes, less: Sizes) -> Fraction:
-    """Return the largest ratio of `more` to `less` over the fields. Raises: `Unbounded`."""
+    """Return the largest ratio of rounding errors `more` to `less` over the components of e. Raises: `Unbounded`."""
     if not all(less.fields):
         raise Unbounded(because("a field is not rounded"))
     return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
 
 
 def _fixed_point(times: Callable[[Fraction], Fraction]) -> Fraction:
-    """Return an r with times(r) <= r. Raises: `Unbounded`."""
+    """Return an r >= 1 with `times`(r) <= r, found by iteration. Raises: `Unbounded`."""
     r = Fraction(1)
     for _ in range(_ROUNDS):
         needed = times(r)
@@ -414,14 +420,15 @@ def _fixed_point(times: Callable[[Fraction], Fraction]) -> Fraction:
 
 
 def _calls(ratio: float, falls: float) -> int:
-    """Return the calls after which |e|_P, at most `ratio` at first, is at most 1 + `CLOSE`, where |e|_P^2 - 1 loses the
-    share `falls` of itself at each."""
+    """Return the number of calls after which |e|_P <= 1 + `CLOSE`, from |e|_P <= `ratio`, where each call multiplies
+    |e|_P^2 - 1 by at most 1 - `falls`."""
     target = float((1 + CLOSE) ** 2 - 1)
     return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / target)) / -math.log1p(-falls) * _UP))
 
 
 def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """Return the bound of each field for inputs in a unit: by its own proof, else the least by the other norms."""
+    """Return, by component of e, the bound of its state's error for inputs of size `unit`: by its own proof, else
+    the least by the P of the others."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
     extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
@@ -430,8 +437,9 @@ def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequ
 
 @dataclass(frozen=True)
 class _Sizing:
-    """The sizes of the rounding errors of a call on the plant's ranges, with given errors of its fields. It takes the
-    largest over pieces of the ranges of the first states: samples from the same piece make the injection small."""
+    """The computation of how much one call rounds, while the plant is in its ranges, with sample errors `samples`
+    (p), `displacements` and `speeds` (n) of the plant in a call. The ranges of chains' first states are cut into
+    pieces, on each of which sample and estimate are near each other."""
 
     running: Running
     real: Real
@@ -440,14 +448,15 @@ class _Sizing:
     speeds: Sequence[Fraction]
 
     def sizes(self, errors: Sized) -> Sizes:
-        """Return the sizes for these errors. Raises: `Unbounded`."""
+        """Return the largest rounding errors of a call, for `errors` of the estimate by component of e. Raises:
+        `Unbounded`."""
         rounded = [self._on_piece(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        """Return the facts from which the sizes follow if the error of each field (N) is `within` its bound, as a
-        certificate has them; empty where it cannot list the program."""
+        """Return the listed program and the numbers from which a certificate derives the rounding errors, for errors
+        of e of at most `within` (N); {} where the program cannot be listed."""
         listing = listed(self.running.step, self.running.error)
         if listing is None:
             return {}
@@ -464,7 +473,8 @@ class _Sizing:
         }
 
     def _on_piece(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
-        """Return the rounding errors on a piece by field. Raises: `Unbounded`."""
+        """Return the rounding errors (N) of a call for a plant in `ranges` and `errors` of the estimate. Raises:
+        `Unbounded`."""
         layout, balls = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
@@ -478,7 +488,8 @@ class _Sizing:
 
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The ranges (n) of the states, with those of the first states of chains in pieces."""
+        """The parts of the box of the ranges, each a range for every state (n); only ranges of chains' first states
+        are cut."""
         heads = {head for head, _ in self.running.heads.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.running.step.observer.form.states):
@@ -495,7 +506,8 @@ class _Sizing:
         return known
 
     def _samples(self, ranges: Sequence[Side]) -> list[Any]:
-        """Return the samples at both ends of a call, for a plant that is in these ranges at its beginning."""
+        """Return balls (p) that hold each output's samples at both ends of a call, for a plant in `ranges` at its
+        beginning."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
             i, slope = self.running.heads[j]
@@ -505,7 +517,7 @@ class _Sizing:
 
     @cached_property
     def _offsets(self) -> list[Side]:
-        """The difference of each output from its first state times its slope. Raises: `Unbounded`."""
+        """The range of y - (dy/dz_i) z_i of each output y, z_i the first state of its chain. Raises: `Unbounded`."""
         form, offsets = self.running.step.observer.form, list[Side]()
         where = form.box
         slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.heads.items()}
@@ -518,7 +530,7 @@ class _Sizing:
 
     @cached_property
     def _inputs(self) -> list[Any]:
-        """The balls of the inputs. Raises: `Unbounded`."""
+        """The balls of the inputs' ranges. Raises: `Unbounded`."""
         for signal in self.running.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))

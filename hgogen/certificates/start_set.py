@@ -44,9 +44,9 @@ _ROUNDED = Fraction(1, 10**9)  # of a limit: more than its rounding errors
 
 @dataclass(frozen=True)
 class StartSet:
-    """The largest initial errors: `first`, by the name of a state of the form, in its unit, for a plant that starts in
-    its ranges; `multiple`: the multiple of these with which the estimate never touches its limits; `peaks`: the largest
-    errors on the way, from initial errors of min(1, `multiple`) times `first`. `check`: OBSERVER.start."""
+    """The initial errors that are safe: `first`, by state of the form, the largest one that its range allows;
+    `multiple`: how many times these the error may be so that the estimate never reaches its limits; `peaks`: the
+    largest errors ever, from min(1, `multiple`) times `first`. `check`: OBSERVER.start."""
 
     first: Mapping[str, float]
     multiple: float
@@ -67,8 +67,8 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step` that contracts by the `proof`, for a `plant`; by field (N) the `scales` of its error, and the first
-    state of each output's chain, `heads`."""
+    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of its state;
+    `heads`: the first state of each output's chain."""
 
     step: Step
     proof: Contracts
@@ -78,17 +78,17 @@ class Running:
 
     @property
     def error(self) -> Inclusion:
-        """The inclusion of the error."""
+        """The error e' = .. of the observer with its uncertain slopes."""
         return self.proof.steps.error
 
     @property
     def fields(self) -> list[int]:
-        """The fields that estimate a state."""
+        """The indices k of the e_k that are errors of a state's estimate, not of a filter."""
         return [k for k, fed in enumerate(self.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
-        """Return the effect of inputs of these sizes, over the largest of them, on each field that estimates a state;
-        None where one is not proved. Raises: `NoSolver`."""
+        """Return, by index k of `fields`, the proved bound of the error under inputs of these sizes over the largest
+        of them; None where one is not proved. Raises: `NoSolver`."""
         inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.heads)
         rows = {k: state_row(self.scales, k) for k in self.fields}
         tried = {k: step_input_bound(self.proof, inputs, c) for k, c in rows.items()}
@@ -96,16 +96,16 @@ class Running:
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
-        """Return the largest error of each of these fields from a start, in the norm of the proof."""
+        """Return, by index k, the largest error ever of the state of e_k from a `start`, as |e|_P never grows."""
         rows = {k: state_row(self.scales, k) for k in fields}
         return peak_errors(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The start of an estimate: by field (N) the `scales` of its error; the largest `first` errors (n) by state of the
-    form; their `corners` (k, N), one of each two that are opposite; the `limits`, by field that estimates a state, in
-    the unit of that state: the distance of its outer box from the ranges."""
+    """The start of an estimate: `scales` (N), e_k over the error of its state; `first` (n), the largest initial
+    errors; their `corners` (k, N) in e, one of each opposite pair; `limits`, by index k, the distance of the outer
+    box, at which the estimate is limited, from the ranges, in the unit of the state."""
 
     scales: Sequence[Fraction]
     first: Sequence[Fraction]
@@ -114,11 +114,8 @@ class Start:
 
 
 def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
-    """Return the start of an estimate, or why none is known.
-
-    The reasons are: more than 8 states; states without ranges; ranges that touch its outer box; fields of one state
-    with different initial values; a chain whose gains are no numbers.
-    """
+    """Return the start of an estimate, or why there is no proof: more than 8 states, states without ranges, ranges
+    that touch the outer box, different initial values of one state, or a chain whose gains contain parameters."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
@@ -177,7 +174,8 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
-    """Return, by state of the form (n), the largest error at the start; or that fields of one state differ there."""
+    """Return the largest initial error of each state (n), from the initial estimate to the ends of its range; or the
+    reason that several numbers in the memory estimate a state and begin differently."""
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
@@ -190,7 +188,8 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """Return, by field that estimates a state, the distance of its outer box from the ranges, in the state's unit."""
+    """Return, by index k of e_k, the distance from the range of its state to the end of the outer box, in the
+    state's unit."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
     limits = {}
@@ -203,18 +202,18 @@ def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
 
 
 def _estimating(error: Inclusion, state: int) -> list[int]:
-    """Return the fields that estimate a state of the form."""
+    """Return the indices k of the e_k that are errors of the estimate of `state` (index from 0)."""
     layout = error.layout
     return [k for k, (i, fed) in enumerate(zip(layout.index, layout.fed, strict=True)) if fed and i == state]
 
 
 def _fields(observer: Observer) -> list[Field]:
-    """Return the fields of the estimator, in the order of its errors."""
+    """Return the variables of the observer's memory that its differential equations change, in the order of e."""
     return [field for part in observer.parts if isinstance(part, Ode) for field in part.fields]
 
 
 def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> list[Fraction]:
-    """Return values (N) of fields in the units of the form's states that they estimate."""
+    """Return `values` (N) of the observer's memory in the units of the form's states that they estimate."""
     fields = _fields(observer)
     places: list[Graph] = [sym("state", field.name, field.size) for field in fields]
     slopes = ca.Function("z", places, [ca.jacobian(observer.z, ca.vertcat(*places))])(*(0 for _ in places))
@@ -226,7 +225,7 @@ _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, for a comparison in floats
 
 
 def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
-    """Return, by field, the error in addition to its bound of the `totals` at which no guard acts; None where a guard
+    """Return, by index k of e_k, the error besides its bound in `totals` at which no guard acts yet; None where one
     may act within these bounds. `samples` (p): the largest errors of samples."""
     form, layout = running.step.observer.form, running.error.layout
     where = form.box
@@ -243,12 +242,13 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def restart_calls(step: Step) -> int:
-    """Return the number of calls that a sign of a lost estimate may last before the estimate restarts."""
+    """Return the number of calls for which a sign of a lost estimate, such as large innovations, lasts until it
+    restarts."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 
 def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
-    """Yield states, by place, with the largest error at which there is no sign of a lost estimate."""
+    """Yield pairs of a state's index and the largest error at which no sign of a lost estimate appears."""
     form, heads, inside = running.step.observer.form, running.heads, running.plant.margins
     spans = [high - low for low, high in readings(form)]
     for sign in running.step.code.signs:

@@ -141,12 +141,9 @@ _SLOPES = 12  # number of further gammas
 
 @dataclass(frozen=True)
 class Design:
-    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs.
-
-    `gamma`: gamma_inf may be any number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`,
-    rounded up, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and
-    (54).
-    """
+    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs. `gamma`: gamma_inf may be
+    any number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`, rounded up, else
+    (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54)."""
 
     K: tuple[float, ...]
     P: tuple[tuple[float, ...], ...]
@@ -287,11 +284,9 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
 
 
 def slope(form: Form, gamma: float = 1.0) -> float:
-    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded up.
-
-    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for a form
-    that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form.
-    """
+    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded
+    up. The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for
+    a form that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form."""
     if not isinstance(form, Form):
         raise Misfit("slope", form, _FORM)
     if not 1 <= real("gamma", gamma) < math.inf:

@@ -136,11 +136,8 @@ def constant_gain(
     observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
 ) -> ConstantGain:
     """Return the gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for
-    each. Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
-
-    Gains may be a matrix (n, q), with a column for the output of each chain, the mean of outputs by their `weights`
-    (p); `endless` as in `inclusion`.
-    """
+    each. Raises: `BadGain`, `BadPoles`, `NotHurwitz`. Gains may be a matrix (n, q), with a column for the output of
+    each chain, the mean of outputs by their `weights` (p); `endless` as in `inclusion`."""
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     make, numbers = (_from_poles, poles) if gains is None else (_from_gains, gains)

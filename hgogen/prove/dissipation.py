@@ -107,13 +107,11 @@ class Equations:
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0.
-
-    `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
-    the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: its construction from a plant, None
-    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box; `caveat`: why it
-    may differ from that of the plant as first declared, or `NONE`. Raises: `BadErrorSystem`.
-    """
+    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0. `errors`: the symbols e (n); `flow`
+    (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`: the x (n) that belong to the e,
+    where x - e is the estimate, or none; `origin`: its construction from a plant, None where it is given; `lost`: a
+    part of the plant that cancels in e' and may have no value on the box; `caveat`: why it may differ from that of
+    the plant as first declared, or `NONE`. Raises: `BadErrorSystem`."""
 
     name: str
     errors: tuple[sp.Symbol, ...]

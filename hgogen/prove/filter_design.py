@@ -43,10 +43,9 @@ _LARGE = 1e6  # the logarithm of a missing bound
 @dataclass(frozen=True)
 class InjectionFilter:
     """The matrices F (m, m), G (m) and H (n, m) for `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I.
-
     `rate` (1/s): the errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at most 1,
-    proved in continuous time for all slopes in their ranges; `before`: that of the filter from which the search began.
-    """
+    proved in continuous time for all slopes in their ranges; `before`: that of the filter from which the search
+    began."""
 
     theta: float
     F: tuple[tuple[float, ...], ...]

@@ -400,14 +400,12 @@ _FROM_RANGE: Any = object()  # the measure that a state's range gives
 
 @dataclass(frozen=True)
 class Gain:
-    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or for
-    several outputs a matrix with a row for each state.
-
-    `rate` (1/time): |e|_P decays at least like exp(-rate t), in continuous time without noise; `bounds`: by the names
-    of a state of the form and of an output, the largest error of the state for noise of at most 1 in the output, in
-    their units; for several outputs they add up. Both are proved in rational arithmetic. `argument`: N for
-    `hg.observers.circle_criterion`; empty for a gain of `hg.observers.high_gain`.
-    """
+    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or
+    for several outputs a matrix with a row for each state. `rate` (1/time): |e|_P decays at least like exp(-rate t),
+    in continuous time without noise; `bounds`: by the names of a state of the form and of an output, the largest
+    error of the state for noise of at most 1 in the output, in their units; for several outputs they add up. Both
+    are proved in rational arithmetic. `argument`: N for `hg.observers.circle_criterion`; empty for a gain of
+    `hg.observers.high_gain`."""
 
     theta: float
     K: Annotated[tuple[Any, ...], "injection gains; null for the tuning"]

@@ -175,10 +175,8 @@ def corners(m: int) -> np.ndarray:
 
 
 def flow(e: Uncertain) -> Inequality:
-    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e:
-
-    [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0
-    """
+    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e: [M'P
+    + P M + alpha P + H'S H, P G; G'P, -S] < 0"""
     m = len(e.H)
     return Inequality(NOW, m, np.hstack([e.M, e.G]), np.hstack([e.H, 0 * _one(e.H, m)]), (), (NOW,), 1)
 

@@ -81,11 +81,9 @@ _BITS = 24  # bits after the point of a multiplier
 @dataclass(frozen=True)
 class Shape:
     """A law i(e) of the injected output error e: the `injected` function of (e, sat e), `text` in equations.
-
     `below`: whether r must be below lambda; `drift`: the terms of mu in the quadratic form, a function of (N, K, C,
     lambda, r) with a block (n, n), a column (n) and a corner; `kept`: factors of 2 eps_1 s and s^2 (or q) in a bound
-    of V over mu; `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof.
-    """
+    of V over mu; `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof."""
 
     name: str
     text: str

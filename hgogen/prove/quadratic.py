@@ -130,11 +130,9 @@ def confirmed(
     margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
     """Return P and S, in FLINT's rationals, that make all exact `forms` negative; None where none are confirmed.
-
     `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller one helps where
     the forms have no room for it, a larger one where the solver uses all of it. The last `q` of S sum up to at most
-    `most`.
-    """
+    `most`."""
     for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
             continue

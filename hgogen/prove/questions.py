@@ -85,10 +85,8 @@ class InputBound:
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
     """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course:
     the noise inequality with sum_k lambda_k <= alpha, then |c e|^2 <= c P^-1 c'. None where none is proved.
-
     `bounded(alpha)` gives the forms, the lambda_k the last multipliers; alpha is searched up to `most`. `W`:
-    coordinates e = W x, near which P is expected. Raises: `NoSolver`.
-    """
+    coordinates e = W x, near which P is expected. Raises: `NoSolver`."""
     if W is None:
         return None
     tried, coordinates = dict[Fraction, float](), W
@@ -179,10 +177,7 @@ class Confined:
 def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
     """Return a proof with a small largest |c e| over the `rows` c (N), by key, for the step that contracts by
     `proof` from errors in the box with these `corners` (k, N), one of each opposite pair; None for none. Raises:
-    `NoSolver`.
-
-    Each c is in the unit in which its bound counts; all numbers are FLINT's rationals.
-    """
+    `NoSolver`. Each c is in the unit in which its bound counts; all numbers are FLINT's rationals."""
     form, W = proof.step.falls(NOW), proof.steps.coordinates
     if W is None:
         return None
@@ -246,11 +241,8 @@ class L2Bound:
 
 def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
     """Return a small proved bound mu of the L2 gain, by one V for all systems `each`; None for none. Raises:
-    `NoSolver`.
-
-    `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N), in
-    rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0.
-    """
+    `NoSolver`. `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N),
+    in rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0."""
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
     k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.peak_response for one in each)
     if growing is not None:
@@ -340,11 +332,8 @@ def joint_bound_in_floats(
 ) -> float:
     """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of
     at most `sizes` (p) in the outputs together, in continuous time; infinite where none is found. Raises:
-    `NoSolver`.
-
-    One V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error faster than
-    `fastest` (1/time) in the norm of V, the bound is multiplied by the ratio.
-    """
+    `NoSolver`. One V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error
+    faster than `fastest` (1/time) in the norm of V, the bound is multiplied by the ratio."""
     scales = error.scales(falls.theta)
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))

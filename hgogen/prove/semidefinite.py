@@ -113,11 +113,9 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
     """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None
-    where none is found. Raises: `NoSolver`.
-
-    `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K the inequality A'P + P A - Y C - C'Y' <=
-    -I is linear; K'P K <= largest^2 p and P >= p I bound the gain. `convergence` proves the K returned.
-    """
+    where none is found. Raises: `NoSolver`. `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K
+    the inequality A'P + P A - Y C - C'Y' <= -I is linear; K'P K <= largest^2 p and P >= p I bound the gain.
+    `convergence` proves the K returned."""
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
     one = np.eye(n)
@@ -192,12 +190,10 @@ class Solution:
 
 
 def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
-    """Return P and S with the least value among several solutions of a program; None where it has none.
-
-    `solve(W)` solves the program in coordinates e = W x, first those given, then those in which its own P is the
-    unit matrix, until P is near that, or the value falls by less than a hundredth. A solver neglects what is small
-    in its coordinates: far from those of the solution it ends at up to several times the least value.
-    """
+    """Return P and S with the least value among several solutions of a program; None where it has none. `solve(W)`
+    solves the program in coordinates e = W x, first those given, then those in which its own P is the unit matrix,
+    until P is near that, or the value falls by less than a hundredth. A solver neglects what is small in its
+    coordinates: far from those of the solution it ends at up to several times the least value."""
     best: Solution | None = None
     for _ in range(_SOLVES):
         solution = solve(W)
