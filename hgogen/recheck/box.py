@@ -260,8 +260,7 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    """Return whether value >= limit (sign 1), or value <= limit (sign -1), at one point, exactly if it is a
-    fraction."""
+    """Return whether value >= limit (sign 1), or value <= limit (sign -1), at a point; exactly for a fraction."""
     value = _value_at(expression, at)
     if value is None or isinstance(value, Interval):
         return value is not None and _meets(value, limit, sign)

@@ -175,7 +175,7 @@ class Context:
             raise Unproved(complaint)
 
     def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
-        """Demand that an expression of the file equals the `wanted` quotient."""
+        """Demand that an expression of the file equals the `wanted` quotient; `complaint` is the error's text."""
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
@@ -246,14 +246,14 @@ def algebra_of(box: Box) -> Algebra:
 
 
 def numbers(rows: Iterable[Sequence[Quotient]]) -> list[list[Fraction]] | None:
-    """Return the rows as numbers; None if an entry is not written as a number."""
+    """Return rows of quotients as rows of fractions; None if an entry is not written as a number."""
     values = [[entry.number for entry in row] for row in rows]
     known = [[value for value in row if value is not None] for row in values]
     return known if known == values else None
 
 
 def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:
-    """Return M x for a matrix M of numbers."""
+    """Return M x for a matrix M of numbers and quotients x."""
     return [inner(algebra, [algebra.number(a) for a in row], x) for row in M]
 
 
@@ -267,7 +267,7 @@ def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quo
 
 
 def inside(low: Any, high: Any, share: Fraction) -> Fraction:
-    """Return the point at a share of a range; in an unbounded range, at that distance from its finite end or 0."""
+    """Return the point at a share (0 to 1) of a range; in an unbounded one, at that distance from its end or 0."""
     if low > -math.inf:
         return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
     return (Fraction(0) if high == math.inf else Fraction(high)) - share
@@ -347,7 +347,7 @@ def is_above(value: Fraction, bound: Fraction) -> str:
 
 
 def on(box: Box) -> str:
-    """Return the sides of a box that are no points as text for a sentence."""
+    """Return text such as " on x in [0, 1], u in [-2, 2]", without the sides of a box that are points."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
 
@@ -479,7 +479,7 @@ def place_of(context: Context, chain: int, index: int) -> int:
 
 
 def observer_of(context: Context, claim: Claim) -> Observer:
-    """Return the file's observer with its numbers, which must be the one of the claim's id. Raises: `Unproved`."""
+    """Return the file's observer with its numbers; the claim's id must begin with its name. Raises: `Unproved`."""
     observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
         raise Unproved(f"the file has no {name} observer with its numbers")
@@ -566,7 +566,7 @@ def slope(
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
-    """Demand |d rows/dz| <= the claim's bound, in the spectral norm; `name` is printed. Raises: `Unproved`."""
+    """Return the finding |d rows/dz| <= the claim's bound (spectral); `name` is printed. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
@@ -594,13 +594,11 @@ STRUCTURE = "{kind}.structure"  # the claim that a form is in chains
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule: the claims that it verifies, and the function that does.
-
-    `makers`: the part of a claim's id before the dot, none for the form's kind; `facts`: the part after it, without its
-    row numbers; `rows`: the number of row numbers by the kind of form, none for other kinds; `kinds`: the kinds of form
-    on which the rule holds, none for any; `keys`: the permitted parts of the evidence; `assumes`: the ids of the claims
-    that it assumes; `about`: the subject of its sentence. {maker} and the form's {kind} are filled into the last
-    two."""
+    """A rule: the claims that it verifies, and the function `verify` that does. `makers`: the part of a claim's id
+    before the dot, none for the form's kind; `facts`: the part after it, without its row numbers; `rows`: the number of
+    row numbers by the kind of form, none for other kinds; `kinds`: the kinds of form on which the rule holds, none for
+    any; `keys`: the permitted parts of the evidence; `assumes`: the ids of the claims that it assumes; `about`: the
+    subject of its sentence, both with {maker} and the form's {kind} filled in."""
 
     makers: Keys
     facts: Keys

@@ -99,9 +99,8 @@ class Observer:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim with its verdict and evidence as in the file.
-
-    Its `id` is `maker`.`what`; `what` is the `fact` followed by the row numbers `at`."""
+    """A claim of the file, with its verdict, as proved, and its evidence. An id such as triangular.a_2 is
+    `maker`.`what`; `what` is the `fact`, a, followed by the row numbers `at`, (2)."""
 
     id: str
     verdict: str
@@ -244,7 +243,7 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 
 
 def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """Demand that there is no unknown part. Raises: `NoCertificate`."""
+    """Demand that an object has no keys but `known`, by default those of `what` in `_KEYS`. Raises: `NoCertificate`."""
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")

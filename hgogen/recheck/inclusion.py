@@ -348,8 +348,7 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 def _means(context: Context, observer: Observer) -> Matrix:
     """Return W (p, p), row k for chain k: the weights of the outputs' errors in the mean of the outputs that measure
     the chain's first state, all samples present: w_j/r_j over the sum of the w, y_j = r_j y up to known terms, y the
-    chain's output. An output that measures no first state has weight 0; a mean that includes it weighs the others
-    less."""
+    chain's output. An output that measures none has weight 0; a mean that includes it weighs the others less."""
     outputs, observed = range(len(context.form.output)), context.observed
     together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -424,8 +423,7 @@ def bounded_slopes(
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """Return the evidence's ranges of slopes db_i/dz_j: low, high (one may be infinite), bisection, by (i, j) from
-    0."""
+    """Return the evidence's ranges of slopes db_i/dz_j by (i, j), from 0: low, high, one maybe infinite, bisection."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))

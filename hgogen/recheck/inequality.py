@@ -396,9 +396,9 @@ def corners_of(parts: Parts) -> Iterator[Matrix]:
 
 @dataclass(frozen=True)
 class Decay:
-    """The rules' account of an error that decays at every gain above a least one: `falls`, the function that proves V'
-    <= -alpha V at a gain; `gain`(observer), the name and value of its gain; `phrase`(observer), the text of the result,
-    with {} for the least gain."""
+    """The decay of an observer's error at every gain above a least one: `falls`, the function that proves V' <= -alpha
+    V at a gain; `gain`(observer), the name and value of its gain; `phrase`(observer), the text of the result, with {}
+    for the least gain."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))

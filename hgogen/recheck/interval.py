@@ -74,7 +74,7 @@ class Interval:
 
 
 def _rounded(value: Fraction | float, direction: str) -> Any:
-    """Return a number rounded in a direction; an infinity is unchanged."""
+    """Return a number rounded to mpmath's in a direction; an infinity is unchanged."""
     if not isinstance(value, Fraction):
         if math.isinf(value):
             return libmp.from_float(value)
@@ -245,7 +245,8 @@ def _pi() -> Interval:
 
 
 def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
-    """Return the function that applies `choose` to all lower ends and to all upper ends."""
+    """Return the function of intervals that applies `choose`, the smaller or larger, to all lower ends and to all upper
+    ends."""
     return lambda *args: Interval(
         (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
     )

@@ -157,7 +157,8 @@ def _after(
 
 
 def _degree(row: Expression, constant: Container[str]) -> int:
-    """Return 0 for a constant expression, 1 for a linear one in the other names, else more."""
+    """Return 0 for a constant expression, 1 for a linear one in the names that are not in `constant`, else 2 or
+    more."""
     degrees = list[int]()
     for op, args, value in row.instructions:
         column_ = [degrees[arg] for arg in args]
@@ -263,7 +264,7 @@ def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction)
 
 
 def _size(a: Fraction, b: Fraction) -> Fraction:
-    """Return the mean absolute value on a line from a to b."""
+    """Return the mean of |v| over a line v from a to b."""
     if a * b >= 0:
         return abs(a + b) / 2
     return (a * a + b * b) / (2 * abs(b - a))

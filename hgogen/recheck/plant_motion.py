@@ -248,7 +248,7 @@ def _derivatives(
 
 
 def _started(*coefficients: Dual) -> Dual:
-    """Return a series with slopes from its coefficients, which are duals."""
+    """Return a Taylor series with slopes, a `Dual` of series, from its coefficients, each a `Dual`."""
     (none,) = begin((), 1).coefficients
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
@@ -261,7 +261,7 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """Demand that sizes of noise, rounded and late samples, disturbances and wrong parameters follow from the user's
+    """Demand that sizes of noise, rounded and late samples, disturbances and wrong parameters are enough for the user's
     declarations; return the number of boxes. `shares`: evidence by kind. Raises: `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()

@@ -426,8 +426,8 @@ def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """A `program` of a tableau on an observer's equation with steps of `h`; `between`: its inputs between two samples,
-    on their "line", or on "hold" at the last one."""
+    """A listed `program` of a step of length `h` by a Runge-Kutta `tableau` on an observer's equation; `between`: its
+    inputs between two samples, on their "line", or on "hold" at the last one."""
 
     equation: Equation
     tableau: Tableau
@@ -525,7 +525,7 @@ class Deviations:
 
 
 class _Letters(dict[str, Interval]):
-    """A mapping from letters, and other names, to the intervals of a walk."""
+    """A mapping from letters to the intervals of the values that a walk has for them."""
 
     def __init__(self, walk: Walk, marks: Mapping[str, str]) -> None:
         super().__init__()
@@ -555,7 +555,7 @@ class Rounded:
     drifts: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """Demand that a call rounds each field by at most h times its size (N); return the piece count. Raises:
+        """Demand r_k |rounding of field k in a call| <= h sizes_k, r its unit; return the piece count. Raises:
         `Unproved`."""
         pieces, deviations = self._pieces, self.step.deviations().statements
         for ranges in pieces:
@@ -614,9 +614,9 @@ def demand_rounding(
     shares: Mapping[str, Mapping[str, Any]],
     totals: Sequence[Fraction],
 ) -> tuple[str, int]:
-    """Demand that the sizes of a share bound its program's rounding errors while all `shares` move the fields by
-    `totals` (N) in the units of their states; return the assumptions in words, and the number of boxes. Raises:
-    `Unproved`."""
+    """Demand that the sizes in a share bound its program's rounding errors while the errors of fields are at most
+    `totals` (N) in the units of their states, the effect of all `shares`; return the assumptions in words, and the
+    number of boxes. Raises: `Unproved`."""
     follows, context = share["follows"], equation.context
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
@@ -635,7 +635,7 @@ def demand_rounding(
 
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
-    """Return the equation of the observer with the listed program. Raises: `Unproved`."""
+    """Return the `Equation` of the observer with the program that the evidence `follows` lists. Raises: `Unproved`."""
     demand_keys(follows, _ROUNDING_KEYS, "its rounding")
     return Equation(context, error, theta, parameters_of(context, follows))
 
@@ -652,7 +652,7 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the interpolation of inputs between samples; "hold" requires constant inputs. Raises: `Unproved`."""
+    """Return "line" or "hold", the inputs between samples; hold wants constant inputs. Raises: `Unproved`."""
     between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
     rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
     if between == "hold" and any(rates):

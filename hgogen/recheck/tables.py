@@ -133,7 +133,7 @@ class Curve:
 
     @cached_property
     def orders(self) -> tuple[tuple[Piece, ...], ...]:
-        """The pieces of the value and of its derivatives up to the fourth, which is zero."""
+        """The polynomial pieces of the value and of its derivatives up to the fourth, which is zero."""
         every = [((self.points[0][1],), *_cubics(self.points), (self.points[-1][1],))]
         for _ in range(4):
             every.append(tuple(_rate(piece) for piece in every[-1]))

@@ -70,8 +70,8 @@ class Unreadable(RecheckError):
 
 class Instruction(NamedTuple):
     """An instruction: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power"
-    (an integer exponent), "root" (a rational exponent), "raise", or a function's name; `args` are indices of earlier
-    ones."""
+    (an integer exponent), "root" (a rational one), "raise", or a function's name; `args` are indices of earlier
+    instructions."""
 
     op: str
     args: tuple[int, ...] = ()
@@ -123,7 +123,7 @@ def _quoted(value: object) -> str:
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
-    """Return the `Expression` of a text in declared names; `pi` is 3.14.. unless declared. Raises: `Unreadable`."""
+    """Return the `Expression` of a text in declared names; `pi` is the number else. Raises: `Unreadable`."""
     if not isinstance(text, str):
         raise Unreadable(_quoted(text), "an expression is a text")
     if len(text) > LONGEST:

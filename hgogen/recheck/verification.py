@@ -251,7 +251,7 @@ def _row(context: Context, claim: Claim) -> Row:
 
 
 def _narrow(context: Context) -> str:
-    """Return a remark on the states and inputs whose range is a single point."""
+    """Return a remark such as "; at u = 0 alone, a range of one point" on states and inputs, or ""."""
     plant = context.plant
     every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
     signals = (*plant.states, *context.file.inputs, *context.z)

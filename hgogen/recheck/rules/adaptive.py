@@ -92,7 +92,7 @@ from ..matrix import (
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
-    """Prove the inequality of the claim's fact: P > 0, D P + P D >= 0, or N'P + P N + sigma (D P + P D) < 0."""
+    """Prove P > 0, D P + P D >= 0, or N'P + P N + sigma (D P + P D) < 0; D = diag(1, .., n), N = A - K C."""
     observer, P = observer_of(context, claim), _P(context, claim)
     match claim.fact:
         case "definite":
@@ -107,7 +107,8 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def attenuation(context: Context, claim: Claim) -> Finding:
-    """Prove the claim's bound of the L2 gain from its disturbance, by the claim's V if it has one."""
+    """Prove the claim's bound mu of the L2 gain from the disturbance v in w' + G_1 v, y + G_2 v to the error of w, by
+    the claim's V if it has one."""
     return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
 
 
@@ -176,7 +177,7 @@ def _printed(M: Matrix) -> str:
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
-    """Return the claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and the number of boxes of its proof."""
+    """Return the claim's bound of |T^-1 dc/dw T|, w' = A w + c, T = diag(gain, gain^2, ..), and the number of boxes."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
         raise Unproved(f"its units are not the powers of {printed(gain)}")
@@ -215,7 +216,7 @@ def falls(context: Context, claim: Claim) -> Finding:
 
 
 def rises(context: Context, claim: Claim) -> Finding:
-    """Prove p_3 (D P + P D) >= 2 lambda_max(P), D = diag(b, b + 1, ..), for P, b of the claim on p_1, if proved."""
+    """Prove p_3 (D P + P D) >= 2 lambda_max(P), D = diag(b, b + 1, ..), by P and b of a proved claim on p_1, if any."""
     p_3, (P, _, spread) = above_zero(observer_of(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
@@ -254,7 +255,7 @@ def below_cap(context: Context, claim: Claim) -> Finding:
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
-    """Return P, N = A - K C and D P + P D, D = diag(b, ..), once N'P + P N <= -I, P > 0, D P + P D > 0 are proved."""
+    """Return P, N = A - K C, D P + P D, D = diag(b, ..), once N'P + P N <= -I, P > 0, D P + P D > 0 are proved."""
     P, b = _P(context, claim), above_zero(claim.evidence, "b")
     N, spread = companion(column(observer_of(context, claim).numbers, "gains", len(P))), _spread(P, b)
     demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})

@@ -136,7 +136,8 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
-    """Prove |C e|_2 <= mu |v|_2 from the claim's inputs v, noise and disturbances, to weighted errors of states."""
+    """Prove that the L2 norm of the states' errors, weighted by `counts`, is at most mu times that of the claim's
+    inputs v, noise and disturbances: V' + |C e|^2 - mu^2 |v|^2 < 0."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
@@ -165,8 +166,8 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
-    """Return the `ErrorInclusion`, its `Parts` at the observer's theta, the errors (N) of fields for errors 1 of their
-    states, the claim's inputs, and words for these."""
+    """Return the `ErrorInclusion`, its `Parts` at the observer's theta, the error e_k (N) of each field for an error 1
+    of its state, the claim's inputs (noise, disturbances of b), and words for these."""
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:

@@ -62,7 +62,7 @@ class _Running:
 
     @cached_property
     def parts(self) -> Parts:
-        """The parts of the error dynamics."""
+        """The `Parts` of the error dynamics e' = M e + G p + (B + R) v at theta."""
         return self.error.at(self.theta)
 
     @cached_property
@@ -135,8 +135,8 @@ def _bernstein(degree: int) -> Matrix:
 
 
 def noise(context: Context, claim: Claim) -> Finding:
-    """Prove |z_i| <= bound for errors e in |e|_P <= 1, which is invariant while the error of an output's samples is at
-    most 1: its inputs are those at both ends of a call."""
+    """Prove that the error of a state stays within a bound while the error of an output's samples is at most 1, by an
+    invariant |e|_P <= 1; the inputs of e are the samples' errors at both ends of a call."""
     run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
         fields(one, "a bound", ("state", "output", "alpha", "P", "S", "bound"))
@@ -159,9 +159,8 @@ def noise(context: Context, claim: Claim) -> Finding:
 
 
 def start(context: Context, claim: Claim) -> Finding:
-    """Prove that |e|_P decreases at each call, and |z_i| <= bound for all e that begin with |z| <= first, by |e(0)|_P^2
-    <= V at the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the estimating fields, and for each
-    state."""
+    """Prove that |e|_P decreases at each call, and that initial errors |z| <= `first` keep each estimating field within
+    its limit and each state within its bound: |e(0)|_P^2 <= V at the corners, bound^2 P >= V c'c for an error c e."""
     run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
     if n > _CORNERS:
         raise Unproved(f"it has more than {_CORNERS} states")
@@ -220,7 +219,7 @@ Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
 def error(context: Context, claim: Claim) -> Finding:
-    """Prove bounds of the error of each field that estimates a state, for each kind of input: noise, method, .."""
+    """Prove bounds of the errors of the fields that estimate a state, for each kind of input: noise, method, .."""
     run, shares, by_kind = (
         _running(context, claim),
         part(claim.evidence, "shares", list),

@@ -58,8 +58,8 @@ PARTS = ("gain", "G1", "G2", "errors")  # of a claim's description of the system
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The error system of `plant`: the ranges of the errors (n) `around` 0, F (n) and G (n, k) as functions of values
-    in any arithmetic, the names that each reads, and a sentence on the observer."""
+    """The error system e' = F + G w of a `plant` and an observer, e = x - xhat: the ranges `around` 0 of e (n); `flow`
+    F (n) and `noise` G (n, k), functions of values in any arithmetic; the names that each reads; a sentence."""
 
     plant: Equations
     around: Box
@@ -246,7 +246,7 @@ def _demand_values(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that all parts have a value at an interior point with e = 0, so that the identities are not void."""
+    """Demand that plant, observer and system have a value at an interior point with e = 0: identities are not void."""
     zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
     at |= {name: evaluate(value, at, intervals) for name, value in along.items()}
@@ -302,7 +302,7 @@ class ClaimedGain:
 
 
 def is_positive(context: Context, claim: Claim) -> Finding:
-    """Prove V(0) = 0 and V(e) > 0 for every other e of the box."""
+    """Prove V(0) = 0 and V(e) > 0 for every other e of the box of errors."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     boxes = covered(_copies(claimed, share, {"c": claimed.V.names}), ".", _definite(claimed, T, _hessian))
@@ -333,7 +333,7 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def level(context: Context, claim: Claim) -> Finding:
-    """Prove that every set {V <= c} with c below the claim's level does not reach the faces of the box."""
+    """Prove that every set {V <= c} with c below the claim's `floor` does not reach the faces of the box of errors."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
     faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
     P, boxes = _quadratic(claimed), 0

@@ -120,7 +120,7 @@ def _whole(x: Interval) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Window:
-    """The matrix Phi of x' = A x over a window of time, and the Gramian W = integral Phi' C' C Phi of y = C x."""
+    """The transition matrix Phi of x' = A x over a window of time, the Gramian W = integral Phi' C' C Phi, y = C x."""
 
     Phi: Balls
     W: Balls
@@ -209,7 +209,8 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
 
 
 def persistent(context: Context, claim: Claim) -> Finding:
-    """Prove that every state is observable along the claim's inputs, for all parameter values."""
+    """Prove that every state of x' = A(u) x + b, y = C(u) x + d is observable along the claim's inputs u, for all
+    parameters: rank n of C, C A + C', .. at a time."""
     (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise Unproved(f"the rank of more than {MOST} states is not computed")
@@ -386,7 +387,8 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """Demand W >= bound over every window of 2^level pieces of a length. Raises: `Unproved`, `Undefined`."""
+        """Demand W >= bound over every window of 2^level pieces of a length, from any of `starts` pieces on. Raises:
+        `Unproved`, `Undefined`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
