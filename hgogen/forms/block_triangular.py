@@ -50,7 +50,8 @@ class NoAlignment(HgogenError):
 
 @Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
 def block_triangular(plant: System, align: str | None = None) -> Form:
-    """The plant in block-triangular form, by permutation and sign.
+    """The plant as a chain z_(i,j)' = a_(i,j+1)(u) z_(i,j+1) + b_(i,j)(z, u), y_i = a_(i,1)(u) z_(i,1) for each output,
+    by permutation and sign.
 
     Args: `align` is "top", "end" or "cascade"; by default the first of these that is proved, else the first that is not
     refuted.

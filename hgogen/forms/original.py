@@ -44,7 +44,8 @@ class BadOrder(HgogenError):
 
 @Asking(6, costly=True)  # its Lipschitz constant takes seconds, and no theorem covers it
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
-    """The plant in its own coordinates, its states in `order`, signals or their names; by default as declared.
+    """The plant z' = A(u) z + b(z, u), y = h(z, u) in its own coordinates, its states in `order`, signals or their
+    names; by default as declared.
 
     Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states),
     `original.order` (the structure that a high gain needs: generic, or unknown), `original.lipschitz`,

@@ -44,7 +44,8 @@ class NoPhase(NoForm):
 
 @Asking(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
-    """The plant in phase form, or with the Jacobian of the map to it.
+    """The plant in phase form z_i' = z_(i+1), z_n' = phi(z, u, u', ..), y = z_1, or in its own coordinates with
+    dPhi/dx, z = Phi(x, u, ..) = (y, y', .., y^(n-1)).
 
     With `original` the plant always keeps its coordinates: phi, and the derivatives of inputs that only phi reads, are
     then not needed. With `recovered` an observer evaluates phi at Psi(z) clamped to the plant's ranges, as it always

@@ -25,7 +25,8 @@ _ONE = ", and the triangular form takes one; keep one of them, or use the form o
 
 @Asking(1, ({}, {"measured": True}), most=1)
 def triangular(plant: System, *, measured: bool = False) -> Form:
-    """The plant in triangular form, by permutation and sign.
+    """The plant in triangular form z_i' = a_(i+1)(u) z_(i+1) + b_i(z_1..z_i, u), y = a_1(u) z_1 + c(u), by permutation
+    and sign.
 
     Args: `measured` lets a_2..a_n vary with the measured state z_1 as well, A(u, z_1).
 

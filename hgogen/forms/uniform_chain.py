@@ -37,7 +37,7 @@ class NoUniformChain(NoForm):
 
 @Asking(5, most=1, costly=True, slow=True)
 def uniform_chain(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
-    """The plant in xi, or in its own coordinates with the Jacobian of the map to them.
+    """The plant as xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u'), y = xi_1 + o(u), or in its own coordinates with dxi/dx.
 
     With `original` the plant always keeps its coordinates: b and u' are then not needed. With `recovered` an observer
     evaluates b at Psi(xi) clamped to the plant's ranges, as it always does where b may have poles in the box of xi. No

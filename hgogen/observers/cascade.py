@@ -69,7 +69,9 @@ def cascade(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The cascade observer on a form of one output with constant a_i, n >= 2 states, all but the first with ranges.
+    """The observer v_1' = v_2 + l alpha_1 e, v_2' = l^2 alpha_2 e, e = y - v_1, v_i' = l alpha_i (xhat_(i-1) - v_i),
+    xhat_i = sat(v_i' - c_(i-1)), l = theta, of a chain w_i' = w_(i+1) + c_i(w, u) (a form of one output with constant
+    a_i), n >= 2 states, all but the first with ranges.
 
     Args: `theta` = 1/mu >= 1; `gains` alpha (n), positive, or the n `poles` of the linear error core at theta = 1, at
     most one pair of them complex, by default all at -1; `initial` the plant's state; `accept` ids of refuted checks to

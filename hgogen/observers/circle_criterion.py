@@ -64,7 +64,8 @@ def circle_criterion(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The high-gain observer with an injection into the argument of b, on a form in chains with constant a_i.
+    """The observer z' = A z + b(z + N_theta e, u) + diag(theta, .., theta^n) K e, e = y - C z, N_theta = (theta^(j-1)
+    N_j), on a form in chains z_i' = a_i z_(i+1) + b_i(z, u) with constant a_i.
 
     Checks: `circle_criterion.convergence` (a bound on theta is proved), `circle_criterion.theta` (theta is above it).
 

@@ -78,7 +78,8 @@ def filtered(
     arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The observer with filtered output injection on a form of one output with constant a_i.
+    """The observer x_i' = x_(i+1) + c_i(x, u) + l_i eta_i, eta_1' = -k alpha eta_1 + k^2 beta (y - x_1), eta_i' = -k
+    alpha eta_i + k^2 beta eta_(i-1), k = theta, of a chain of integrators (a form of one output with constant a_i).
 
     Checks: `filtered.convergence` (a bound on theta is proved), `filtered.theta` (theta is above it).
 

@@ -78,7 +78,8 @@ def filtered_injection(
     arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The observer with a user-supplied filter in its output injection, on a form of one output with constant a_i.
+    """The observer x' = A x + c(x, u) + D N H eta, eta' = k F eta + k G (y - x_1), D = diag(k, .., k^n), k = theta, of
+    a chain of integrators (a form of one output with constant a_i); Q = [[A, N H], [-G C, F]] must be Hurwitz.
 
     Checks: `filtered_injection.convergence` (a bound on theta is proved), `filtered_injection.theta` (theta is above
     it).

@@ -180,7 +180,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
 
 def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
-    """Return x' = f(sat x, u) + (dPhi/dx)^-1 K_theta (y - h(x, u)), none of it for |det dPhi/dx| <= `least`."""
+    """Return x' = f(sat x, u) + (dPhi/dx)^-1 K_theta (y - h(x, u)), uncorrected for |det dPhi/dx| <= `least`."""
     n = dynamics.n
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:

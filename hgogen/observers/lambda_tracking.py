@@ -153,7 +153,9 @@ def lambda_tracking(
     start: Sequence[float] | np.ndarray | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The lambda-tracking observer on a phase form, or with `model` on any form of one output with constant a_i.
+    """The observer xhat_i' = xhat_(i+1) + p_i k^i e, xhat_n' = p_n k^n e, e = y - xhat_1, k' = gamma (|e| - lambda)^2
+    while |e| > lambda, on a phase form x_i' = x_(i+1), x_n' = phi, or with `model`, which adds c_i(xhat, u), on any
+    form of one output with constant a_i.
 
     Without `model` neither phi nor inputs that only phi reads, such as the last derivative of u, are used.
 

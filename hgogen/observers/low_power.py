@@ -69,7 +69,8 @@ def low_power(
     arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The low-power observer on a form of one output with constant a_i, at least two states.
+    """The observer p_i' = q_i + c_i + l k_i1 e_i, q_i' = q_(i+1) + c_(i+1) + l^2 k_i2 e_i, e_1 = y - p_1, e_i = q_(i-1)
+    - p_i, i < n, l = theta, of a chain w_i' = w_(i+1) + c_i(w, u) (a form of one output with constant a_i, n >= 2).
 
     Checks: `low_power.convergence` (a bound on theta is proved), `low_power.theta` (theta is above it).
 

@@ -85,7 +85,9 @@ def peaking_free(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The peaking-free low-power observer on a form of one output with constant a_i, n >= 2 states with ranges.
+    """The observer p_i' = q_i + c_i + l alpha_i e_i, q_i' = sat q_(i+1) + c_(i+1) + l^2 beta_i e_i, e_1 = y - p_1, e_i
+    = sat q_(i-1) - p_i, l = theta, xhat = p, of a chain w_i' = w_(i+1) + c_i(w, u) (a form of one output with constant
+    a_i, n >= 2 states with ranges).
 
     Checks: `peaking_free.convergence` (a bound on theta is proved, including the saturations), `peaking_free.theta`
     (theta is above it).

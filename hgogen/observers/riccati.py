@@ -59,7 +59,8 @@ def riccati(
     covariance: Matrix | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The high-gain extended Kalman filter of `form`.
+    """The high-gain extended Kalman filter of `form`: z' = f(z, u) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta
+    - P C' R_theta^-1 C P, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..).
 
     Args: `Q` diagonal (n) or symmetric positive definite (n, n), by the names of the form's coordinates or in their
     order, unit z^2/s; a diagonal entry may be 0 where the noise of other states reaches this state, (A, Q)

@@ -70,7 +70,8 @@ def uniform_injection(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The high-gain observer on a uniform form whose output is linear in its state, up to a known offset.
+    """The observer z' = F(z, u) + Lambda(z, u)^-1 diag(theta, .., theta^n) K (y - h), Lambda = a diag(1, F_1', F_1'
+    F_2', ..), F_k' = dF_k/dz_(k+1), on a uniform form z_i' = F_i(z_1..z_(i+1), u) whose output is y = h = a z_1 + c.
 
     Checks: `uniform_injection.convergence` (every theta above a bound converges; the proof requires Clarabel, up to six
     states), `uniform_injection.theta` (theta is above it).

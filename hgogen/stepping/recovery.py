@@ -422,7 +422,7 @@ class Recovery:
 
     @cached_property
     def other_memory(self) -> Program:
-        """The program that resets all memory except estimate and lasting fields; copies of the model follow it."""
+        """The program that resets all memory except estimate and lasting fields; copies of the model start from it."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
