@@ -46,7 +46,7 @@ NOTHING = Limit(np.inf, "no transient fails")
 
 @dataclass(eq=False)
 class NotDefinite(HgogenError):
-    """An initial covariance that is no covariance."""
+    """The error that an initial covariance P(0) is not positive definite."""
 
     covariance: Array
 
@@ -67,12 +67,13 @@ def covariance_limits(
     rise: Rise | None = None,
     scaling: Scaling | None = None,
 ) -> list[Limit]:
-    """The largest dt, for each Jacobian, at which an explicit method keeps a Riccati observer's covariance stable.
+    """Return the largest dt, for each Jacobian, at which an explicit method keeps the covariance P of a Riccati
+    observer stable, P' = F P + P F' + Q_theta - P C' R_theta^-1 C P.
 
-    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n), `R`
-    (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0). `theta_min`:
-    the idle value of an adaptive theta (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) after a time
-    dt (d) when it rises as fast as its law permits (None: it jumps); `scaling`: by default that of one chain of
+    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n), `R` (p,
+    p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0). `theta_min`: the
+    idle value of an adaptive theta (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) after a time dt
+    (d) when it rises as fast as its law permits (None: it jumps); `scaling`: by default that of one chain of
     integrators. A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
     """
     initial = np.asarray(initial_covariance, dtype=float)
@@ -90,7 +91,8 @@ def covariance_limits(
 
 
 def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
-    """The spectral bound of each Jacobian: the modes of z are the mu, those of P and S the sums mu_i + mu_j."""
+    """Return for each Jacobian the largest dt at which the steady covariance is stable: eigenvalues mu_i of F - P N for
+    the state, mu_i + mu_j for P and S = P^-1; `polynomial`: that of stability, constant first."""
     each: list[list[Limit]] = [[] for _ in riccati.F]
     pairs = np.triu_indices(len(riccati.Q))
     for theta in dict.fromkeys(thetas):
@@ -106,8 +108,8 @@ def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: 
 
 @dataclass(frozen=True)
 class _Starts:
-    """Initial covariances P (m, n, n) of transients, with for each the index `rows` of its Jacobian, a flag `rises`
-    (theta rises, else it is constant) and its name."""
+    """Initial covariances P (m, n, n) of simulations, each with the index `rows` of its Jacobian, a flag `rises` (theta
+    rises, else it is constant) and a name."""
 
     P: Array
     rows: NDArray[np.intp]
@@ -143,7 +145,7 @@ Search = Generator[Request, Lost, Limit]
 
 @dataclass(frozen=True)
 class _Transients:
-    """Simulations of the covariance equation, in the coordinates Delta z of theta_max, where theta starts at `idle`."""
+    """Simulations of the covariance equation, in the coordinates Delta z at theta_max, where theta starts at `idle`."""
 
     riccati: FrozenRiccati
     idle: float
@@ -153,7 +155,7 @@ class _Transients:
     tableau: Tableau
 
     def limits(self, searches: Sequence[Search]) -> list[Limit]:
-        """The results of the searches, run in parallel: a step of many P takes hardly longer than a step of one."""
+        """Return the results of the searches, run in parallel: a step of many P costs hardly more than one of one P."""
         limits = [NOTHING] * len(searches)
         requests = {i: next(search) for i, search in enumerate(searches)}
         while requests:
@@ -166,7 +168,8 @@ class _Transients:
         return limits
 
     def _lost(self, requests: Sequence[Request]) -> list[Lost]:
-        """The answers to the requests; all their starts run in parallel, each by each of its lengths."""
+        """Return for each request (starts, lengths) the index of the first step length at which a start fails, else of
+        the last length, and the starts that fail there; all are simulated in parallel."""
         every = _Starts.of([starts for starts, lengths in requests for _ in lengths])
         dt = np.concatenate([np.repeat(lengths, len(starts)) for starts, lengths in requests])
         many = max(1, AT_ONCE // self.riccati.Q.size)
@@ -181,7 +184,7 @@ class _Transients:
         return answers
 
     def _fails(self, starts: _Starts, lengths: Array) -> Flags:
-        """Flags of the transients (m) that fail by steps of the lengths (m)."""
+        """Return flags (m) of the starts (m) that lose definiteness by steps of the `lengths` (m)."""
         delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
         X: Array = starts.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
@@ -201,7 +204,7 @@ class _Transients:
         return ~alive
 
     def _equation(self, riccati: FrozenRiccati, theta: float | Array) -> tuple[Array, Array, Array]:
-        """The matrices L, W, V of X' = L X + X L' + W - X V X."""
+        """Return the matrices L, W, V of X' = L X + X L' + W - X V X at theta; X is P or P^-1, as represented."""
         F, N, Q = riccati.parts(theta, self.theta_max)
         return (-transposed(F), N, Q) if self.representation == "information" else (F, Q, N)
 
@@ -224,7 +227,7 @@ def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: Array
 
 
 def _definite(X: Array) -> Flags:
-    """Flags of the matrices X (.., n, n) that are finite and positive definite, by the pivots of X = L D L'."""
+    """Return flags of the matrices X (.., n, n) that are finite and positive definite, by the pivots of X = L D L'."""
     good: Flags = np.asarray(np.isfinite(X).all(axis=(-2, -1)))
     X = np.where(good[..., None, None], X, 0.0)
     while X.shape[-1]:
@@ -236,7 +239,7 @@ def _definite(X: Array) -> Flags:
 
 
 def _transient_limit(starts: _Starts, most: float) -> Search:
-    """Search the largest dt below which no transient fails, up to `most`; `NOTHING` if none fails there."""
+    """Search the largest dt, up to `most`, below which no start loses definiteness; return `NOTHING` if none does."""
     good = bad = min(most, 1e9)
     while lost := (yield starts, (good,))[1]:
         first, good, bad = lost, good / 8.0, good
@@ -252,7 +255,8 @@ def _transient_limit(starts: _Starts, most: float) -> Search:
 def _scan(
     starts: _Starts, good: float, bad: float, ratio: float, first: _Starts
 ) -> Generator[Request, Lost, tuple[float, float, _Starts]]:
-    """Search upwards from `good`: the last step length without a failure, the first with one, and its starts."""
+    """Search upwards from the step length `good` by the factor `ratio`; return the last length without a failure, the
+    first with one, at most `bad`, and the starts that fail there."""
     lengths = [good]
     while lengths[-1] * ratio < bad:
         lengths.append(lengths[-1] * ratio)

@@ -26,8 +26,8 @@ from hgogen.rigor.lookup import called, instructions
 
 @cache
 def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...] = ()) -> ca.Function:
-    """The kernel with its `counts` as a CasADi function: from its arguments, of these sizes, to their new values and
-    its result. The columns of a group, of a kernel that has some, are the first argument, as a matrix (n, n)."""
+    """Return the kernel `name` with its `counts` as a CasADi function: from its arguments, of these sizes, to their new
+    values and its result. A kernel on columns of a matrix has them as first argument, a matrix (n, n)."""
     if name not in _ON_ARRAYS:
         arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
         return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
@@ -67,14 +67,14 @@ def _value(number: Any) -> Graph:
 
 
 def _array(matrix: Graph) -> np.ndarray:
-    """The columns of a matrix as the rows of an array, a vector as an array (n)."""
+    """Return the columns of an SX matrix as the rows of an array, a vector as an array (n)."""
     rows, columns = matrix.shape
     scalars = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
     return scalars if columns > 1 else scalars[0]
 
 
 def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """The variances P_ii, each summed from the term of the diagonal, then from the first column on."""
+    """Return the variances P_ii of P = L D L', each summed from the diagonal's term, then from the first column on."""
     variance = d.copy()
     for k in range(len(d)):
         variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
@@ -82,8 +82,8 @@ def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
-    """The kernel `cap` without branches: a factor 1 where a variance does not exceed its cap changes no bit, nor does a
-    choice of D where D >= 0."""
+    """Apply the kernel `cap`, which scales variances down to `caps`, without branches: a factor 1 and a choice of D >=
+    0 change no bit. Return whether a variance exceeded its cap or a D was negative."""
     values = [_value(v) for v in _variances(columns, d)]
     pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
     scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
@@ -99,7 +99,7 @@ def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
 
 
 def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
-    """The kernel `renew`, as one measurement for each state."""
+    """Apply the kernel `renew` as one measurement for each state, of variance 1/c_i^2; return whether it fails."""
     one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
     for i, each in enumerate(c):
         row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
@@ -128,13 +128,13 @@ def _flat(matrix: Graph) -> Graph:
 
 
 def _size(values: Graph, but: int) -> Graph:
-    """The sum of all |values| but that of index `but`, from the first to the last."""
+    """Return the sum of all |values_j| with j != `but`, from the first to the last."""
     return reduce(lambda total, j: total + ca.fabs(values[j]), (j for j in range(values.numel()) if j != but), ca.MX(0))
 
 
 @cache
 def _doubled(up: bool) -> Graph:
-    """The function of (f, column, row, active) to the same after all doublings (`up`) or halvings of f."""
+    """Return the function of (f, column, row, active) to these after all doublings (`up`) or halvings of f."""
     x = ca.SX.sym("x", 4)
     f, column, row, active = ca.vertsplit(x)
     if up:
@@ -162,13 +162,13 @@ def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
 
 
 def _product(a: Graph, b: Graph) -> Graph:
-    """The product a b, summed from the first to the last."""
+    """Return the matrix product a b, summed from the first term to the last."""
     return reduce(lambda total, k: total + a[:, k] @ b[k, :], range(1, a.shape[0]), a[:, 0] @ b[0, :])
 
 
 @cache
 def _halved(size: int) -> Graph:
-    """The function of (norm, doublings, X) to the same after all halvings of X."""
+    """Return the function of (norm, doublings, X) to these after X is halved until norm <= 0.5."""
     x = ca.SX.sym("x", 2 + size)
     over = x[0] > 0.5
     then = ca.vertcat(x[0] / 2, x[1] + 1, x[2:] / 2)
@@ -178,7 +178,8 @@ def _halved(size: int) -> Graph:
 
 @cache
 def _squared(n: int) -> Graph:
-    """The function of (remaining doublings, phi_0, phi_1, phi_2) to the same after all doublings."""
+    """Return the function of (doublings, phi_0, phi_1, phi_2) of X to these of 2 X, 4 X, .. until no doubling
+    remains."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
@@ -203,7 +204,7 @@ def _exponential(x: Graph, *_: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _series(n: int) -> Graph:
-    """The function of X to (phi_0, phi_1, phi_2)."""
+    """Return the function of X to phi_0 = e^X, phi_1 and phi_2, phi_k = sum_j X^j/(j + k)!, by Horner's scheme."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     a2 = one
     for j in range(DEGREE, 0, -1):
@@ -219,7 +220,7 @@ def _resolvent(x: Graph, inverse: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _resolved(n: int) -> Graph:
-    """The function of X to (the reduced 1 - X, its inverse) by Gauss-Jordan elimination with row pivots."""
+    """Return the function of X to (the reduced 1 - X, its inverse) by Gauss-Jordan elimination with row pivots."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
     A = rows[0]
@@ -261,8 +262,8 @@ KERNEL = 20  # the length of a kernel's text in operations
 
 
 def carried_out(program: Sequence[Statement]) -> Counter[int]:
-    """Return how often a period carries out each instruction, by CasADi's number of it: every section runs, a `When`
-    takes its longer branch, a loop all its members."""
+    """Return how often a sample period executes each instruction, by CasADi's code: every section runs, a `When` takes
+    its longer branch, a loop all its members."""
     return _Counting().program(program)
 
 
@@ -273,7 +274,7 @@ def written(program: Sequence[Statement]) -> int:
 
 
 class _Counting(Reader[Counter[int]]):
-    """A fold of a program to the counts of the instructions that it carries out."""
+    """A traversal of a program that counts the instructions a sample period executes."""
 
     def joined(self, parts: Iterable[Counter[int]]) -> Counter[int]:
         return sum(parts, Counter())
@@ -294,7 +295,7 @@ class _Counting(Reader[Counter[int]]):
         return Counter()
 
     def _kernel(self, kernel: Kernel) -> Counter[int]:
-        """Return the count of a run on `_Counted` numbers.
+        """Return the counts of instructions of a kernel's run on `_Counted` numbers.
 
         An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows remain; the kernel
         computes two at a time, which share a few of these.
@@ -313,7 +314,7 @@ class _Counting(Reader[Counter[int]]):
 
 @lru_cache(maxsize=256)  # a routine is called at each stage, and both counts read every block
 def instructions_of(graph: ca.Function) -> Counter[int]:
-    """The counts of the instructions of a graph and of the routines that it calls, without those that cost nothing."""
+    """Return the counts of the instructions of a graph and of the routines it calls, without those of no cost."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
     calls = (each for each in instructions(graph) if each.is_call())
     routines = [each for each in map(called, calls) if isinstance(each, ca.Function)]
@@ -347,7 +348,7 @@ class _Counted:
         return False
 
     def sqrt(self) -> "_Counted":
-        """The root that numpy's `sqrt` of an object calls."""
+        """Return the root, counted as a function, that numpy's `sqrt` of an object calls."""
         self.done[FUNCTION] += 1
         return self
 

@@ -20,7 +20,7 @@ FixedMatrix = list[float]
 
 
 class Column(Protocol):
-    """A column of a matrix: the member of a group."""
+    """A column v of a matrix, as a kernel accesses it: a member of a struct in emitted code."""
 
     v: Vector
 
@@ -39,22 +39,22 @@ ROUNDS = 0.0  # three halves of it: added to a number, it rounds it to a whole o
 
 
 def array(size: int) -> list[float]:
-    """A local array of numbers without initial values."""
+    """Return a local array of numbers, which has no initial values in emitted code."""
     return [0.0] * size
 
 
 def real(count: int) -> float:
-    """A count as a real number."""
+    """Return a count as a real number."""
     return float(count)
 
 
 def aligned(first: int) -> int:
-    """The first index of a loop, which may begin earlier, at a multiple of an instruction's width in numbers."""
+    """Return the first index of a loop; emitted code may begin earlier, at a multiple of an instruction's width."""
     return first
 
 
 def sizes(n: int) -> dict[str, int]:
-    """The counts that are compiled into a function of size n."""
+    """Return the constants, by name, that are compiled into a kernel for matrices (n, n)."""
     counts = {"n": n, "square": n * n, "line": n + 1, "half": n // 2}
     return counts | {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
 
@@ -63,7 +63,7 @@ _WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, b
 
 
 def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
-    """The product c = a b, in the order of operations of `kernels.product` but ten times as fast."""
+    """Compute c = a b (n n) in the order of operations of `kernels.product`, but ten times as fast."""
     size = isqrt(len(a))
     A, B = np.array(a).reshape(size, size), np.array(b).reshape(size, size)
     total = np.zeros_like(B)
@@ -73,8 +73,8 @@ def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
 
 
 def on_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function on numpy arrays, each operation rounded to their type. The first argument is the columns, an array
-    (n, n) with column k in row k, or a matrix, an array (n n); a number is an array (1)."""
+    """Return a kernel as a function on numpy arrays, each operation rounded to their type. Its first argument is the
+    columns, an array (n, n) with column k in row k, or a matrix, an array (n n); a number is an array (1)."""
     written = _WRITTEN[function.__name__] = cast(FunctionType, function)
     numbers = [kind is float for name, kind in written.__annotations__.items() if name != "return"]
 
@@ -99,7 +99,7 @@ _KINDS: dict[Any, tuple[Any, ...]] = {np.float64: (float, np.float64), np.object
 
 
 def _elements(argument: Any, one: bool, kind: Any) -> Any:
-    """An argument as a kernel reads it, with numbers of the type `kind`."""
+    """Return an argument as a kernel reads it, with numbers of the type `kind`; `one`: it is a single number."""
     if not isinstance(argument, np.ndarray):
         return argument
     values = argument.tolist() if kind is float else list(argument)
@@ -110,14 +110,14 @@ def _elements(argument: Any, one: bool, kind: Any) -> Any:
 
 @cache
 def _bound(name: str, size: int, kind: Any) -> Any:
-    """The function for one size, with real constants of the type `kind`, for objects of Python's float."""
+    """Return the kernel `name` for matrices (size, size), with real constants of the type `kind`, objects as floats."""
     real = float if kind is object else kind
     words = {**sizes(size), "aligned": aligned, "array": lambda size: [real(0)] * size, "product": _product}
     return bound(_WRITTEN, words, real)[name]
 
 
 def bound(functions: Mapping[str, Any], words: Mapping[str, Any], real: Any) -> dict[str, Any]:
-    """The functions, which may call each other, with constants of the type `real`; `words`: values of their names."""
+    """Return kernels, which may call each other, with constants of the type `real`; `words`: values of other names."""
     names: dict[str, Any] = {**words, "real": real}
     for name, written in functions.items():
         constants = (real(value) if isinstance(value, float) else value for value in written.__code__.co_consts)

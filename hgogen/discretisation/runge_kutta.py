@@ -37,7 +37,7 @@ Values = Mapping[str, Graph]
 
 @dataclass(frozen=True)
 class Argument:
-    """A column vector that a routine reads; `place`: its place in the step's memory, if it is read there."""
+    """A column vector that a routine reads, by name and size; `place`: its address in the step's memory, else None."""
 
     name: str
     size: int
@@ -49,29 +49,29 @@ class Argument:
         return self.place.name if self.place else self.name
 
     def local(self, element: int) -> str:
-        """The name of an element: z1, or the name of the column where it has one element."""
+        """Return the name of an element in emitted code: z1, or the name of the column where it has one element."""
         return self.label if self.size == 1 else f"{self.label}{element + 1}"
 
 
 @dataclass(frozen=True, eq=False)
 class Routine:
-    """A routine by the CasADi function that its calls name."""
+    """A routine: a CasADi `function` that emitted code keeps as a function of its own, such as the plant's flow."""
 
     function: ca.Function
 
     @property
     def name(self) -> str:
-        """The name in emitted code, without the prefix: a key of `MEANINGS`."""
+        """Return the name in emitted code, without the prefix: a key of `MEANINGS`."""
         return str(self.function.name())
 
     @cached_property
     def key(self) -> str:
-        """A text that is equal for two routines with equal results for equal arguments."""
+        """Return a text that is equal for two routines with equal results for equal arguments."""
         return str(self.function.serialize())
 
     @cached_property
     def arguments(self) -> tuple[Argument, ...]:
-        """The column vectors of its arguments, in order."""
+        """Return the column vectors that are the routine's arguments, in order."""
         arguments = []
         for name, symbols in zip(self.function.name_in(), self.function.sx_in(), strict=True):
             place = address(symbols[0])[0] if _is_place(symbols[0]) else None
@@ -79,19 +79,19 @@ class Routine:
         return tuple(arguments)
 
     def elements(self, argument: int) -> tuple[int, ...]:
-        """The indices of the elements of an argument that it reads."""
+        """Return the indices of those elements of argument number `argument` that the routine reads."""
         steps = range(self.function.n_instructions())
         reads = (self.function.instruction_input(k) for k in steps if self.function.instruction_id(k) == ca.OP_INPUT)
         return tuple(sorted({element for number, element in reads if number == argument}))
 
     @cached_property
     def results(self) -> tuple[tuple[str, int], ...]:
-        """The names and sizes of its results; the size of a matrix is its number of nonzeros."""
+        """Return the names and sizes of the routine's results; the size of a matrix is its number of nonzeros."""
         return tuple((name, self.function.nnz_out(k)) for k, name in enumerate(self.function.name_out()))
 
     def entries(self, result: int) -> list[str]:
-        """The names of the elements of a result: F_21 of a matrix, by columns; dz3 of a column with fewer nonzeros than
-        rows; "" for an element whose index is its row."""
+        """Return the names of the elements of result number `result`: F_21 of a matrix, by columns; dz3 of a column
+        with fewer nonzeros than rows; "" for an element whose index is its row."""
         pattern, name = self.function.sparsity_out(result), self.function.name_out(result)
         if pattern.is_column():
             return ["" if row == k else f"{name}{row + 1}" for k, row in enumerate(pattern.row())]
@@ -100,14 +100,15 @@ class Routine:
 
 
 def _is_place(symbol: Graph) -> bool:
-    """Whether the name of a symbol is the address of a place."""
+    """Return whether the name of a symbol is an address in the step's memory."""
     return ":" in symbol.name()
 
 
 def routine(
     name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
 ) -> Callable[[Values], dict[str, Graph]]:
-    """A function that calls a routine on columns, by the names of `sizes`, and returns the values of `body` by name.
+    """Return a function that calls a routine on columns, by the names of `sizes`, and returns the values of `body` by
+    name.
 
     The routine has only arguments that `body` reads, and only results and elements that are not constant numbers.
     """
@@ -135,25 +136,25 @@ def routine(
 
 @dataclass(frozen=True)
 class _Result:
-    """A value of a routine's body, of which the routine computes the elements that are not constant numbers."""
+    """A result of a routine's body, of which the routine computes the elements that are not constant numbers."""
 
     value: Graph
 
     @cached_property
     def _computed(self) -> list[int]:
-        """The indices of the nonzeros that the routine computes."""
+        """Return the indices of the nonzeros that are not constant numbers."""
         return [k for k, each in enumerate(self.value.nonzeros()) if not each.is_constant()]
 
     @property
     def computed(self) -> Graph:
-        """The sparse matrix that the routine computes."""
+        """Return the sparse matrix of the elements that are not constant numbers."""
         rows, columns = self.value.sparsity().get_triplet()
         places = ([each[k] for k in self._computed] for each in (rows, columns))
         elements = self.value.nonzeros()
         return ca.SX(ca.Sparsity.triplet(*self.value.shape, *places), column(elements[k] for k in self._computed))
 
     def filled(self, computed: Graph) -> Graph:
-        """The value with the elements that the routine has computed and the constant numbers."""
+        """Return the whole result from the elements that the routine has computed and the constant numbers."""
         elements = self.value.nonzeros()
         for k, each in zip(self._computed, computed.nonzeros(), strict=True):
             elements[k] = each
@@ -162,7 +163,8 @@ class _Result:
 
 @dataclass(frozen=True)
 class Tableau:
-    """A Butcher tableau; `a` holds the rows below the diagonal."""
+    """The Butcher tableau of k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i; `a`: rows below the
+    diagonal."""
 
     name: str
     a: tuple[tuple[float, ...], ...]
@@ -172,13 +174,13 @@ class Tableau:
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """A line for each stage, and one for the result; a stage reads the input and the samples at its own time."""
+        """Return the method's equations in lines, one for each stage k_i, and one for z+."""
         stages = (f"k_{i} = f(z{' + ' * any(row)}{_slopes(row)})" for i, row in enumerate(self.a, 1))
         return (*stages, f"z+ = z + {_slopes(self.b)}")
 
     @property
     def rows(self) -> tuple[str, ...]:
-        """The tableau c | a over b in lines, as textbooks print it."""
+        """Return the tableau c | a over b in lines, as textbooks print it."""
         entries = [[str(Fraction(a).limit_denominator(10_000)) for a in row] for row in (*self.a, self.b)]
         nodes = [*(str(Fraction(c).limit_denominator(10_000)) for c in self.c), ""]
         width, indent = (max(map(len, each)) for each in ([a for row in entries for a in row], nodes))
@@ -189,13 +191,13 @@ class Tableau:
 
     @property
     def chained(self) -> bool:
-        """Whether there are more than two stages, and each reads the slope of the stage before it alone, so that a step
-        need remember only the sum of the other slopes."""
+        """Return whether there are more than two stages, and each reads the slope of the stage before it alone, so that
+        a step need remember only the sum of the other slopes."""
         return len(self.a) > 2 and not any(any(row[:-1]) for row in self.a)
 
     @property
     def polynomial(self) -> tuple[float, ...]:
-        """Coefficients of the stability polynomial R(z) = 1 + sum_k z^(k+1) b' A^k 1, constant first."""
+        """Return the coefficients of the stability polynomial R(z) = 1 + sum_k z^(k+1) b' A^k 1, constant first."""
         weights, coefficients = [1.0] * len(self.b), [1.0]
         for _ in self.b:
             coefficients.append(sum(b * w for b, w in zip(self.b, weights, strict=True)))
@@ -204,7 +206,7 @@ class Tableau:
 
 
 def _slopes(weights: Iterable[float]) -> str:
-    """The text of h times the weighted sum of slopes; "" where every weight is 0."""
+    """Return the text of h sum_i w_i k_i for the weights w_i; "" where every weight is 0."""
     exact = {f"k_{j}": Fraction(weight).limit_denominator(10_000) for j, weight in enumerate(weights, 1) if weight}
     if not exact:
         return ""
@@ -226,7 +228,7 @@ RK4 = Tableau(
 
 
 def repeated(tableau: Tableau, times: int) -> Tableau:
-    """The tableau of `times` equal steps of a method as one step."""
+    """Return the tableau of one step that equals `times` equal steps of the method."""
     share = [b / times for b in tableau.b]
     rows = [
         (*share * k, *(a / times for a in row), *[0.0] * (len(share) - len(row)))
@@ -244,7 +246,7 @@ def repeated(tableau: Tableau, times: int) -> Tableau:
 
 @dataclass(frozen=True)
 class Stages:
-    """A Runge-Kutta step: the new values, and each stage's argument and slope."""
+    """The graphs of a Runge-Kutta step: the new values by name, and the argument and the slope of each stage."""
 
     result: dict[str, Graph]
     arguments: tuple[dict[str, Graph], ...]
@@ -252,7 +254,7 @@ class Stages:
 
     @property
     def names(self) -> dict[str, Graph]:
-        """The slopes by name (`k1_z`, ...), for the C printer."""
+        """Return the slopes by their names in emitted code (`k1_z`, ..)."""
         return {f"k{i}_{key}": k[key] for i, k in enumerate(self.slopes, 1) for key in k}
 
 
@@ -277,9 +279,8 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
 
 @dataclass(frozen=True)
 class Rounds:
-    """The stages of a `chained` tableau as iterations of one loop. For each: its fraction c of the step, the weight
-    `share` of its slope in the sum, and the step `ahead` along its slope to the next stage; `last`: the factor of the
-    sum."""
+    """The stages of a `chained` tableau as iterations of one loop: k = f(at, c), sum <- sum + share k, at <- z + ahead
+    k, then z+ = z + last sum, with c, share and ahead of each iteration."""
 
     fractions: tuple[float, ...]
     shares: tuple[float, ...]
@@ -288,7 +289,7 @@ class Rounds:
 
 
 def rounds(tableau: Tableau, h: float) -> Rounds:
-    """The rounds of one step of length h: k = f(at, c), sum <- sum + share k, at <- z + ahead k; z+ = z + last sum."""
+    """Return the loop of one step of length h with a `chained` tableau."""
     ahead = (*(h * row[-1] for row in tableau.a[1:]), 0.0)
     return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
 
@@ -309,7 +310,8 @@ class OpenLoop:
 
 @lru_cache(maxsize=8)  # the same model predicts one log after another
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
-    """The model over a sample of `dt` in `steps` Runge-Kutta steps; `between`: "line" or "hold" of the inputs."""
+    """Return the model of a form, without correction, over a sample of `dt` in `steps` Runge-Kutta steps; `between`:
+    how inputs vary, "line" or "hold"."""
     dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
@@ -343,7 +345,7 @@ def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
 
 
 def _nominal(form: Form, graph: Graph) -> Graph:
-    """The graph with tunable parameters at their nominal values."""
+    """Return the graph with tunable parameters at their nominal values."""
     tunable = form.system.tunable
     if not tunable:
         return graph

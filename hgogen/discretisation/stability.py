@@ -40,10 +40,11 @@ from hgogen.program import INF
 
 @dataclass(frozen=True)
 class Lengths:
-    """Two step lengths, in the unit of the model's time.
+    """Two step lengths, in the unit of the model's time, that a part of an observer permits.
 
-    A step above `refused` is refused: `why` says what happens there, and `other` which method has no such limit. A step
-    up to `take` is advised, and `basis` says how that is known. `rule`: that of the part, "" for the method's.
+    A step above `refused` is refused: `why` states what happens there, and `other` which method has no such limit. A
+    step up to `take` is advised, and `basis` gives the source. `rule`: the integration method of the part, "" for the
+    observer's.
     """
 
     refused: float = INF
@@ -58,14 +59,15 @@ AXIS = 1e-9  # allowance for the rounding of eig: |Re z| below which a unit z is
 
 
 def spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]) -> float:
-    """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and each lambda; inf for none."""
+    """Return the largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and each lambda of `spectrum`; inf for none.
+    `polynomial`: the coefficients of R, constant first."""
     upper = map(complex, spectrum[spectrum.imag >= 0.0])  # the others are conjugates
     return min((_passed(each / abs(each), tuple(polynomial)) / abs(each) for each in upper), default=np.inf)
 
 
 @lru_cache(maxsize=1024)  # all real eigenvalues, and those of points with equal Jacobians, lie on the same rays
 def _passed(direction: complex, polynomial: tuple[float, ...]) -> float:
-    """The first x at which |R(x direction)| passes 1: a root of the real polynomial |R|^2 - 1 of x; inf for none."""
+    """Return the first x at which |R(x direction)| passes 1, a root of the polynomial |R|^2 - 1 of x; inf for none."""
     terms = np.array([c * direction**k for k, c in enumerate(polynomial)])
     excess = np.convolve(terms.real, terms.real) + np.convolve(terms.imag, terms.imag)
     excess[0] -= 1.0
@@ -98,7 +100,7 @@ class Limit:
 
 @dataclass(eq=False)
 class UnstableCore(HgogenError):
-    """A linear error core with an eigenvalue in the right half plane: no step length makes it converge."""
+    """The error that a linear error core has an eigenvalue in the right half plane, and converges at no step length."""
 
     eigenvalue: complex
 
@@ -110,10 +112,11 @@ class UnstableCore(HgogenError):
 
 
 def core_limit(core: Array, polynomial: Sequence[float]) -> float:
-    """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and every eigenvalue of `core` (n, n), or (k, n, n).
+    """Return the largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and every eigenvalue of `core` (n, n), or (k,
+    n, n).
 
-    `polynomial`: the coefficients of R, constant first. inf where nothing limits (every eigenvalue 0), 0
-    where no step is stable (Euler on an undamped oscillation). Raises: `UnstableCore`.
+    `polynomial`: the coefficients of R, constant first. inf where nothing limits (every eigenvalue 0), 0 where no step
+    is stable (Euler on an undamped oscillation). Raises: `UnstableCore`.
     """
     spectrum = np.linalg.eigvals(np.asarray(core, dtype=float)).astype(complex).ravel()
     size = np.abs(spectrum)
@@ -123,7 +126,7 @@ def core_limit(core: Array, polynomial: Sequence[float]) -> float:
 
 
 def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
-    """The largest dt for each F (k, n, n) at which its decaying modes do not grow (k); inf where none decays."""
+    """Return, for each F (k, n, n), the largest dt (k) at which no decaying mode of F grows; inf where none decays."""
     limits = []
     for spectrum in np.linalg.eigvals(np.asarray(jacobians, dtype=float)).astype(complex):
         decaying = spectrum[spectrum.real < -AXIS * np.abs(spectrum).max(initial=0.0)]
@@ -132,7 +135,8 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
 
 
 def pace(jacobians: Array) -> float:
-    """The time 1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays, or inf.
+    """Return the time 1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays,
+    or inf.
 
     A step up to it, of order 2 or more, reproduces such a mode to some percent; decaying modes have other limits.
     """
@@ -143,7 +147,8 @@ def pace(jacobians: Array) -> float:
 
 @dataclass(frozen=True)
 class FrozenRiccati:
-    """The data of the Riccati equation at k points: F (k, n, n), C (k, p, n), the weight R^-1 (p, p), Q (n, n)."""
+    """The data of P' = F P + P F' + Q_theta - P C' R_theta^-1 C P at k points: F (k, n, n), C (k, p, n), the weight
+    R^-1 (p, p), Q (n, n); `scaling`: how theta scales Q and R."""
 
     F: Array
     C: Array
@@ -153,8 +158,8 @@ class FrozenRiccati:
 
     @classmethod
     def of(cls, jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | None = None) -> "FrozenRiccati":
-        """The equation at each F (k, n, n) and C (p, n) or (k, p, n); `Q` (n, n) and `R` (p, p), or its diagonal (p),
-        per unit of time; `scaling`: by default that of one chain of integrators."""
+        """Return the Riccati equation at each F (k, n, n) and C (p, n) or (k, p, n); `Q` (n, n) and `R` (p, p), or its
+        diagonal (p), per unit of time; `scaling`: by default that of one chain of integrators."""
         F = np.asarray(jacobians, dtype=float)
         C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
         weight: Array = np.asarray(np.linalg.inv(np.diag(R) if np.ndim(R) == 1 else R), dtype=float)
@@ -162,15 +167,16 @@ class FrozenRiccati:
         return cls(F, C, weight, np.asarray(Q, dtype=float), scaling or chain)
 
     def only(self, rows: NDArray[np.intp]) -> "FrozenRiccati":
-        """The equation at some of the points."""
+        """Return the Riccati equations at those points whose indices are `rows`."""
         return replace(self, F=self.F[rows], C=self.C[rows])
 
     def delta(self, theta: float | Array) -> Array:
-        """The diagonal of Delta (n), or (d, n) of several theta (d)."""
+        """Return the diagonal (n) of Delta = diag(1, 1/theta, ..), or (d, n) for several theta (d)."""
         return 1.0 / np.stack(np.broadcast_arrays(*self.scaling.spread(theta)), axis=-1)
 
     def parts(self, theta: float | Array, scale: float) -> tuple[Array, Array, Array]:
-        """The matrices F, N, Q_theta at theta, or at a theta (k) for each F, in the coordinates Delta z of `scale`."""
+        """Return F, N = C' R_theta^-1 C and Q_theta (k, n, n) at theta, or at a theta (k) for each F, in the
+        coordinates Delta z with theta = `scale` in Delta."""
         delta, scaling = self.delta(scale), self.scaling
         F = delta[:, None] * self.F / delta
         C = self.C / np.sqrt(scaling.variances(np.ones(len(self.weight)), theta))[..., :, None]
@@ -180,17 +186,18 @@ class FrozenRiccati:
         return F, N, np.broadcast_to(Q, N.shape)
 
     def hamiltonian(self, theta: float) -> Array:
-        """The Hamiltonian matrices (k, 2n, 2n) in the coordinates Delta z."""
+        """Return the Hamiltonians [F', -N; -Q_theta, -F] (k, 2n, 2n) in the coordinates Delta z."""
         F, N, Q = self.parts(theta, theta)
         return np.block([[transposed(F), -N], [-Q, -F]])
 
     def decay_rates(self, theta: float) -> Array:
-        """The decay rates (k, n) of the error under the steady P, the slowest first; 0 where a mode is unobservable."""
+        """Return the decay rates (k, n) of the error under the steady P, slowest first; 0 where a mode is
+        unobservable."""
         spectra = np.abs(np.linalg.eigvals(self.hamiltonian(theta)).real)
         return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
 
     def steady(self, theta: float) -> Array:
-        """The stabilising P (k, n, n) under Q_theta, R_theta; nan where there is none."""
+        """Return the stabilising P (k, n, n) of F P + P F' + Q_theta - P N P = 0; nan where there is none."""
         n, delta = len(self.Q), self.delta(theta)
         P = np.full(self.F.shape, np.nan)
         for i, H in enumerate(self.hamiltonian(theta)):
@@ -205,7 +212,7 @@ class FrozenRiccati:
 
 
 def transposed(X: Array) -> Array:
-    """The matrices X (.., n, n) transposed."""
+    """Return the matrices X (.., n, n) transposed."""
     return X.swapaxes(-1, -2)
 
 
@@ -220,7 +227,7 @@ POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the exponents k: to 48, a
 
 
 def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
-    """The sum of c_j X^j (k, N, N), the constant first."""
+    """Return the sums sum_j c_j X^j (k, N, N), the constant c_0 first."""
     total, power = np.zeros_like(X), np.broadcast_to(np.eye(X.shape[-1]), X.shape)
     for c in coefficients:
         total, power = total + c * power, power @ X
@@ -228,8 +235,8 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def growth(T: Array) -> Array:
-    """The largest |T^k| over the powers k >= 0 that are computed, at least 1, for each T (k, N, N). After a power with
-    |T^j| < 1 no larger one follows, as |T^(j+k)| <= |T^j| |T^k|."""
+    """Return, for each T (k, N, N), the largest |T^j| over powers j >= 0, at least 1. After a power with |T^j| < 1 no
+    larger one follows, as |T^(j+k)| <= |T^j| |T^k|."""
     powers = np.empty((POWERS, *T.shape))
     largest: Array = np.ones(len(T))
     with np.errstate(over="ignore", invalid="ignore"):  # a power that overflows has grown
@@ -252,16 +259,16 @@ def growth(T: Array) -> Array:
 
 
 def continuous(M: Array, units: Array) -> Array:
-    """The largest |exp(M t)| for each M (k, N, N) over t at multiples of `units` (k)."""
+    """Return, for each M (k, N, N), the largest |exp(M t)| over t at multiples of `units` (k)."""
     return growth(polynomial(M * units[:, None, None], tuple(1 / math.factorial(j) for j in range(9))))
 
 
 def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end: float = 0.0) -> float:
-    """The largest step length h up to which an error does not grow, by a search upwards from `start` by the ratio WIDER
-    and bisections of the last ratio; `start` where the error grows there, inf where h is beyond `end`.
+    """Return the largest step length h up to which `grows(h)` is False, by a search upwards from `start` by the ratio
+    WIDER and bisections of the last ratio; `start` where the error grows there, inf where h is beyond `end`.
 
-    The lengths do not depend on `end`. The search goes upwards because an error may grow at a length and not at a
-    longer one. Up to `coarse_end` it advances COARSE_STEPS lengths at a time.
+    The lengths do not depend on `end`. The search is upwards because an error may grow at a length and not at a longer
+    one. Up to `coarse_end` it advances COARSE_STEPS lengths at a time.
     """
     fine, step = max(0, math.floor(math.log(coarse_end / start, WIDER))) if coarse_end else 0, 0
     good = bad = start
@@ -277,8 +284,8 @@ def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end
 
 
 def _size(T: Array) -> Array:
-    """The norm max_i sum_j |T_ij| of each matrix T (.., N, N); inf or NaN where T is not finite. The sum is formed
-    entry by entry: NumPy is slow for sums of a few numbers."""
+    """Return the norm max_i sum_j |T_ij| of each matrix T (.., N, N); inf or NaN where T is not finite. The sum is
+    formed entry by entry: NumPy is slow for sums of a few numbers."""
     rows = reduce(np.add, np.moveaxis(np.abs(T), -1, 0))
     return np.asarray(reduce(np.maximum, np.moveaxis(rows, -1, 0)))
 
@@ -297,8 +304,7 @@ SEARCHED = "sought over the declared ranges, no proof"
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """The ranges `low` (n), `high` (n) of the coordinates `names` of a point; the first `states` are the model's
-    state."""
+    """The ranges `low` (n), `high` (n) of coordinates with `names`; the first `states` are the model's state."""
 
     low: Array
     high: Array
@@ -306,13 +312,14 @@ class Ranges:
     states: int
 
     def points(self, shares: Array) -> Array:
-        """The points (k, n) at the shares (k, n) of the ranges, 0 at `low` and 1 at `high`."""
+        """Return the points low + share (high - low) (k, n) for shares (k, n) from 0 to 1."""
         return np.asarray(self.low + shares * (self.high - self.low))
 
 
 @dataclass(frozen=True, eq=False)
 class OpenLoopLimit:
-    """The longest step `dt`, inf where no mode decays, with the `point` (n) and the `eigenvalue` of F that limit it.
+    """The longest step `dt` at which decaying modes of e' = F e decay, inf where none decays, with the `point` (n) and
+    the `eigenvalue` of F that limit it.
 
     `state`: the name of the state with the largest component in that mode, each in units of its range.
     """
@@ -324,7 +331,8 @@ class OpenLoopLimit:
 
 
 def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float]) -> OpenLoopLimit:
-    """The limit of the Jacobians F (k, N, N) = slopes(points (k, n)), which may be NaN where there is none."""
+    """Return the longest stable step of e' = F e, F (k, N, N) = slopes(points (k, n)), which may be NaN, over points of
+    the ranges; `polynomial`: that of stability, constant first."""
     shares, edge = _start_points(slopes, ranges)
     table = _exits(tuple(polynomial))
 
@@ -342,7 +350,8 @@ def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float])
 
 
 def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: str) -> Lengths:
-    """The limit as an advised step length, with the point where it is attained and the effect of a longer step."""
+    """Return the longest stable step of e' = F e as an advised step length, with its point; `time`: the unit of
+    time."""
     limit = open_loop_limit(slopes, ranges, tableau.polynomial)
     if not np.isfinite(limit.dt):
         return Lengths()
@@ -358,7 +367,7 @@ def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: st
 
 
 def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
-    """The start points of the search as shares (k, n) of the ranges, and the share that is omitted at their ends."""
+    """Return start points of the search as shares (k, n) of the ranges, and the share omitted at the ranges' ends."""
     n = len(ranges.low)
     rng = np.random.default_rng(1)
     every = 2**n <= RANDOM
@@ -372,8 +381,8 @@ def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
 def _local_minima(
     limits: Callable[[Array], Array], points: Array, values: Array, moving: Array, edge: float
 ) -> tuple[Array, Array]:
-    """The local minima (s, n), as shares of the ranges, to which the start points descend, and their limits (s): no
-    move of one coordinate finds a shorter limit."""
+    """Return the local minima (s, n), as shares of the ranges, to which the start points descend, and the limits (s)
+    there: no change of one coordinate finds a shorter limit."""
     points, values, lengths = points.copy(), values.copy(), np.full(len(points), FIRST)
     every, rows = np.arange(len(points)), np.arange(len(moving))
     while len(moving) and lengths.max() >= SHORTEST:
@@ -406,15 +415,15 @@ def _decided(F: Array, point: Array, ranges: Ranges, polynomial: Sequence[float]
 
 
 def _decays(spectra: Array) -> Array:
-    """Flags of the eigenvalues (.., N) that decay, by more than rounding."""
+    """Return flags of the eigenvalues (.., N) that decay, by more than rounding."""
     sizes = np.abs(spectra)
     rounding = AXIS * sizes.max(axis=-1, keepdims=True, initial=0.0)
     return np.asarray(spectra.real < -np.maximum(rounding, DAMPING * sizes))
 
 
 def _interpolated(F: Array, exits: Array) -> Array:
-    """The least first exit (k) of the decaying modes of each F (k, N, N), interpolated between the angles of the table;
-    inf where no mode decays or F is not finite."""
+    """Return the least first exit (k) from |R| <= 1 of the decaying modes of each F (k, N, N), interpolated between the
+    angles of the table `exits`; inf where no mode decays or F is not finite."""
     finite = np.isfinite(F).all(axis=(1, 2))
     spectra = np.linalg.eigvals(np.where(finite[:, None, None], F, 0.0)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -425,6 +434,6 @@ def _interpolated(F: Array, exits: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _exits(polynomial: tuple[float, ...]) -> Array:
-    """The first exits from the stability region along rays from the imaginary axis to the negative real one."""
+    """Return the first x with |R(x d)| > 1 along rays d from the imaginary axis to the negative real one."""
     rays = np.exp(1j * np.linspace(np.pi / 2, np.pi, ANGLES))
     return np.array([spectral_limit(np.array([ray]), polynomial) for ray in rays])

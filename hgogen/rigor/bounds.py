@@ -113,8 +113,7 @@ def _error(e: sp.Expr, around: Sides) -> float:
 
 
 def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """Return a bound of the rounding error of a function e, whose arguments have `errors`, by its partial derivatives
-    or its range."""
+    """Return a bound of a function's rounding error, for `errors` of its arguments, by its derivatives or its range."""
     varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
     dummies = {part: sp.Dummy(real=True) for part, _ in varying}
     ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
@@ -324,14 +323,12 @@ def as_programmed(expression: sp.Expr, around: Sides) -> sp.Expr:
 
 
 def clamped(expression: sp.Expr, box: Box) -> sp.Expr:
-    """Return the expression whose tables are constant beyond their breakpoints where arguments may leave these on the
-    box."""
+    """Return the expression whose tables are clamped along the axes where arguments may leave the breakpoints."""
     return replaced(expression, lambda node: clamped_cells(node, node.args, box))
 
 
 def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
-    """Return a breakpoint at an end of the box beyond which a program may read a table's derivative, and the table's
-    name."""
+    """Return a breakpoint at an end of the box beyond which a program may read a derivative, and its table's name."""
     box = around.box
     for node in sorted(expression.atoms(Stepped), key=str):
         axes, jumps = rounded(clamped(node, box), around).cells.axes, node.cells.smooth
@@ -472,8 +469,7 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
 
 
 def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
-    """Yield zeros, in the box, of an expression that is linear in a symbol, with the other symbols at simple
-    `values`."""
+    """Yield zeros of an expression that is linear in a symbol, with the other symbols at simple `values`."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
         constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
@@ -502,10 +498,8 @@ def steep(e: sp.exp) -> bool:
 
 
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
-    """Return the expression as written, then factored and in Horner forms where it is rational in its symbols.
-
-    All are equal, by exact algebra, where the first is defined; the others may lack a removable pole.
-    """
+    """Return the expression as written, then factored and in Horner forms where it is rational in its symbols. They are
+    equal, by exact algebra, where the first is defined; the others may lack a removable pole."""
     symbols = sorted(expression.free_symbols, key=str)
     if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
         return (expression,)
@@ -546,8 +540,7 @@ class Proof:
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
-    """Return the bounds moved outward by a share `_SLACK`, which keeps their signs, as fractions; None for an infinite
-    one."""
+    """Return the bounds moved outward by a share, which keeps their signs, as fractions; None for an infinite one."""
     below, above = (
         None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
         for end, way in ((low, -1), (high, 1))
@@ -563,8 +556,7 @@ _FIRST = 500  # boxes before the search for a pole
 
 @dataclass(frozen=True)
 class Attained:
-    """A point of the box, and an upper bound `value` of an expression there (or a lower one, where a large value is
-    wanted)."""
+    """A point of the box, and there an upper bound `value` of a small value, or a lower bound of a large one."""
 
     value: float
     point: Mapping[sp.Symbol, Fraction] = field(hash=False)
@@ -640,16 +632,14 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression on a box (`sides`), with exact numbers, prepared for bisection: its equal forms are the outputs of
-    the tape `program`."""
+    """An expression on a box, with exact numbers; its equal forms are the outputs of the tape `program`."""
 
     expression: sp.Expr
     sides: Sides
     program: Tape
 
     def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
-        """Return the bisection of the box until the `goal` or a number of `boxes` is reached, continued from
-        `begun`."""
+        """Return the bisection of the box until the `goal` or a number of `boxes`, continued from `begun`."""
         return search(self.program, self.sides, goal, boxes, begun)
 
 
@@ -785,8 +775,7 @@ def _nonzero(
 
 
 def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sign:
-    """Return the answer PROVED with the range of a bisection `cover`, or with `exact`, the rational range on the whole
-    box."""
+    """Return the answer PROVED, by a bisection `cover`, or by `exact`, the rational range on the whole box."""
     (low, high), extent, reason = exact or (cover.low, cover.high), range_of(problem, cover, 0.0), counted(cover.boxes)
     if exact:
         extent = replace(extent, low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
@@ -796,8 +785,7 @@ def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sig
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Return whether factors prove that an expression has no zero on the box where it is defined, and rational ends
-    (low, high) of its range."""
+    """Return whether factors prove that an expression has no zero on the box, and rational ends of its range."""
     low, high = rational(expression, box)
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
@@ -820,8 +808,7 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
 
 
 def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
-    """Return the cause why an expression has no constant sign, the reason in words, and a witness; None where none is
-    known."""
+    """Return the cause why an expression has no constant sign, the reason in words, and a point; None if unknown."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -860,8 +847,7 @@ def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """Yield the divisors and factors of an expression, which make it undefined or zero, each with a pattern for a
-    reason."""
+    """Yield divisors and factors of an expression, which make it undefined or zero, each with a reason's pattern."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
@@ -872,8 +858,7 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 
 
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
-    """Return irreducible factors of an expression, by exact algebra alone where SymPy would factor a high power of
-    exp."""
+    """Return irreducible factors of e, by exact algebra alone where SymPy would factor a high power of exp."""
     if any(steep(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []

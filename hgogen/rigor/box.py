@@ -47,8 +47,7 @@ class Ranged(Protocol):
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
-    """Yield sample points of the signals' box, as exact rationals: the middle, zeros, corners, then random points of a
-    fixed seed."""
+    """Yield exact rational points of the signals' box: middle, zeros, corners, then random ones of a fixed seed."""
     ends = [_range_of(s) for s in signals]
     yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
     for s, (low, high) in zip(signals, ends, strict=True):

@@ -83,8 +83,7 @@ def positive(M: Any) -> bool:
 
 def _near_unit(M: Any) -> bool:
     """Return whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every
-    matrix within the balls of M. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky
-    factor."""
+    matrix within balls. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky factor."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
@@ -183,8 +182,7 @@ def unsymmetric(name: str) -> str:
 
 @dataclass(eq=False)
 class NotHurwitz(HgogenError):
-    """The error that the linear error core of some `gains` has `eigenvalues` that do not decay; `fix`: what to
-    change."""
+    """The error that a linear error core has eigenvalues that do not decay, under `gains`; `fix`: what to change."""
 
     gains: str
     eigenvalues: tuple[complex, ...]
@@ -196,8 +194,8 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Return whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part: an exact
-    test."""
+    """Return whether all eigenvalues of a matrix (n, n) have a negative real part, an exact test for floats or
+    fractions."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
@@ -211,8 +209,7 @@ def hurwitz(matrix: np.ndarray) -> bool:
 
 
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
-    """Raise `NotHurwitz` unless the matrix (n, n) is Hurwitz; `gains`: their name in the message; `fix`: what to
-    change."""
+    """Raise `NotHurwitz` unless the matrix (n, n) is Hurwitz; `gains`: their name; `fix`: what to change."""
     if hurwitz(matrix):
         return
     eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)

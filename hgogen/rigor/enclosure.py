@@ -72,7 +72,8 @@ FUNCTIONS = frozenset(_BALLS)
 
 
 def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
-    """The function's range on the part of a in its domain, and whether all of a is in the domain."""
+    """Return the range of an elementary function, such as "exp", on the part of the intervals a in its domain, and
+    flags whether all of a is in it."""
     if name in _MONOTONE:
         return _monotone(name, _MONOTONE[name], a)
     everywhere: Flags = np.ones(a[0].shape, dtype=bool)
@@ -85,7 +86,8 @@ def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
 
 
 def arctangent(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
-    """The range of atan2(y, x), whether it is defined, and whether it is continuous: off the cut y = 0, x <= 0."""
+    """Return the range of atan2(y, x), whether it is defined, and whether it is continuous: off the cut y = 0, x <=
+    0."""
     at_origin = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0) & (x[1] >= 0)
     cut = (y[0] < 0) & (y[1] >= 0) & (x[0] <= 0)
     corners = [_each(_arctangent_at, end, other) for end in y for other in x]
@@ -111,7 +113,7 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
 
 
 def _turns(a: Pair, phase: float) -> Flags:
-    """Whether phase + 2 pi k may lie in a for a whole k, in floats with more slack than their rounding errors."""
+    """Return whether phase + 2 pi k may lie in intervals a for a whole k, with more slack than rounding errors."""
     slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
     first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
     inside = np.floor(last) >= np.ceil(first)
@@ -134,7 +136,7 @@ def _tangent(a: Pair) -> tuple[Pair, Flags]:
 
 
 def _at(name: str, x: Array) -> Pair:
-    """Floats below and above the function's value at each x."""
+    """Return floats below and above the value of the function `name` at each x; "p/q" is the power x^(p/q)."""
     return _each(partial(_value, name), x)
 
 
@@ -171,7 +173,7 @@ def _arctangent_at(y: float, x: float) -> tuple[float, float]:
 
 
 def _outward(ball: arb) -> tuple[float, float]:
-    """The closest floats that enclose the ball, equal where it is one float."""
+    """Return the closest floats that enclose the ball, equal where it is one float."""
     if not ball.is_finite():
         return -math.inf, math.inf
     below, above = ball.lower(), ball.upper()
@@ -242,7 +244,8 @@ class Enclosure:
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
-    """The enclosure of each output of the tape on boxes low <= x <= high (m x k); `slopes`: in all or some symbols."""
+    """Return the enclosure of each output of a tape on k boxes low <= x <= high (m x k); `slopes`: also of the partial
+    derivatives by all symbols, or by those of the given indices."""
     by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
     shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
     everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()
@@ -273,7 +276,7 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
 
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair:
-    """The slope of f(a), by the chain rule from an enclosure of f'."""
+    """Return the slope f'(a) a' of f(a), from a function that encloses f'(a)."""
     return a.slope if a.fixed or not len(a.slope[0]) else scale(slope(), a.slope)
 
 
@@ -282,17 +285,17 @@ def _total(first: Pair, second: Pair) -> Pair:
 
 
 def _joint(a: Enclosure, b: Enclosure, first: Pair, second: Pair) -> Pair:
-    """The slope of an operation as the sum of the contributions of a and b."""
+    """Return the slope of an operation on a and b as the sum of their contributions `first` and `second`."""
     return second if a.fixed else first if b.fixed else _total(first, second)
 
 
 def _nowhere(slope: Pair, wild: Flags) -> Pair:
-    """The slope, or the real line where `wild`."""
+    """Return the slope, or the real line on the boxes flagged `wild`."""
     return outward.where_known(~wild, slope)
 
 
 def _jumpy(slope: Pair, wild: Flags, reads: list[Enclosure]) -> Pair:
-    """The slope, or the real line where `wild`, for those variables with which some of `reads` vary."""
+    """Return the slope, or the real line where `wild` for those variables with which some of `reads` vary."""
     if not len(slope[0]):
         return slope
     return _nowhere(slope, wild & np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads]))
@@ -316,7 +319,6 @@ def _multiply(args: list[Enclosure]) -> Enclosure:
 
 
 def _power(a: Enclosure, n: int) -> Enclosure:
-    """The power a^n, n whole."""
     value = power(a.value, n)
     clear = (a.value[0] > 0) | (a.value[1] < 0) | (n >= 0)
     factor = number(Fraction(n))
@@ -385,7 +387,7 @@ def _norm(args: list[Enclosure]) -> Enclosure:
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
-    """The direction e_i/|e|, and at e = 0 the set of its limits, with which it counts as continuous."""
+    """Return the direction e_i/|e|, i the index, at e = 0 the set of its limits, with which it counts as continuous."""
     value = outward.direction([a.value for a in args], index, wide)
     return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
 
@@ -409,13 +411,13 @@ def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags)
 
 
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
-    """A piecewise constant function with the range `value`, which may jump on a box unless the range is one number."""
+    """Return a piecewise constant function with the range `value`, which may jump unless the range is one number."""
     still = value[0] == value[1]
     return Enclosure(value, a.defined, a.continuous & still, _jumpy(_flat(a.slope), ~still, [a]))
 
 
 def _heaviside(args: list[Enclosure]) -> Enclosure:
-    """The unit step: 0 below 0, 1 above, and the second argument at 0."""
+    """Return the unit step of the first argument: 0 below 0, 1 above, and the second argument at 0."""
     a, at_zero = args
     low, high = a.value
     below, above, there = low < 0, high > 0, (low <= 0) & (high >= 0)
@@ -427,7 +429,8 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
-    """The rule of a relation, from the function of two intervals that says where it must and where it may hold."""
+    """Return the rule of a relation such as a < b; `verdicts`: a function of two intervals to flags where the relation
+    must and where it may hold."""
 
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
@@ -444,7 +447,7 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
 
 
 def _piecewise(args: list[Enclosure]) -> Enclosure:
-    """The hull of the branches that points of the box may take, continuous where there is only one."""
+    """Return the hull of the branches that points of a box may take, continuous where there is only one of them."""
     values, conditions = args[::2], args[1::2]
     shape = values[0].value[0].shape
     undecided, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
@@ -472,7 +475,7 @@ def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
 
 
 def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
-    """A derivative of a table; where it jumps, the interval between its limits, without a slope along that axis."""
+    """Return a table's derivative; where it jumps, the interval between its limits, without a slope along that axis."""
     (cells, order), place = table, [a.value for a in args]
     value, bounded, continuous = _cell_ranges(cells, order, place)
     slopes = [
@@ -484,8 +487,8 @@ def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
 
 
 def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
-    """The range of a derivative of a table whose arguments are in the intervals `place`, with all its limits where it
-    jumps; whether it is bounded; and along which axes, a row for each, it is continuous.
+    """Return the range of a table's derivative on intervals `place` of its arguments, with all its limits where it
+    jumps; flags whether it is bounded; and for each axis, in a row, flags whether it is continuous.
 
     Where a box ends on a breakpoint only the cell inside counts, and where an argument is a breakpoint both cells. For
     a table with rounded arguments (`bounds.as_programmed`) the cell above counts as well.

@@ -94,8 +94,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Elimination:
-    """A fraction-free elimination of rows of polynomials in progress: its `pivots` as pairs (column, reduced row), in
-    the order of the rows."""
+    """An elimination of rows of polynomials in progress: `pivots` (column, reduced row), in the order of the rows."""
 
     field: Field
     work: Work
@@ -103,8 +102,7 @@ class Elimination:
 
     @property
     def odd(self) -> bool:
-        """Return whether the columns of the pivots, in the order of the rows, are an odd permutation, which changes the
-        determinant's sign."""
+        """Return whether the columns of the pivots, in the order of the rows, are an odd permutation."""
         columns = [column for column, _ in self.pivots]
         return sum(a > b for i, a in enumerate(columns) for b in columns[i + 1 :]) % 2 == 1
 
@@ -368,8 +366,7 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """Return a product as a number times powers of irreducible polynomials, equal where roots are real. Raises:
-    `TooLarge`."""
+    """Return a product as a number and powers of irreducible polynomials, equal for real roots. Raises: `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
@@ -463,8 +460,7 @@ _OPERATIONS, _MOST_TERMS = 300, 200
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor base^exponent of an expression; `definite`: the base has one sign, and is not 0, wherever its parts are
-    real."""
+    """A factor base^exponent; `definite`: the base has one sign, and is not 0, wherever its parts are real."""
 
     base: sp.Expr
     exponent: int

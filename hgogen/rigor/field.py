@@ -68,8 +68,7 @@ class TooLarge(HgogenError):
 
 @dataclass(frozen=True)
 class Relation:
-    """The equation g^degree = value of a generator g, such as a root; `value`: a rational function of earlier
-    generators."""
+    """The equation generator^degree = value, as of a root; `value`: a rational function of earlier generators."""
 
     generator: sp.Dummy
     degree: int
@@ -132,8 +131,8 @@ class Writer:
         return self._kernel(node)
 
     def _kernel(self, node: sp.Expr) -> sp.Expr:
-        """Return the generator of a function, such as log(x + 1); equal rational functions as arguments have one
-        generator."""
+        """Return the generator of a function, such as log(x + 1); one generator for equal rational functions as
+        arguments."""
         if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
             node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
         return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))

@@ -126,8 +126,7 @@ def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
 
 
 def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, ...]]:
-    """Return the four coefficients of the monotone cubic in each cell between breakpoints x with values y (Hermite's
-    formula)."""
+    """Return four coefficients for each cell: Hermite's monotone cubics between breakpoints x with values y."""
     h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
     if len(h) == 1:
         d = [D[0], D[0]]
@@ -174,8 +173,7 @@ class Axis:
 
     @cached_property
     def starts(self) -> tuple[Fraction, ...]:
-        """Return the breakpoint (n + 1) below each cell from which a polynomial counts its argument; x_0 for the first
-        cell."""
+        """Return the breakpoint (n + 1) below each cell, from which its polynomial counts; x_0 for the first cell."""
         return (self.x[0], *self.x)
 
     @cached_property
@@ -194,8 +192,7 @@ class Axis:
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
-        """Return the first and the last cell that share more than an end with [low, high]; both neighbours for low =
-        high = x_k."""
+        """Return the first and the last cell that share more than an end with [low, high], or adjoin low = high."""
         if low == high:
             return self._before(low), self._until(low)
         return self._until(low), self._before(high)
@@ -222,13 +219,11 @@ class Axis:
 
     @cached_property
     def _rational(self) -> tuple[list[Any], list[Any]]:
-        """Return the breakpoints and the starts of cells as FLINT numbers, whose arithmetic is far faster than that of
-        fractions."""
+        """Return the breakpoints and the cells' starts as FLINT numbers, whose arithmetic is far faster."""
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """Return the polynomials (n + 1, powers, ..) of all cells for `values` (n, ..); `kind`: "linear" or
-        "monotone"."""
+        """Return the polynomials (n + 1, powers, ..) of all cells for `values` (n, ..); `kind`: of the table."""
         inner = KINDS[kind](self.x, values)
         if self.clamped:
             outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
@@ -284,8 +279,7 @@ class Cells:
         return (0,) * len(self.axes)
 
     def clamping(self, *clamped: bool) -> "Cells":
-        """Return the table with a flag for each axis: whether it is constant beyond the breakpoints (without flags:
-        yes)."""
+        """Return the table with a flag for each axis, whether it is constant beyond the breakpoints; by default so."""
         return self._with("clamped", clamped or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
@@ -330,14 +324,12 @@ class Cells:
         return [axis.overlapped(*side) for axis, side in zip(self.axes, box, strict=True)]
 
     def cell(self, box: Sequence[Ends]) -> Index | None:
-        """Return the index, one number for each axis, of the only cell that a box overlaps; None where it overlaps
-        several."""
+        """Return the index, a number for each axis, of the only cell that a box overlaps; None for several cells."""
         spans = self.overlapped(box)
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
 
     def least_smooth(self, spans: Spans) -> Index:
-        """Return, for each axis, the order of the first derivative that jumps between the cells `spans`, else
-        `NEVER`."""
+        """Return, for each axis, the order of the first derivative that jumps between the cells of `spans`."""
         return tuple(
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
@@ -382,8 +374,7 @@ class Cells:
         return self._range(wide, spans, order), continuous
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
-        """Return the range of a derivative of the table on a box; `spans`: the first and the last cell that the box
-        overlaps, along each axis."""
+        """Return the range of a derivative of the table on a box that overlaps the cells `spans` (first, last)."""
         whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
@@ -452,8 +443,7 @@ class Table(sp.Function):  # type: ignore[misc]
 
     @classmethod
     def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
-        """Return the exact value for rational arguments, else None; None as well where the derivative of the table
-        jumps."""
+        """Return the exact value for rational arguments; None for others, and where the derivative jumps."""
         if not all(isinstance(argument, (sp.Float, sp.Rational)) for argument in arguments):
             return None
         written = (repr(float(each)) if isinstance(each, sp.Float) else each for each in arguments)
@@ -499,8 +489,7 @@ class Stepped(Table):
 
 
 def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
-    """Return the expression f(arguments) of the table f; `order`: how many derivatives of f by each argument, by
-    default none."""
+    """Return f(arguments) for a table f, or its derivative with `order` derivatives by each argument."""
     return function(cells, order or cells.plain)(*arguments)
 
 
@@ -610,8 +599,7 @@ class Lookup:
 
     @property
     def comment(self) -> str:
-        """Return the comment above the lookup in emitted code: kind of table, number of points, behaviour at the
-        ends."""
+        """Return the comment above the lookup in emitted code: the kind of table, its size, and its ends."""
         order = " and ".join(map(str, self.order))
         derivative = "slope" if self.order == (1,) else f"derivative of order {order}"
         prefix = f"the {derivative} of " if any(self.order) else ""
@@ -799,8 +787,7 @@ def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
 
 
 def instructions(function: ca.Function) -> list[Graph]:
-    """Return the instructions of an SX function as graphs, which give the functions they call; none where it has no
-    call."""
+    """Return the instructions of an SX function as graphs, which give the functions they call; [] without a call."""
     return ca.vertsplit(function.instructions_sx()) if calls(function) else []
 
 

@@ -27,7 +27,7 @@ _SMALL, _LARGE = 1e-280, 1e290  # range of numbers whose Dekker and Newton resid
 
 @lru_cache(maxsize=1 << 12, typed=True)  # every batch of boxes needs the numbers of the tape
 def number(value: Fraction | float) -> tuple[float, float]:
-    """The neighbouring floats that enclose a number, equal where it is a float."""
+    """Return the neighbouring floats that enclose a number, equal where it is a float."""
     if isinstance(value, float):
         return value, value
     try:
@@ -45,12 +45,12 @@ def number(value: Fraction | float) -> tuple[float, float]:
 
 
 def down(x: Array) -> Array:
-    """The next float below."""
+    """Return the next float below each x."""
     return np.nextafter(x, -np.inf)
 
 
 def up(x: Array) -> Array:
-    """The next float above."""
+    """Return the next float above each x."""
     return np.nextafter(x, np.inf)
 
 
@@ -60,12 +60,12 @@ def add(a: Pair, b: Pair) -> Pair:
 
 
 def add_down(x: Array, y: Array) -> Array:
-    """A float below x + y, or the sum where it is exact."""
+    """Return a float below x + y, or the sum where it is exact."""
     return _below(*_sum(x, y))
 
 
 def add_up(x: Array, y: Array) -> Array:
-    """A float above x + y, or the sum where it is exact."""
+    """Return a float above x + y, or the sum where it is exact."""
     return _above(*_sum(x, y))
 
 
@@ -75,7 +75,7 @@ def negate(a: Pair) -> Pair:
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """The product a b; not negative where the signs of a and b exclude it, also after underflow."""
+    """Return the product a b; not negative where the signs of a and b exclude it, also after underflow."""
     product, error = (part.reshape(4, *part.shape[2:]) for part in _product(np.array(a)[:, None], np.array(b)))
     least, most = np.minimum.reduce(product), np.maximum.reduce(product)
     least = np.where(((product == least) > (error >= 0.0)).any(axis=0), down(least), least)
@@ -88,7 +88,7 @@ def multiply(a: Pair, b: Pair) -> Pair:
 
 
 def scale(a: Pair, b: Pair) -> Pair:
-    """The product a b without a test for exact products: cheaper, and one float wider, with the same rule of signs."""
+    """Return the product a b of intervals as `multiply`, but always rounded outward: cheaper, and one float wider."""
     low, high = _ends([x * y for x in a for y in b])
     if np.isnan(low).any():  # 0 times an infinite end
         low, high = _ends([np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b])
@@ -107,13 +107,13 @@ def _ends(products: list[Array]) -> Pair:
 
 
 def _signs(a: Pair, b: Pair) -> tuple[Flags, Flags, Flags]:
-    """Flags of boxes where no product is negative, where none is positive, and where a factor is 0."""
+    """Return flags of boxes where no product a b is negative, where none is positive, and where a factor is 0."""
     (a_up, a_down), (b_up, b_down) = (((ends[0] >= 0), (ends[1] <= 0)) for ends in (a, b))
     return (a_up & b_up) | (a_down & b_down), (a_up & b_down) | (a_down & b_up), (a_up & a_down) | (b_up & b_down)
 
 
 def reciprocal(a: Pair) -> Pair:
-    """The reciprocal 1/a where a is not 0."""
+    """Return the interval 1/a where a is not 0; the real line, or half of it, where a contains 0."""
     low, high = a
     positive, negative = low > 0, high < 0
     clear = positive | negative
@@ -129,7 +129,7 @@ def reciprocal(a: Pair) -> Pair:
 
 
 def power(a: Pair, n: int) -> Pair:
-    """The power a^n for whole n, for n < 0 where a is not 0."""
+    """Return the interval a^n for whole n, for n < 0 where a is not 0."""
     if n < 0:
         return reciprocal(power(a, -n))
     if n == 1:
@@ -176,12 +176,13 @@ def absolute(a: Pair) -> Pair:
 
 
 def norm(parts: Sequence[Pair]) -> Pair:
-    """The Euclidean norm |e|."""
+    """Return the interval of the Euclidean norm |e| of the intervals e_i, `parts`."""
     return square_root(reduce(add, (power(a, 2) for a in parts)))
 
 
 def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
-    """The range of e_i/|e|; for `wide` boxes without values on faces only, where slopes are limits from inside.
+    """Return the range of e_i/|e|, i = `index`, for intervals e (`parts`). `wide`: on a box with a width in e_i the
+    values on its faces do not count by themselves, only their limits from inside, as for slopes.
 
     It increases with e_i. With the size of the other e_j it decreases where e_i > 0, and increases where e_i < 0.
     """
@@ -200,22 +201,22 @@ def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
 
 
 def hull(a: Pair, b: Pair) -> Pair:
-    """The smallest interval that encloses both."""
+    """Return the smallest interval that encloses a and b."""
     return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
 def meet(a: Pair, b: Pair) -> Pair:
-    """The intersection of two enclosures of one value."""
+    """Return the intersection of two enclosures a and b of one value."""
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
 
 
 def where_known(known: Flags, a: Pair) -> Pair:
-    """The interval where it is known, else the real line."""
+    """Return the interval a where flagged `known`, else the real line."""
     return np.where(known, a[0], -np.inf), np.where(known, a[1], np.inf)
 
 
 def _share(e: Array, others: Array) -> Pair:
-    """The quotient e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
+    """Return the interval of e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
     whole = square_root(add(power((e, e), 2), (others, others)))
     low, high = multiply((e, e), reciprocal(whole))
     far = np.isinf(e)
@@ -223,29 +224,29 @@ def _share(e: Array, others: Array) -> Pair:
 
 
 def _below(value: Array, error: Array) -> Array:
-    """The rounded result where its error, exact minus rounded, is known to be at least 0, else the float below it."""
+    """Return a rounded value where its error, exact minus rounded, is known to be >= 0, else the next float below."""
     return np.where(error >= 0.0, value, down(value))
 
 
 def _above(value: Array, error: Array) -> Array:
-    """The rounded result where its error is known to be at most 0, else the float above it."""
+    """Return a rounded value where its error, exact minus rounded, is known to be <= 0, else the next float above."""
     return np.where(error <= 0.0, value, up(value))
 
 
 def _sum(x: Array, y: Array) -> Pair:
-    """The rounded sum and its error, NaN after overflow, for which every comparison is false."""
+    """Return the rounded sum x + y and its error, NaN after overflow, for which every comparison is false."""
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
 
 
 def _outside(value: Array, error: Array) -> Array:
-    """The result of `_below` for the first half and of `_above` for the second."""
+    """Return `_below` of the first half of the values, and `_above` of the second half."""
     return np.array((_below(value[0], error[0]), _above(value[1], error[1])))
 
 
 def _split(x: Array) -> Pair:
-    """Two numbers of half the digits, whose sum is x."""
+    """Return two numbers of half the digits of x whose sum is x (Dekker)."""
     t = _SPLIT * x
     high = t - (t - x)
     return high, x - high
@@ -259,7 +260,7 @@ def _residual(x: Array, y: Array, product: Array) -> Array:
 
 
 def _product(x: Array, y: Array) -> Pair:
-    """The rounded product and its error, NaN where it is not known; 0 times infinity is 0."""
+    """Return the rounded product x y and its error, NaN where it is not known; 0 times infinity is 0."""
     product = x * y
     size = np.abs(product)
     known, error = (size > _SMALL) & (size < _LARGE), _residual(x, y, product)  # NaN of factors beyond _LARGE
@@ -270,7 +271,7 @@ def _product(x: Array, y: Array) -> Pair:
 
 
 def _inverted(low: Array, high: Array) -> Pair:
-    """A float below 1/high or equal, and one above 1/low or equal, for ends that are not 0; 1/inf is 0 of its sign."""
+    """Return floats <= 1/high and >= 1/low, for ends that are not 0; 1/inf is 0 of its sign."""
     x = np.array((high, low))
     inverse, size = 1.0 / x, np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)
@@ -282,7 +283,7 @@ def _inverted(low: Array, high: Array) -> Pair:
 
 
 def _root(x: Array) -> Pair:
-    """The rounded root, and a number with the sign of its error."""
+    """Return the rounded sqrt(x), and a number with the sign of its error, NaN where it is not known."""
     root = np.sqrt(x)
     known = (x > _SMALL) & (x < _LARGE)
     product = root * root
@@ -291,7 +292,7 @@ def _root(x: Array) -> Pair:
 
 
 def _repeated(x: Array, n: int, rounded: Callable[[Array, Array], Array]) -> Array:
-    """The power x^n, x >= 0, by squaring, each product rounded to one side."""
+    """Return x^n, x >= 0, by squaring, each product rounded to one side by `rounded(value, error)`."""
     result = None
     while n:
         if n & 1:

@@ -209,8 +209,8 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Search a point with the `wanted` signs (index of a test -> sign), along the sides from a point with all but
-        the last of them."""
+        """Search a point with the `wanted` signs of tests (index -> sign), along the sides from one with all but the
+        last."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -315,8 +315,7 @@ class _Walk:
         return int(sign)
 
     def way(self, before: sp.Expr, argument: sp.Expr) -> sp.Integer:
-        """Return the sign of `argument`, the translation of the test `before`, and note its condition. Raises:
-        `Undecided`."""
+        """Return the sign of `argument`, the translation of the test `before`. Raises: `Undecided` for 0."""
         if argument.is_number and argument.is_zero is not None:
             return sp.sign(argument)
         way = self.sign(before)

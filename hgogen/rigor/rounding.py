@@ -32,12 +32,13 @@ _WHOLE = 2**24  # whole numbers up to it are exact in every precision
 
 
 class Unsure(ArithmeticError):
-    """A value without an error bound; `args[0]` is the reason."""
+    """The error that a value has no bound of its rounding error; `args[0]` is the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """The range of a value in exact arithmetic and a bound on the error of the computed one, as Arb balls.
+    """The range `value` of a number v of exact arithmetic and a bound `error` of |v~ - v|, v~ the computed number, as
+    Arb balls.
 
     A truth value has a range within [0, 1], and the error 1 where the program may decide otherwise. `test` and
     `chosen`: the test and the value, for a value that is 0 where a test fails. `negates`: the negated truth value.
@@ -56,31 +57,31 @@ class Computed:
 
     @property
     def around(self) -> Any:
-        """A ball around the exact and the computed value."""
+        """Return a ball that contains the exact v and the computed v~."""
         return self.value + arb(0, self.error.upper())
 
     @property
     def known(self) -> bool | None:
-        """The truth value where exact arithmetic and the program decide alike; else None."""
+        """Return the truth value where exact arithmetic and the program decide alike; else None."""
         if not self.error.is_zero():
             return None
         return True if self.value == 1 else False if self.value == 0 else None
 
 
 def exactly(value: Any) -> Computed:
-    """A value without an error, from a number or a ball."""
+    """Return a number or a ball as a computed value without an error."""
     return Computed(arb(value))
 
 
 @dataclass(frozen=True)
 class Rounding:
-    """The arithmetic of a working precision; operations have CasADi's numbers."""
+    """The arithmetic on values with error bounds in a program's precision `real`; operations have CasADi's codes."""
 
     real: Real
 
     @property
     def unit(self) -> Any:
-        """The unit roundoff u."""
+        """Return the unit roundoff u, 2^-24 or 2^-53."""
         return arb(2) ** (-24 if self.real == "float" else -53)
 
     @property
@@ -94,15 +95,15 @@ class Rounding:
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def parameter(self, number: float) -> Computed:
-        """A gain or a parameter of the program, rounded as a constant is."""
+        """Return a gain or a parameter of the program as a value, with the rounding error of a constant."""
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
-        """The values of a function of the program: a call rounds nothing."""
+        """Return the values `body(columns)` of a function that the program calls: a call rounds nothing."""
         return body(columns)
 
     def constant(self, number: float) -> Computed:
-        """A number of a graph, with the error of its representation."""
+        """Return a constant of a graph as a value, with the error of its representation."""
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
@@ -110,7 +111,7 @@ class Rounding:
         return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
 
     def apply(self, op: int, values: list[Computed]) -> Computed:
-        """The result of one operation. Raises: `Unsure`."""
+        """Return the result, with its error bound, of the operation of CasADi's code `op`. Raises: `Unsure`."""
         if op in _EXACT:
             return _EXACT[op](*values)
         same = _unchanged(op, values)
@@ -127,7 +128,6 @@ class Rounding:
         raise Unsure("an operation whose rounding is not known")
 
     def _power(self, x: Computed, y: Computed) -> Computed:
-        """The power x^y for x > 0, or a whole y."""
         value = x.value**y.value
         by_base = abs(y.around * x.around ** (y.around - 1)) * x.error
         slope = abs(abs(x.around).log() * y.around)
@@ -135,7 +135,7 @@ class Rounding:
         return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
 
     def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
-        """The result of an operation with an error of `units` times u. Raises: `Unsure` where it may overflow."""
+        """Return a result with the `inherited` error and a rounding error of `units` times u. Raises: `Unsure`."""
         unit, inherited = self.unit * units, inherited.abs_upper()
         error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
         if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
@@ -156,7 +156,7 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _below(equal: bool, a: Computed, b: Computed) -> Computed:
-    """The truth value of a < b, or a <= b; unknown where errors may change it."""
+    """Return the truth value of a < b, or a <= b (`equal`); unknown where errors may change it."""
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
     holds = bool(gap > error or (equal and sure and gap >= 0))
@@ -166,14 +166,14 @@ def _below(equal: bool, a: Computed, b: Computed) -> Computed:
 
 
 def _all(least: int, a: Computed, b: Computed) -> Computed:
-    """The conjunction for `least` 0, the disjunction for 1: decided as soon as one of a and b is `least`."""
+    """Return "a and b" for `least` 0, "a or b" for 1: decided as soon as a or b is `least`."""
     if bool(least) in (a.known, b.known):
         return exactly(least)
     return _extreme(arb.max if least else arb.min, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
-    """The value where the test is true, else 0."""
+    """Return the value where the truth value `test` is true, else 0."""
     if test.known is False:
         return exactly(0)
     if test.known is True:
@@ -183,8 +183,7 @@ def _chosen(test: Computed, value: Computed) -> Computed:
 
 
 def _unchanged(op: int, values: list[Computed]) -> Computed | None:
-    """The result of an operation that rounds nothing: a sum with 0, a choice as a sum, a product with 1 or 0; or
-    None."""
+    """Return the result of a sum or product that rounds nothing (with 0, with 1, a choice as a sum); else None."""
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None
     a, b = values
@@ -201,7 +200,7 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
 
 
 def _either(a: Computed, b: Computed) -> Computed | None:
-    """The sum of a and b where their tests exclude each other, so that one of them is 0; else None."""
+    """Return the sum of a and b where their tests exclude each other, so that a or b is 0; else None."""
     yes, no = a.chosen, b.chosen
     if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
         return None
@@ -241,7 +240,7 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
 
 
 def _squared(x: Any) -> Any:
-    """The square of a ball. Arb's own contains negative numbers for a wide ball, and fails where the midpoint is 0."""
+    """Return the square of a ball. Arb's own contains negative numbers for wide balls, and fails for a midpoint 0."""
     low, high = x.abs_lower(), x.abs_upper()
     return (low * low).union(high * high)
 
@@ -260,7 +259,7 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
 
 
 def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """The function for angles up to 200, the range of the measured ulps, else NaN."""
+    """Return `function` for angles up to 200, the range of the measured ulps, NaN beyond."""
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 

@@ -37,7 +37,8 @@ Indices = NDArray[np.int64]
 
 
 def middle(low: Array, high: Array) -> Array:
-    """The point at which a side is cut: its midpoint; for an unbounded side 0, or twice its end and one beyond 0."""
+    """Return the point at which boxes are cut: their middle; for an unbounded side 0, or twice its end and one beyond
+    0."""
     centre = low / 2.0 + high / 2.0
     if np.isfinite(centre).all():
         return np.clip(centre, low, high)
@@ -49,7 +50,7 @@ def middle(low: Array, high: Array) -> Array:
 
 
 def spread(m: int, count: int) -> Array:
-    """Points (m x count) of the unit cube, evenly spread: multiples of the square roots of primes, modulo 1."""
+    """Return points (m x count) of the unit cube, evenly spread: multiples of the square roots of primes, modulo 1."""
     primes = [p for p in range(2, 20 * (m + 2)) if all(p % q for q in range(2, math.isqrt(p) + 1))][:m]
     steps = np.sqrt(np.array(primes, dtype=float))[:, None]
     points: Array = np.mod(steps * np.arange(1, count + 1) + 0.5, 1.0)
@@ -57,7 +58,7 @@ def spread(m: int, count: int) -> Array:
 
 
 def placed(low: Array, high: Array, t: Array) -> Array:
-    """Points of the unit cube mapped to the box, for an unbounded side by a rational map."""
+    """Return points t (m x count) of the unit cube mapped to the box, for an unbounded side by a rational map."""
     low, high = low[:, None], high[:, None]
     t = np.clip(t, 1e-6, 1.0 - 1e-6)
     ends = np.isinf(low), np.isinf(high)
@@ -70,7 +71,7 @@ def placed(low: Array, high: Array, t: Array) -> Array:
 
 
 def corners(low: Array, high: Array) -> Array:
-    """The middle, then up to 64 corners, with zero or a large number for an infinite end."""
+    """Return the middle of a box, then up to 64 corners (m x count), with a large number for an infinite end."""
     m = len(low)
     ends = (
         np.where(np.isinf(low), np.minimum(high, 0.0) - 1e3, low),
@@ -89,8 +90,8 @@ Tree = tuple[object, ...] | str
 
 @dataclass(frozen=True)
 class Known:
-    """Facts on n boxes (m x n ends): bounds bottom <= value <= top, and whether the value is `defined` and
-    `continuous`; `node`: the index of each box in the tree; `cut`: the variable to bisect, or -1."""
+    """Facts on n boxes low <= x <= high (m x n): bounds bottom <= value <= top of an expression, and whether it is
+    `defined` and `continuous`; `node`: the index of each box in the tree; `cut`: the variable to bisect, or -1."""
 
     low: Array
     high: Array
@@ -102,19 +103,19 @@ class Known:
     continuous: Flags
 
     def only(self, rows: Indices | Flags) -> "Known":
-        """The facts on some of the boxes."""
+        """Return the facts on some of the boxes, by their indices or flags."""
         return Known(*(getattr(self, each.name)[..., rows] for each in fields(self)))
 
     def with_more(self, other: "Known") -> "Known":
-        """The facts on the boxes of both."""
+        """Return the facts on these boxes, then on those of `other`."""
         pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
         return Known(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)
 class Inner:
-    """Bounds from inside: a value at most `least` at the point `at_least` (m), and one at least `most` at `at_most`;
-    inf and -inf before one is known."""
+    """Values attained on a box: one at most `least`, at the point `at_least` (m), and one at least `most`, at
+    `at_most`; inf and -inf before one is known."""
 
     least: float = math.inf
     most: float = -math.inf
@@ -124,8 +125,8 @@ class Inner:
 
 @dataclass(frozen=True)
 class Cover:
-    """A bisection so far: the leaves of its tree, bounds from inside, and the `splits` (node, variable); `finished`:
-    whether the goal is reached; `before`: the cover from which a search with more boxes continues."""
+    """A bisection of a box so far: the leaves of its tree, attained values `inner`, and the `splits` (node, variable);
+    `finished`: the goal is reached; `before`: the bisection from which a search with more boxes continues."""
 
     leaves: Known
     inner: Inner
@@ -135,12 +136,13 @@ class Cover:
 
     @property
     def boxes(self) -> int:
-        """The number of boxes."""
+        """Return the number of boxes that were evaluated."""
         return 1 + 2 * len(self.splits)
 
     @property
     def tree(self) -> Tree:
-        """The tree of ("split", variable, left, right) and "leaf"; node 0 is the root, split j makes 2j+1 and 2j+2."""
+        """Return the tree of ("split", variable, left, right) and "leaf"; node 0 is the root, split j has 2j+1 and
+        2j+2."""
         subtrees: dict[int, Tree] = {}
         for j in range(len(self.splits) - 1, -1, -1):
             node, variable = self.splits[j]
@@ -149,22 +151,22 @@ class Cover:
 
     @property
     def low(self) -> float:
-        """A lower bound on the whole box."""
+        """Return a proved lower bound of the expression on the whole box."""
         return float(self.leaves.bottom.min())
 
     @property
     def high(self) -> float:
-        """An upper bound on the whole box."""
+        """Return a proved upper bound of the expression on the whole box."""
         return float(self.leaves.top.max())
 
     @property
     def defined(self) -> bool:
-        """Whether the value is proved finite and real everywhere."""
+        """Return whether the expression is proved finite and real on the whole box."""
         return bool(self.leaves.defined.all())
 
     @property
     def continuous(self) -> bool:
-        """Whether the value is proved continuous."""
+        """Return whether the expression is proved defined and continuous on the whole box."""
         return bool(self.leaves.continuous.all() and self.leaves.defined.all())
 
 
@@ -176,7 +178,8 @@ ROOT: Indices = np.zeros(1, dtype=np.int64)  # the index of the whole box
 
 
 def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Cover:
-    """The cover after bisection of its worst leaves in batches, until the goal or the `limit` of boxes is reached."""
+    """Return the bisection after its worst leaves are cut, a `batch` at a time, until `goal(leaves, inner)`, positive
+    for leaves to cut, or the `limit` of boxes is reached; `look`: the facts on new boxes."""
     while True:
         todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
         rows = np.nonzero(todo > 0.0)[0]
@@ -189,7 +192,7 @@ def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Co
 
 
 def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
-    """The cover with some leaves bisected; the two children of a leaf are neighbours."""
+    """Return the bisection with the leaves of indices `rows` cut; the two children of a leaf are neighbours."""
     parents, columns = cover.leaves.only(rows), np.arange(len(rows))
     centre = middle(parents.low, parents.high)[parents.cut, columns]
     low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
@@ -203,8 +206,8 @@ def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
 
 
 def best_cuts(low: Array, high: Array, weight: Array, known: Flags, share: Array, possible: Flags) -> Indices:
-    """The variable to bisect in each box: that of the largest `weight` (m x k), or of the largest `share` of the root's
-    side where the weight is not `known` and finite; -1 where no `possible` side can be cut."""
+    """Return the variable to bisect in each of k boxes: that of the largest `weight` (m x k), or of the largest `share`
+    of the root's side where the weight is not `known` and finite; -1 where no `possible` side can be cut."""
     finite = known & np.isfinite(weight).all(axis=0)
     score = np.where(finite, weight + 1e-3 * weight.max(axis=0) * share, share)
     centre = middle(low, high)
@@ -224,7 +227,7 @@ _SPREAD = 160  # first points of that search
 
 
 def tight(relative: float) -> Goal:
-    """The goal that low and high are within `relative` of the range's width of attained values."""
+    """Return the goal that the bounds are within `relative`, as a share of the range's width, of attained values."""
 
     def excess(leaves: Known, inner: Inner) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
@@ -238,7 +241,7 @@ def tight(relative: float) -> Goal:
 
 
 def one_sign(leaves: Known, inner: Inner) -> Array:
-    """The goal that the expression is defined and has one sign; the search ends once both signs are attained."""
+    """Return the priorities of leaves for the goal that the expression is defined and has one sign, 0 once refuted."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
     undecided = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
@@ -247,7 +250,7 @@ def one_sign(leaves: Known, inner: Inner) -> Array:
 
 
 def everywhere(leaves: Known, inner: Inner) -> Array:
-    """The goal that the expression is defined."""
+    """Return the priority of each leaf for the goal that the expression is defined: inf where it is not, else 0."""
     return np.where(leaves.defined, 0.0, np.inf)
 
 
@@ -264,13 +267,14 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
 
 
 def regular(leaves: Known, inner: Inner) -> Array:
-    """The goal that the expression is defined and continuous."""
+    """Return the priority of each leaf for the goal that the expression is defined and continuous: inf or 0."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
 def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | None = None) -> Cover:
-    """The cover of a bisection of a box until the goal is reached or there are `limit` boxes; `begun`: a cover for the
-    same goal with a lower limit, from which it continues."""
+    """Return a bisection of the box `around`, with bounds of a tape's outputs (equal forms of one expression), until
+    the goal is reached or there are `limit` boxes; `begun`: one for the goal with a lower limit, from which it
+    continues."""
     look = partial(_ranges, program, around)
     with np.errstate(all="ignore"):
         if begun is None:
@@ -282,7 +286,7 @@ def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | 
 
 
 def _points(around: Sides, x: Array) -> Pair:
-    """Enclosures of points (m x k); an end that is not a float is enclosed by its two neighbours."""
+    """Return intervals around points (m x k); an end of the box that is not a float has its two neighbours."""
     first, last = (end[:, None] for end in around.inner)
     bottom, top = (end[:, None] for end in around.outer)
     low, high = np.where(x < first, bottom, x), np.where(x < first, first, x)
@@ -293,7 +297,7 @@ def _points(around: Sides, x: Array) -> Pair:
 
 
 def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
-    """Ranges on boxes (m x k), and the bounds from inside improved by values at their centres."""
+    """Return the facts on boxes (m x k) of the indices `node`, and `inner` improved by values at their centres."""
     k = low.shape[1]
     parts = enclose(program, low, high, slopes=True)
     first = parts[0]
@@ -329,7 +333,7 @@ def _values(program: Tape, low: Array, high: Array) -> Values:
 
 
 def _common(parts: list[Enclosure]) -> Pair:
-    """The intersection of the ranges of all forms; the range of the first where it is empty (no value there)."""
+    """Return the intersection of the ranges of all forms; the range of the first where it is empty (no value there)."""
     return reduce(_meet, (part.value for part in parts))
 
 
@@ -348,7 +352,7 @@ def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
 
 
 def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:
-    """Baumann's centres for the lower and the upper bound; the midpoint where no slope is known."""
+    """Return Baumann's centres (m x k) for the lower and for the upper bound; the midpoint where no slope is known."""
     centre = middle(low, high)
     least, most = slope
     width = most - least
@@ -372,8 +376,8 @@ def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
 
 
 def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
-    """The faces where the expression is least and those where it is largest, along sides in which it is monotone; none
-    where it is monotone in no side, or where the faces are the centres."""
+    """Return the faces of boxes where the expression is least and those where it is largest, along sides in which it is
+    monotone; [] where it is monotone in no side, or where the faces are the centres."""
     rising = sound & (slope[0] >= 0)
     falling = sound & (slope[1] <= 0) & ~rising  # a slope of 0 counts once
     if len(low) == 1 or not (rising | falling).any():
@@ -384,8 +388,8 @@ def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
 
 
 def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Indices:
-    """The variable to bisect in each box: that of the largest |slope| times width, or the relatively widest where no
-    slope is known; -1 where no side can be cut."""
+    """Return the variable to bisect in each box: that of the largest |slope| times width, or the relatively widest
+    where no slope is known; -1 where no side can be cut."""
     m, k = low.shape
     if m == 0:
         return np.full(k, -1, dtype=np.int64)
@@ -400,7 +404,7 @@ def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Ind
 
 
 def _better(inner: Inner, x: Array, at: Values) -> Inner:
-    """The bounds from inside, improved by the values at points x (m x k)."""
+    """Return the attained values, improved by the values `at` points x (m x k)."""
     value, known = at
     least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
     most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
@@ -413,7 +417,7 @@ def _better(inner: Inner, x: Array, at: Values) -> Inner:
 
 
 def _explore(program: Tape, around: Sides) -> Inner:
-    """Bounds from inside by values at corners, at spread points, and in shrinking boxes around the best two points."""
+    """Return values attained at corners, at spread points, and in shrinking boxes around the best two points."""
     low, high = around.outer
     m = len(low)
     if m == 0:
@@ -445,7 +449,7 @@ _OVER_CENTRE = 1.25  # factor on the weight of a centre up to which a cell is no
 
 @dataclass(frozen=True)
 class _Cell(Generic[T]):
-    """A box, the facts on it, if any, and their weight."""
+    """A box with exact ends, the facts on it, if any, and their weight."""
 
     box: Ranges
     known: T | None
@@ -454,8 +458,8 @@ class _Cell(Generic[T]):
 
 @dataclass(frozen=True)
 class Subdivision(Generic[T]):
-    """The facts on each of the cells, and the `tree` of cuts in prefix order: the name of the side that is cut in its
-    middle, a dot for a cell."""
+    """A box divided into cells: the facts on each of the `cells`, and the `tree` of cuts in prefix order: the name of
+    the side that is cut in its middle, a dot for a cell."""
 
     cells: tuple[T, ...]
     tree: str
@@ -464,7 +468,8 @@ class Subdivision(Generic[T]):
 def subdivided(
     box: Ranges, known_on: Callable[[Ranges], T | None], weight: Callable[[T], float]
 ) -> Subdivision[T] | None:
-    """The box divided into at most `MOST` cells; None where there are no facts on a cell or on the centre of one."""
+    """Return the box divided into at most `MOST` cells, the cell of the largest weight cut first; None where `known_on`
+    has no facts on a cell or on the centre of one."""
 
     def cell(here: Ranges) -> _Cell[T]:
         known = known_on(here)
@@ -493,7 +498,8 @@ def subdivided(
 
 
 def _best_cut(here: Ranges, whole: Ranges, cell: Callable[[Ranges], _Cell[T]]) -> tuple[str, list[_Cell[T]]]:
-    """The name of the best side to cut, and its halves; among equally good sides the relatively widest."""
+    """Return the name of the side of `here` whose halves have the least weight, and its halves as cells; among equals
+    the widest relative to `whole`."""
     cuts = dict[str, tuple[tuple[float, ...], list[_Cell[T]]]]()
     for x, (low, high) in here.items():
         middle = (low + high) / 2

@@ -41,27 +41,28 @@ _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0
 
 
 class Undecided(ArithmeticError):
-    """A value that the balls do not decide at a point: a pole, the edge of a domain, or a branch point."""
+    """The error that balls do not decide a value at a point: a pole, the edge of a domain, or a branch point."""
 
 
 def between(low: Fraction, high: Fraction) -> Any:
-    """The smallest ball around the interval between two rationals."""
+    """Return the smallest ball around the interval [low, high]."""
     return arb(number(low)).union(arb(number(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
-    """A rational upper bound of the absolute values in a ball."""
+    """Return a rational upper bound of the absolute values in a ball."""
     return fraction(ball.abs_upper().fmpq())
 
 
 def draws(seed: int, name: str) -> random.Random:
-    """The random numbers for one purpose, reproducible by seed and name."""
+    """Return a source of random numbers for the purpose `name`, reproducible by seed and name."""
     return random.Random(f"{seed} {name}")
 
 
 @dataclass(frozen=True)
 class Balls:
-    """The arithmetic of series of balls, of the precision of `flint.ctx`; `seed` selects the range of random points."""
+    """The arithmetic of power series in t of balls, in `flint.ctx`'s precision; `seed`: for the range of random
+    points."""
 
     seed: int
 
@@ -75,27 +76,27 @@ class Balls:
         return arb_series(list(coefficients[:order]), prec=order)
 
     def number(self, value: Fraction, order: int) -> Any:
-        """A rational as a series."""
+        """Return a rational as a series with the constant term only, known below t^order."""
         return self.series([arb(number(value))], order)
 
     def constant(self, name: str, order: int) -> Any:
-        """pi or e as a series."""
+        """Return pi (`name` "pi") or e as a series known below t^order."""
         return self.series([arb.pi() if name == "pi" else arb.const_e()], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
-        """The product a b below t^order."""
+        """Return the product a b of series below t^order."""
         return a * b if min(a.prec, b.prec) <= order else self.cut(a, order) * self.cut(b, order)
 
     def cut(self, a: Any, order: int) -> Any:
-        """The series a below t^order."""
+        """Return the series a without the terms from t^order on."""
         return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
 
     def nothing(self, a: Any) -> bool:
-        """Whether the series is known to be zero."""
+        """Return whether the series is known to be zero."""
         return all(c.is_zero() for c in a.coeffs())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
-        """The series f(a) and f'(a) below t^order, for the function or power of an instruction."""
+        """Return f(a) and f'(a) below t^order; `op`: the name of f, or "power" or "root" with the exponent `value`."""
         a = self.cut(a, order)
         if op == "power" and value < 0:
             inverse = _inverse(a)
@@ -118,13 +119,13 @@ class Balls:
         return _finite(result), _finite(slope)
 
     def raised(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
-        """The power a^b = exp(b log a) and its derivatives by a and by b."""
+        """Return the series a^b = exp(b log a) and its derivatives by a and by b."""
         log = _positive(a).log()
         result = _finite((b * log).exp())
         return result, b * result * _inverse(a), result * log
 
     def angle(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
-        """The angle atan2(a, b) and its derivatives by a and by b."""
+        """Return the series atan2(a, b) and its derivatives by a and by b."""
         square = _inverse(a * a + b * b)
         if b[0].contains(0):
             raise Undecided
@@ -132,7 +133,8 @@ class Balls:
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
 
     def table(self, cells: Cells, order: Index, *arguments: Any) -> tuple[Any, ...]:
-        """A derivative of a table and its derivatives by each argument, from the cell of the arguments."""
+        """Return the series of a table's derivative of that order, and of its derivatives by each argument. Raises:
+        `Undecided` between cells."""
         cell = cells.cell([ends(a[0]) for a in arguments])
         if cell is None:
             raise Undecided
@@ -143,7 +145,7 @@ class Balls:
         return tuple(polynomial_value(piece, d, lambda c: nothing + arb(number(c))) for piece in pieces)
 
     def less(self, a: Any, b: Any) -> bool:
-        """Whether a < b at t = 0."""
+        """Return whether a < b at t = 0. Raises: `Undecided`."""
         if a[0] < b[0]:
             return True
         if a[0] > b[0] or (a - b)[0].is_zero():
@@ -151,7 +153,7 @@ class Balls:
         raise Undecided
 
     def equal(self, a: Any, b: Any) -> bool:
-        """Whether a = b at t = 0."""
+        """Return whether a = b at t = 0. Raises: `Undecided`."""
         if (a - b)[0].is_zero():
             return True
         if a[0] != b[0]:
@@ -166,20 +168,21 @@ class Balls:
         return coefficients + [arb(0)] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
-        """A matrix from its entries, row by row."""
+        """Return a FLINT matrix of balls from its entries, row by row."""
         return arb_mat(rows, columns, list(entries))
 
     @property
     def nudge(self) -> Any:
-        """A small step d: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
+        """Return a small step d: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
         return arb(2) ** -(ctx.prec // 2)
 
     def slope(self, shifted: Any, base: Any) -> Any:
-        """The derivative F'(x) v, with a radius far above the truncation error (unless F'' reaches 2^(bits/8))."""
+        """Return F'(x) v = (F(x + d v) - F(x))/d, `shifted` less `base`, d = `nudge`, with a radius far above the
+        truncation error (unless F'' reaches 2^(bits/8))."""
         return (shifted - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
 
     def reduced(self, a: Any) -> Any:
-        """The number itself."""
+        """Return the number unchanged, as balls have no modulus."""
         return a
 
 
@@ -202,7 +205,7 @@ def _positive(a: Any) -> Any:
 
 
 def _whole(a: Any, k: int) -> Any:
-    """The power a^k by squaring; k > 0."""
+    """Return the power a^k, k > 0, by squaring."""
     result = None
     while k:
         if k & 1:
@@ -228,12 +231,12 @@ def _level(x: Any) -> Any:
 
 
 def ends(a: Any) -> tuple[Fraction, Fraction]:
-    """The ends of a finite ball."""
+    """Return the ends of a finite ball as fractions."""
     return fraction(a.lower().fmpq()), fraction(a.upper().fmpq())
 
 
 def rising(function: Callable[[Any], Any], a: Any) -> Any:
-    """An increasing function of a ball, by its ends: Arb's own result for a wide ball may be far wider, or NaN."""
+    """Return an increasing function of a ball, by its ends: Arb's result for a wide ball may be far wider, or NaN."""
     return function(a.lower()).union(function(a.upper()))
 
 
@@ -243,7 +246,7 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """The series of tanh and its derivative by t' = (1 - t^2) a': wide balls exclude a quotient of exponentials."""
+    """Return the series t = tanh(a) and 1 - t^2 by t' = (1 - t^2) a': wide balls exclude a quotient of exponentials."""
     x = a.coeffs() or [arb(0)]
     t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
@@ -254,7 +257,7 @@ def _tanh(a: Any) -> tuple[Any, Any]:
 
 
 def _area(a: Any, sign: int) -> tuple[Any, Any]:
-    """The series of asinh (sign 1) or acosh (sign -1), and of the derivative."""
+    """Return the series asinh(a) (sign 1) or acosh(a) (sign -1), and its derivative by a."""
     root = (a * a + sign).sqrt()
     return (a + root).log(), _inverse(root)
 
@@ -292,7 +295,7 @@ _NAN = arb("nan")
 
 
 def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
-    """The tape's outputs at `point`, one number for each of its symbols, in a working precision of `bits`."""
+    """Return a tape's outputs as balls at `point`, a number for each symbol; `bits`: the working precision."""
     registers: list[Any] = []
     with ctx.workprec(bits):
         for op, places, value in tape.instructions:
@@ -329,7 +332,7 @@ def _ball_root(args: Sequence[Ball], exponent: Fraction) -> Ball:
 
 
 def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
-    """The direction, undefined at 0."""
+    """Return e_i/|e| for the balls e (`parts`) and i = `index`; NaN where e may be 0."""
     if len(parts) == 1:
         return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
     size = _norm(*parts)
@@ -337,13 +340,13 @@ def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
 
 
 def _step(a: Ball, at_zero: Ball = None) -> Ball:
-    """The unit step; its value at 0 is SymPy's 1/2 unless it is given."""
+    """Return the unit step of a; its value at 0 is SymPy's 1/2 unless `at_zero` is given."""
     middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
 
 
 def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
-    """A derivative of a table by the cells that the balls overlap; NaN where it may jump between them."""
+    """Return a table's derivative on the cells that the balls `place` overlap; NaN where it may jump between them."""
     if not all(a.is_finite() for a in place):
         return _NAN
     cells, order = derivative
@@ -374,7 +377,7 @@ def _both(a: bool | None, b: bool | None) -> bool | None:
 
 
 def _first_piece(*parts: Any) -> Ball:
-    """The first value whose condition is true; NaN where a condition before it is undecided."""
+    """Return the first value of (value, condition, ..) whose condition is true; NaN where one before is undecided."""
     for value, condition in zip(parts[::2], parts[1::2], strict=True):
         if condition is None:
             return _NAN
@@ -428,7 +431,7 @@ OPERATIONS = frozenset({"symbol", "number", "constant", "add", "mul", "power"})
 
 @dataclass(frozen=True)
 class Modular:
-    """The arithmetic of series with coefficients modulo `modulus`, a power of `prime`.
+    """The arithmetic of power series in t with coefficients modulo `modulus`, a power of `prime`.
 
     A division by zero modulo the prime raises `ZeroDivisionError`: another point may succeed. A constant, pi or e, is a
     random number: it is transcendental, and an expression over the rationals vanishes at it only identically.
@@ -447,25 +450,25 @@ class Modular:
         return flint.nmod_poly(list(coefficients[:order]), self.modulus)
 
     def number(self, value: Fraction, order: int) -> Any:
-        """A rational as a series."""
+        """Return a rational modulo `modulus` as a series with the constant term only. Raises: `ZeroDivisionError`."""
         if value.denominator % self.prime == 0:
             raise ZeroDivisionError
         return self.series([value.numerator * pow(value.denominator, -1, self.modulus) % self.modulus], order)
 
     def constant(self, name: str, order: int) -> Any:
-        """A transcendental constant as a series."""
+        """Return a random number for pi or e, reproducible by its name, as a series."""
         return self.series([self.draw(draws(self.seed, f"constant {name}"))], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
-        """The product a b below t^order."""
+        """Return the product a b of series below t^order."""
         return a.mul_low(b, order)
 
     def nothing(self, a: Any) -> bool:
-        """Whether the series is known to be zero."""
+        """Return whether the series is zero."""
         return bool(a.is_zero())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
-        """The series f(a) and f'(a) below t^order, for f the whole power `value`."""
+        """Return the series a^value and its derivative by a below t^order; `op`: "power"."""
         assert op == "power"
         if value < 0:
             if a[0] == 0 or int(a[0]) % self.prime == 0:
@@ -482,16 +485,16 @@ class Modular:
         return coefficients + [0] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[int]) -> Any:
-        """A matrix from its entries, row by row."""
+        """Return a FLINT matrix modulo `modulus` from its entries, row by row."""
         return flint.nmod_mat(rows, columns, list(entries), self.modulus)
 
     @property
     def nudge(self) -> int:
-        """A step d whose square is zero modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
+        """Return a step d whose square is zero modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
         return self.prime
 
     def slope(self, shifted: Any, base: Any) -> int:
-        """The derivative F'(x) v modulo the prime, from F(x + d v) and F(x) modulo prime^2."""
+        """Return F'(x) v modulo the prime, from F(x + d v) = `shifted` and F(x) = `base` modulo prime^2, d = prime."""
         return (int(shifted) - int(base)) % self.modulus // self.prime
 
     def reduced(self, a: Any) -> int:
@@ -507,7 +510,7 @@ Gradient = Mapping[int, Any]
 
 @dataclass(frozen=True)
 class Plant:
-    """A tape of flow then output whose symbols are n states, q parameters, m inputs, then constants.
+    """A plant x' = f, y = h as a tape of f then h whose symbols are n states, q parameters, m inputs, then constants.
 
     `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere.
     """
@@ -520,7 +523,7 @@ class Plant:
 
     @property
     def wide(self) -> int:
-        """The number of directions of the variational equations: states and parameters."""
+        """Return n + q, the number of columns of the sensitivities d/d(x_0, p)."""
         return self.n + self.q
 
     @property
@@ -531,7 +534,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Point:
-    """The start of the series: `states` and `constants` (parameters first) at t = 0, and the `inputs` as series."""
+    """A start of a plant's series: `states` and `constants` (parameters first) at t = 0, and the `inputs` as series."""
 
     states: tuple[Any, ...]
     constants: tuple[Any, ...]
@@ -539,7 +542,7 @@ class Point:
 
 
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
-    """A random point, for balls near one of the plant's places, with inputs whose derivatives are all random."""
+    """Return a random start point, for balls near one of the plant's `places`, with random input derivatives."""
     source = draws(numbers.seed, "point")
     if isinstance(numbers, Balls) and plant.places:
         # near each value, by less than a millionth of it
@@ -557,7 +560,8 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
 
 
 def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
-    """Yield the matrices Y_0, Y_1, ... (p x (n + q)) without end, in lists; K of them cost of the order of K^2.
+    """Yield lists of the matrices Y_0, Y_1, .. (p x (n + q)) without end, Y_k = d(y^(k)/k!)/d(x_0, parameters); K of
+    them cost of the order of K^2.
 
     Raises: `ZeroDivisionError`, `Undecided` where the series do not exist at this point.
     """
@@ -583,7 +587,7 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
 
 
 def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
-    """The first `count` gradients Y_0, .., Y_(count - 1) of the outputs' derivatives."""
+    """Return the first `count` matrices Y_k = d(y^(k)/k!)/d(x_0, parameters) (p x (n + q)), y the outputs."""
     first: list[Any] = []
     for matrices in gradients(plant, numbers, point):
         first += matrices
@@ -595,7 +599,8 @@ def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int)
 def evaluate(
     plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
 ) -> list[tuple[Any, Gradient]]:
-    """The outputs of the tape as series below t^order, with gradients by states and parameters below t^slope_order."""
+    """Return the outputs of the plant's tape at the series `values` of its symbols, as series below t^order, each with
+    its gradient by states and parameters (index -> series below t^slope_order)."""
     one = numbers.series([1], slope_order)
     wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
     done: list[Any] = []
@@ -634,7 +639,7 @@ def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_or
 
 
 def _several(method: str) -> Callable[..., Any]:
-    """The rule of a function of several arguments; the method of that name gives value and partial derivatives."""
+    """Return the rule of a function of several arguments, whose value and partial derivatives a `method` gives."""
 
     def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
         result, *rates = getattr(numbers, method)(*(value or ()), *(numbers.cut(a, order) for a, _ in parts))
@@ -675,7 +680,7 @@ _RULES: Mapping[str, Callable[..., Any]] = {
 
 
 def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -> tuple[list[Any], list[Any]]:
-    """Taylor coefficients of the gradients: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
+    """Return the Taylor coefficients of gradients: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
     by_states = [[0] * (len(rows) * plant.n) for _ in range(order)]
     by_parameters = [[0] * (len(rows) * plant.wide) for _ in range(order)]
     for i, (_, slopes) in enumerate(rows):
@@ -690,7 +695,7 @@ def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -
 
 
 def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
-    """Coefficient k of the series slopes * phi + forced."""
+    """Return coefficient k of the matrix series slopes(t) phi(t) + forced(t)."""
     total = forced[k]
     for j in range(k + 1):
         total = total + slopes[j] * phi[k - j]
@@ -700,7 +705,7 @@ def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
 def _newton(
     states: list[list[Any]], flow: Sequence[Any], slopes: list[Any], numbers: Arithmetic, known: int
 ) -> list[list[Any]]:
-    """The states to twice the order, x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
+    """Return the states to twice the `known` order, x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
     n = len(states)
     full = [numbers.coefficients(value, 2 * known - 1) for value, _ in flow]
     correction: dict[int, Any] = {}

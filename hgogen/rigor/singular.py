@@ -50,8 +50,8 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition under which an expression is smooth, such as "{of} != 0": a `relation`, in which {of} is the
-    expression `of`."""
+    """A condition under which a part is smooth: a `relation`, such as "{of} != 0", with {of} for the expression
+    `of`."""
 
     relation: str
     of: sp.Expr
@@ -262,7 +262,7 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient without its singularity at x = 0: the coefficients of a polynomial in x for |x| < `radius`, else
+    """A quotient without its singularity at 0: the coefficients of a polynomial for |x| < `radius`, and the form
     `beyond`."""
 
     coefficients: tuple[sp.Rational, ...]
@@ -270,8 +270,7 @@ class _Regular:
     beyond: sp.Expr
 
     def at(self, base: sp.Expr) -> sp.Expr:
-        """Return the quotient with the expression `base` for x; an even polynomial of a root becomes one of its
-        radicand."""
+        """Return the quotient at x = base; an even polynomial of a root becomes one of the root's radicand."""
         even, square = not any(self.coefficients[1::2]), base**2
         if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
             within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
@@ -378,8 +377,8 @@ def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
 
 
 def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Return the product of the factors of h that contain symbols other than `_X`, and the product of the others; (h,
-    1) without the former."""
+    """Return the products of the factors of h with symbols other than `_X`, and of the others; (h, 1) without the
+    former."""
     factors = sp.Mul.make_args(h)
     several = [f for f in factors if f.free_symbols - {_X}]
     return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
@@ -394,8 +393,8 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """Return the sum of the terms h(x)/x^m without its singularity at x = 0; None where it is not removable, or no
-    radius is suitable."""
+    """Return the sum of h(x)/x^m without its singularity at 0; None if it is not removable, or no radius is
+    suitable."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -506,8 +505,8 @@ def with_limits(expression: sp.Expr) -> sp.Expr:
 
 
 def bounded_logs(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with b^p log(c b), p > 0, replaced by a root of c b that is finite wherever b^p log(c b) or
-    its limit is."""
+    """Return the expression with b^p log(c b), p > 0, replaced by an expression that is finite wherever its limit
+    is."""
     return _logs(expression, lambda product, log, argument: product.xreplace({log: argument.bounded}))
 
 
@@ -534,8 +533,8 @@ def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp
 
 
 def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
-    """Return the factor log(c b) of a product that also has b^p, p > 0, and the description of its argument; None
-    without one."""
+    """Return the factor log(c b) of a product with b^p, p > 0, and the description of its argument; None without
+    one."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]

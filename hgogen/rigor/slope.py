@@ -647,8 +647,7 @@ def _samples(program: _Program) -> Iterator[Point]:
 
 
 def _along(program: _Program) -> Iterator[Point]:
-    """Yield points with short e along the eigenvector of N's smallest eigenvalue at e = 0, at the x of least
-    eigenvalue."""
+    """Yield points with short e along the eigenvector of N's smallest eigenvalue at e = 0, where it is least in x."""
     claim, n = program.claim, len(program.claim.errors)
     eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())

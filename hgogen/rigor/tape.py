@@ -42,7 +42,7 @@ _LARGE = 400  # most operations of a root's argument, or of a piecewise expressi
 
 
 class _Printed(sp.Function):  # type: ignore[misc]
-    """A function that prints as an expression of SymPy's own functions."""
+    """A SymPy function that prints as an expression of SymPy's own functions."""
 
     def _sympystr(self, printer: Any) -> str:
         return str(printer.doprint(self.plain()))
@@ -52,19 +52,19 @@ class _Printed(sp.Function):  # type: ignore[misc]
         return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def plain(self) -> sp.Expr:
-        """The expression in SymPy's own functions."""
+        """Return the value written in SymPy's own functions, for printing."""
         raise NotImplementedError
 
 
 class Norm(_Printed):
-    """The norm sqrt(e_1^2 + .. + e_k^2), of one argument |e|."""
+    """The norm sqrt(e_1^2 + .. + e_k^2) of the arguments; |e| of one argument."""
 
     is_real = True
     is_nonnegative = True
 
     @classmethod
     def eval(cls, *args: sp.Expr) -> sp.Expr | None:
-        """The norm of numbers, and |-e| as |e|."""
+        """Return the norm of numbers, c |e| for |c e| with a number c, |e| for |-e|; None where nothing changes."""
         if all(e.is_number for e in args):
             return sp.sqrt(sp.Add(*(e**2 for e in args)))
         if len(args) == 1:
@@ -78,18 +78,18 @@ class Norm(_Printed):
         return sp.Add(*(Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s)))
 
     def plain(self) -> sp.Expr:
-        """The expression in SymPy's own functions."""
+        """Return |e| as Abs(e), or sqrt(e_1^2 + .. + e_k^2)."""
         return _size(*self.args)
 
 
 class Direction(_Printed):
-    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, at e = 0 the set [-1, 1]; of one argument the sign."""
+    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, at e = 0 the set [-1, 1]; of one argument e its sign."""
 
     is_real = True
 
     @classmethod
     def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
-        """The sign of one argument, if known, or the direction without numerical factors; None for no change."""
+        """Return the sign of one argument, if known, or the direction without numerical factors; None for no change."""
         if len(args) > 1:
             return None
         if args[0].is_positive or args[0].is_negative:
@@ -100,7 +100,7 @@ class Direction(_Printed):
         return None if factor == 1 or not others.free_symbols else sp.sign(factor) * cls(index, others)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        """The derivative, which for one argument has no value at 0."""
+        """Return d(e_i/|e|)/ds; of one argument the derivative 2 DiracDelta(e) e' of a sign."""
         e, *more = self.args[1:]
         if not more:
             return 2 * sp.DiracDelta(e) * e.diff(s)
@@ -108,7 +108,7 @@ class Direction(_Printed):
         return top.diff(s) / size - top * size.diff(s) / size**2
 
     def plain(self) -> sp.Expr:
-        """The expression sign(e) or e_i/|e| without the set at 0, for printing only."""
+        """Return sign(e) or e_i/|e| without the set at e = 0, for printing only."""
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
@@ -118,28 +118,27 @@ class Direction(_Printed):
 
 
 def _size(*args: sp.Expr) -> sp.Expr:
-    """The norm |e| in SymPy's functions."""
+    """Return the norm |e| of the arguments in SymPy's own functions."""
     return sp.Abs(args[0]) if len(args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in args)))
 
 
 def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """The partial derivative of a row over the reals, at a kink the set of slopes next to it, in `Direction`."""
+    """Return the partial derivative of a real function; at a kink the set of slopes around it, in `Direction`."""
     return over_reals(lambda e, x: _as_norms(e).diff(x), row, symbol)
 
 
 def with_norms(row: sp.Expr) -> sp.Expr:
-    """The function over the reals with its kinks as `Norm`: |e|, max, min, roots of sums of squares, Piecewise,
-    sign."""
+    """Return the real function with its kinks as `Norm`: |e|, max, min, roots of sums of squares, Piecewise, sign."""
     return over_reals(lambda e, _: _as_norms(e), row)
 
 
 def without_norms(e: sp.Expr) -> sp.Expr:
-    """The expression with its norms in SymPy's own functions, as programs compute them."""
+    """Return the expression with `Norm` written in SymPy's own functions, as programs compute it."""
     return e.replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
 
 
 def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
-    """The expression with each sqrt(e_1^2 + .. + e_k^2) bounded below by the root of `least` in its `unit`.
+    """Return the expression with each s = e_1^2 + .. + e_k^2 under a root raised to `least` times unit(s).
 
     The derivative that programs compute, e_i e_i' over the root, is then 0 where all e_i are 0, and not 0/0. Roots in
     conditions and roots that are also divisors do not change, as in sin |e|/|e| where |e| > 0, else 1.
@@ -162,7 +161,7 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
-    """SymPy's derivative of a continuous expression with its signs and steps as sets at 0, in `Direction`."""
+    """Return SymPy's derivative of a continuous expression with sign and Heaviside as sets at 0, in `Direction`."""
     steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
     return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
 
@@ -170,7 +169,7 @@ def at_kinks(derivative: sp.Expr) -> sp.Expr:
 def over_reals(
     function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
 ) -> sp.Expr:
-    """The value of a function with real symbols, as SymPy's |x| of a complex x has another slope."""
+    """Return `function(row, symbol)` computed with real symbols, as SymPy's |x| of a complex x has another slope."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
     value = function(row.xreplace(plain), plain.get(symbol, symbol))
     return value.xreplace({dummy: s for s, dummy in plain.items()})
@@ -195,12 +194,12 @@ def _as_norms(e: sp.Expr) -> sp.Expr:
 
 
 def rooted(node: sp.Pow) -> bool:
-    """Return whether a power is a square root of a variable expression, or a whole power of one."""
+    """Return whether a power is a square root of a variable expression, or an odd power of such a root."""
     return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """The product with |e| for e sign(e), and -|e| for -e sign(e), if it has such factors."""
+    """Return the product with |e| for its factors e sign(e), and -|e| for -e sign(e)."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), others = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(others))
@@ -212,7 +211,7 @@ def signed(e: sp.Mul) -> sp.Expr:
 
 
 def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """The terms e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
+    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
     if e.count_ops() > _LARGE:
         return None
     roots = []
@@ -226,7 +225,7 @@ def _squares(e: sp.Expr) -> list[sp.Expr] | None:
 
 
 def _square(term: sp.Expr) -> sp.Expr | None:
-    """The root of a square; None for any other term."""
+    """Return r with term = r^2, r a product of powers; None where the term is no such square."""
     number, others = term.as_coeff_Mul(rational=True)
     if number < 0:
         return None
@@ -244,8 +243,9 @@ def _square(term: sp.Expr) -> sp.Expr | None:
 
 
 def _joined(e: sp.Piecewise) -> sp.Expr:
-    """The sum b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b) with no two c_i above 0 at
-    once; the Piecewise itself where it has another shape, or branches that are no polynomials and may lack values."""
+    """Return the sum b + sum_i g_i (c_i + |c_i|)/2 for the Piecewise (b + g_i c_i where c_i > 0, .., else b) with no
+    two c_i above 0 at once; the Piecewise itself where it has another shape, or branches that are no polynomials and
+    may lack values."""
     *branches, (default, last) = [tuple(pair.args) for pair in exact(e).args]
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
@@ -290,7 +290,7 @@ def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
 
 
 def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
-    """The values on both sides of the only kink |e| at a point, where they have opposite signs; else None."""
+    """Return an expression's values on both sides of its only kink |e| at a point, if of opposite signs; else None."""
     there = put(expression, point)
     kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
     if there is None or len(kinks) != 1 or there.free_symbols:
@@ -307,7 +307,7 @@ _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 
 
 def shared(expression: sp.Expr) -> sp.Expr:
-    """The expression as programs compute it: with kinks rewritten by norms where two of them share a norm."""
+    """Return the expression as programs compute it: with kinks written as norms where two of them share a norm."""
     # the parts that may have kinks of their own: |e|, max, min and choices, and products with a sign
     signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
     norms = [_introduced(node) for node in {*expression.atoms(*_KINDS), *signs}]
@@ -317,7 +317,8 @@ def shared(expression: sp.Expr) -> sp.Expr:
 
 
 def _introduced(node: sp.Expr) -> set[sp.Expr]:
-    """The norms that a part introduces, for a choice also those of its conditions even if its branches have them."""
+    """Return the norms that a kink adds, for a Piecewise also those of its conditions even if its branches have
+    them."""
     every = _norms([node])
     if not isinstance(node, sp.Piecewise):
         return every - _norms(node.args)
@@ -355,7 +356,7 @@ NEAREST = {  # replacements for functions that no arithmetic knows, by their nam
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """The function written without cot, sec, csc, coth, sech, csch, sinc, Mod, frac, with And, Or and Not as the only
+    """Return the expression without cot, sec, csc, coth, sech, csch, sinc, Mod, frac, with And, Or and Not as the only
     logical functions, and with |e| for e sign(e) where e is real."""
     if expression.has(*_MEANING):
         expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
@@ -391,14 +392,14 @@ _RELATIONS = {
 
 @dataclass(eq=False)
 class NoTape(HgogenError):
-    """A function or a symbol that no arithmetic of the proofs knows."""
+    """The error that a function or a symbol (`what`, in `expression`) has no rule in the arithmetic of the proofs."""
 
     what: str
     expression: str
 
     @property
     def reason(self) -> Reason:
-        """The reason, with functions to write instead."""
+        """Return the reason in words, with functions to write instead."""
         pattern = (
             "no rule for {what} in {expression}; write it with + - * / ** sqrt exp log, trigonometric and hyperbolic "
             "functions, Abs, sign, floor, Heaviside, Min, Max or Piecewise, of declared symbols, or as a table"
@@ -427,7 +428,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Tape:
-    """A straight-line program: `instructions` that read `symbols` by index, and the index of each output."""
+    """A straight-line program: `instructions` that read `symbols` by index; `outputs`: the index of each result."""
 
     symbols: tuple[sp.Symbol, ...]
     instructions: tuple[Instruction, ...]
@@ -435,7 +436,7 @@ class Tape:
 
 
 def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
-    """The tape of some expressions in given symbols.
+    """Return expressions in the given symbols as a straight-line program, an output for each.
 
     Raises: `NoTape` for a function without a rule, an undeclared symbol, an infinite or complex number.
     """
@@ -452,7 +453,8 @@ class _Writer:
         self.known: dict[sp.Basic, int] = {}
 
     def place(self, node: sp.Basic) -> int:
-        """The index of the value of `node`, after those of its parts; without recursion, for deep expressions."""
+        """Return the index of the instruction for `node`, after those of its parts; without recursion, for deep
+        expressions."""
         stack = [node]
         while stack:
             top = stack[-1]
