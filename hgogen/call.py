@@ -284,7 +284,7 @@ class CallableStep(Step):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """The options of `sample` with which this step was made, besides observer, method and dt."""
+        """The keyword arguments of `sample` for this step, besides observer, method and dt."""
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None

@@ -346,8 +346,8 @@ class Matrices:
 
 @dataclass(frozen=True)
 class Realising:
-    """A method that discretises the linear core x' = M x + B v by matrices, and the nonlinear rest r(x) by two stages.
-    `matrices`: the `Matrices` of a core and a step length (s); `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M;
+    """A method that discretises the linear core x' = M x + B v by matrices, and the residual terms r(x, u, y) by two
+    stages. `matrices`: the `Matrices` of a core and a step length (s); `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M;
     `equations`: lines for reports; `realisation`: the matrices in proofs about an observer's error; `local_error`: the
     local error for a plant whose r is known at both ends of a step."""
 
@@ -382,7 +382,7 @@ class Realising:
         )
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return the step lengths at which the nonlinear rest r(x) is stable: the linear core sets no limit."""
+        """Return the step lengths at which the residual terms r(x) are stable: the linear core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
@@ -435,7 +435,7 @@ def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pie
     (label, suffix), valid = _named(pattern), ca.SX(ca.DM(list(map(float, pattern))))
 
     def residual(x: Graph, c: float) -> Graph:
-        """Return the nonlinear rest r (N) at the fields x (N), at the begin (c = 0) or end (c = 1) of the step."""
+        """Return the residual r (N) at the fields x (N), at the begin (c = 0) or the end (c = 1) of the step."""
         rates = part.residual(_split(part, x), clock.u(c), clock.y(c), valid)
         return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
@@ -507,8 +507,7 @@ def balanced(X: Graph) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Graph, size: int) -> Graph:
-    """Return S F S^-1 (N, N), F a function of S^-1 X S stored by rows in `place`, without structural zeros of X's
-    powers."""
+    """Return S F S^-1 (N, N), F a function of S^-1 X S stored by rows in `place`, without its structural zeros."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0

@@ -129,7 +129,7 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """The function of `hg.observers` that made the observer, its form or member, its other arguments. Raises:
+        """The function of `hg.observers` that built the observer, its form or member, its other arguments. Raises:
         `BadGain`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
@@ -208,7 +208,7 @@ class _Call:
 
 
 def _frozen(value: Any) -> Any:
-    """Return a copy of an argument that later changes of a list, an array or an iterator do not reach."""
+    """Return a copy of an argument of an observer, without lists, arrays or iterators that may change later."""
     match value:
         case Form():
             return value
@@ -248,12 +248,12 @@ def demand_form(
     requires: Callable[[str, Form], Any] | None = None,
     linearises: bool = False,
 ) -> tuple[str, ...]:
-    """Return the ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not
-    accepted.
+    """Return `accept` as a tuple, after the checks that every observer needs: `form` is a `Form`, without refuted
+    hypotheses other than those in `accept`.
 
     `deferred`: refutable claims of the observer, which it demands later; `requires`: a function that raises `BadGain`
-    for a form to which the observer does not apply, so that accepting a claim cannot help; `linearises`: whether it
-    evaluates the Jacobian at the estimate, so that `evaluated` is demanded.
+    for a form to which the observer does not apply, so that accepting a claim cannot help; `linearises`: whether the
+    observer evaluates the Jacobian at its estimate, so that the checks of `evaluated` are demanded.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
@@ -370,7 +370,7 @@ def any_theta(theta: Any) -> Field:
 
 
 def parameter_fields(parameters: Iterable[Signal]) -> tuple[Field, ...]:
-    """Return the plant's parameters that have a range, as fields of places `plant.NAME`."""
+    """Return a field at the place `plant.NAME` for each parameter of the plant with a range."""
     return tuple(
         Field(s.name, (float(s.nominal or 0),), low=(low,), high=(high,), unit=s.unit, meaning=s.meaning)
         for s in parameters

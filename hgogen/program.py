@@ -124,7 +124,7 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """A bit of the status word: its `name` for callers, its `meaning`, and the `action` asked of the caller, which
+    """A bit of the status word: its `name` for callers, its `meaning`, and the `action` expected of the caller, which
     `Step.action_of` completes.
 
     `raised`: the name of the place in `status` to which a block writes, if it differs from `name`.
@@ -304,7 +304,7 @@ class Repeat(_Statement):
 
     @cached_property
     def unrolled(self) -> tuple["Statement", ...]:
-        """The statements without a loop."""
+        """The statements of all runs, one after the other: assignments of a row of numbers, then the body."""
         rows = zip(*self.given.values(), strict=True)
         starts = (Block("its numbers", dict(zip(self.given, map(ca.SX, row), strict=True))) for row in rows)
         return tuple(statement for start in starts for statement in (start, *self.body))

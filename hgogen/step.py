@@ -215,7 +215,7 @@ class Step:
 
     @property
     def choice(self) -> str:
-        """Which of two programs for a part was taken, and why; "" where there was no choice."""
+        """The one of two programs for a part of the observer that is used, and why; "" where there was no choice."""
         return self.code.choice
 
     @property
@@ -276,7 +276,8 @@ class Step:
 
 @dataclass(eq=False)
 class CannotUpdate(HgogenError):
-    """Prediction and correction in separate calls, of an observer that integrates with the measurement."""
+    """A request for prediction and correction in separate calls, from an observer that integrates with the
+    measurement."""
 
     observer: str
     rule: str

@@ -580,7 +580,8 @@ class March:
         self._ode, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
 
     def __call__(self, start: Array, p: Array) -> Array | None:
-        """Return the states (k, n) at the later times; None where the error is too large, and without a compiler."""
+        """Return the states (k, n) at `times[1:]` from `start` (n) at `times[0]` with the parameters p; None where the
+        error is too large, and without a compiler."""
         if not native.compiler():
             return None
         count, n = len(self._t), len(start)

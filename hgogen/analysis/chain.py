@@ -226,9 +226,9 @@ def levelwise(rows: Rows) -> Chains:
 def _stop(
     name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], remaining: Sequence[sp.Symbol], must: bool
 ) -> tuple[Reason, bool] | None:
-    """Return why a chain ends at the equation called `name`, and whether this is proved; None where the chain goes on.
-    `sure`, `maybe`: the new states that it depends on, or may depend on; `remaining`: states in no chain yet; `must`:
-    whether it needs a next state."""
+    """Return why a chain ends at the equation called `name`, and whether this is proved; None where it does not end.
+    `sure`, `maybe`: the new states that the equation depends on, or may depend on; `remaining`: states in no chain yet;
+    `must`: whether a next state is needed."""
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True

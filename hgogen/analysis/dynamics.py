@@ -478,8 +478,8 @@ class Dynamics:
     def _convert(
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
-        """Return the expressions as graphs of z (n) and u (m). `states`: the symbols that z stands for, by default the
-        form's; `boxed`: whether a form that clamps evaluates them at sat(z)."""
+        """Return the expressions as graphs of z (n) and u (m). `states`: the symbols for z, by default the form's;
+        `boxed`: whether a form that clamps evaluates the expressions at sat(z)."""
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}

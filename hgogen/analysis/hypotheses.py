@@ -126,7 +126,8 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
-    """Return the check proved by `first`, a proved sign of a, with the tightest known range of a as its claim."""
+    """Return the check as proved by `first`, the proved sign of a, with the narrowest known range of a in its
+    reason."""
     extent = first.range if first.exact else bound(a, system.box)
     low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == math.inf:
@@ -383,9 +384,9 @@ def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
-    """Return the check `OBSERVER.lipschitz` of a form whose coordinates are not the plant's states in some order and
-    with signs. For those states the form's own check is about the same box, and no check is made; nor is one where b is
-    0."""
+    """Return the check `OBSERVER.lipschitz`, that b(sat(z), u) is Lipschitz on the box of z, of a form whose z are not
+    the plant's states in some order and with signs; () for such states, where the form's own check covers the box, and
+    for b = 0."""
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"

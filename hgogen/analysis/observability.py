@@ -340,7 +340,7 @@ class Answer(Encoded):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict of the claim that all states and asked parameters are observable on this branch."""
+        """The verdict of the claim that all unknowns of the question are observable on this branch."""
         if not self.rank.unobservable:
             return Verdict.GENERIC
         return Verdict.REFUTED if self.hidden else Verdict.UNKNOWN
@@ -434,7 +434,7 @@ class Observability(Encoded):
 
     @property
     def order(self) -> int:
-        """Order of the outputs' derivatives that attains the rank."""
+        """The least k for which d(y, y', .., y^(k))/dx has the generic rank."""
         return self.known.rank.order
 
     @property

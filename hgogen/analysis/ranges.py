@@ -203,7 +203,7 @@ def described(form: Form) -> tuple[str, ...]:
 
 
 class NotInBox(BadArgument):
-    """An expression with a symbol that has no place in the box."""
+    """An expression with a symbol for which the box declares no range and no value."""
 
 
 class BadRange(BadArgument):

@@ -96,8 +96,8 @@ def read_values(path: Path, plant: System) -> dict[str, float]:
 
 
 def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the names of a model file with values that change with `values`, other values of the plant's parameters:
-    the plant, its parameters, and tables and expressions that read them. Functions are unchanged, since they are called
+    """Return the entries of a model file, by name, that change with `values`, new values of the plant's parameters: the
+    plant, its parameters, and tables and expressions that contain them. Functions are unchanged, since they are called
     with the new values. Raises: `BadParameters` for an object that was built from the plant when the file was read;
     `BadValue`."""
     new_parameters, new_plant = exchanged(plant, values), valued(plant, values)

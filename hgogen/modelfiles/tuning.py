@@ -199,8 +199,8 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
     def _refusals(self, where: str, function: Callable[[], Result]) -> Result:
-        """Return function(); an error in it becomes a `BadModelFile` with its sentence, the file and the key
-        `where`."""
+        """Return function(); a `Refuted` in it gets the file and the key `where`, other errors become a
+        `BadModelFile`."""
         try:
             return function()
         except Refuted as error:

@@ -394,7 +394,7 @@ class _Parser:
         raise self.error(token, f"the name {name[:60]!r} is not declared; {fix}")
 
     def call(self, token: Token) -> sp.Expr:
-        """Read the arguments of a function and apply it."""
+        """Read the arguments after the function's name `token` and return the function of them."""
         name = token.text
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
@@ -421,7 +421,7 @@ class _Parser:
         return self.real(function(*values), token)
 
     def table_value(self, token: Token) -> sp.Expr:
-        """Read the arguments of a table and apply it."""
+        """Read the arguments after the table's name `token` and return the table's value at them."""
         self.advance()
         cells, arguments = self.tables[token.text], []
         for k in range(len(cells.axes)):
@@ -441,7 +441,8 @@ class _Parser:
                     raise self.error(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
 
     def piecewise(self, token: Token) -> sp.Expr:
-        """Read the pairs up to the first whose condition is always true, without solving the conditions by SymPy."""
+        """Return a Piecewise of the (value, condition) pairs up to the first that is always true, without solving
+        conditions."""
         pairs: list[tuple[sp.Expr, sp.Basic]] = []
         closed, count, before = False, 0, len(self.demanded)
         while not count or (self.accept(",") and self.next.text != ")"):
@@ -523,7 +524,7 @@ class _Parser:
         return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Return the comparison of `left` with the value that follows; `first`: its sign, such as <."""
+        """Return the comparison of `left`, which begins at the token `first`, with the value that follows."""
         operator = self.advance()
         lhs, start = self.number_like(left, first), self.next
         rhs = self.number_like(self.value(1), start)
@@ -532,7 +533,8 @@ class _Parser:
         return _RELATIONS[operator.text](lhs, rhs)
 
     def join(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Return the condition `left` joined with the one that follows; `first`: the sign & or |."""
+        """Return the condition `left`, which begins at the token `first`, joined by & or | with the one that
+        follows."""
         operator = self.advance()
         fix = f"put parentheses around the comparisons on both sides of {operator.text}"
         lhs, start = self.condition_like(left, first, fix), self.next

@@ -378,15 +378,14 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
 
 
 def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
-    """Return the exact sizes of errors, noise and the like in the order of `names`, from `values` by name or one for
-    all; the default where none is given. Raises: `BadNames`, `BadGain`."""
+    """Return exact numbers from 0 on (error sizes, noise) in the order of `names`, from a mapping by name, the default
+    for a missing one. Raises: `BadNames`, `BadGain`."""
     each = each_by_name(what, values, names, default)
     return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
 
 
 def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
-    """Return `values`, given by name or one for all, in the order of `names`; the default for a missing one. Raises:
-    `BadNames`."""
+    """Return the values of a mapping in the order of `names`, the default for a missing one. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))

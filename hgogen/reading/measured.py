@@ -234,8 +234,8 @@ def read(
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
-    """Return the times (rows,), NaN where a row has none. Dates become times since the first if the model's unit of
-    time is known."""
+    """Return the times (rows,) of a log from its column of times, NaN where a row has none. Dates become times since
+    the first date if the model's unit of time is known."""
     known = seconds(unit)
     if known and not np.isfinite(column.values).any():
         dates = _dates(log, column.name) / known
