@@ -59,10 +59,10 @@ class NoClaims(BadArgument):
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
-    """Return the certificate, a JSON value, of a form's `checks`, and of the observer with the name `observer`. A
-    claim whose evidence `recheck.verification` does not verify is "stated" there, not "proved". Raises:
-    `NotCertifiable` for a model with functions that the grammar lacks (Piecewise, floor); `OtherNumbers` for an
-    observer that does not fit its rules; `NoClaims` for an argument that is no form, check or name."""
+    """Return the certificate, a JSON value, of a form's `checks`, and of the observer with the name `observer`. A claim
+    whose evidence `recheck.verification` does not verify is "stated" there, not "proved". Raises: `NotCertifiable` for
+    a model with functions that the grammar lacks (Piecewise, floor); `OtherNumbers` for an observer that does not fit
+    its rules; `NoClaims` for an argument that is no form, check or name."""
     checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]
     content = sealed({**head(form, checks, observer), "claims": claims})

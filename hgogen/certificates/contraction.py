@@ -45,8 +45,8 @@ _BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))
 @dataclass(frozen=True)
 class Reach:
     """The limits of dt and theta up to which a step contracts: `longest`, the largest proved dt at the step's theta,
-    and `pieces`, proofs of all dt up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs
-    at this theta of all dt that cover each theta up to the step's own. None, or (), where nothing is proved."""
+    and `pieces`, proofs of all dt up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs at
+    this theta of all dt that cover each theta up to the step's own. None, or (), where nothing is proved."""
 
     longest: Fraction | None = None
     pieces: tuple[Piece, ...] = ()
@@ -60,9 +60,9 @@ NOWHERE = Reach()
 @dataclass(frozen=True)
 class Contraction:
     """The result of the question whether the error of a step contracts, |e+|_P <= sqrt(1 - alpha dt) |e|_P, at every
-    call. `checks`: OBSERVER.step, at its dt and theta, and where proved OBSERVER.shorter, at every dt up to a
-    longest one, and OBSERVER.tuned, at every theta from a least one on; `rate` (1/time) of |e|_P, rounded down, None
-    where it is not proved; `reach`: limits of dt and theta; `proof`: that of OBSERVER.step."""
+    call. `checks`: OBSERVER.step, at its dt and theta, and where proved OBSERVER.shorter, at every dt up to a longest
+    one, and OBSERVER.tuned, at every theta from a least one on; `rate` (1/time) of |e|_P, rounded down, None where it
+    is not proved; `reach`: limits of dt and theta; `proof`: that of OBSERVER.step."""
 
     checks: tuple[Check, ...]
     rate: float | None
@@ -79,10 +79,10 @@ class Contraction:
 
 
 def contraction(step: Step) -> Contraction:
-    """Return whether the error of a step contracts at its gains and dt, with the proof, and the limits of dt and
-    theta up to which it does. Proofs exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`,
-    `low_power` and `peaking_free` by an explicit method, or one that realises a constant linear core; for others the
-    check names the reason. Raises: `NoSolver` without Clarabel; `NoStep`."""
+    """Return whether the error of a step contracts at its gains and dt, with the proof, and the limits of dt and theta
+    up to which it does. Proofs exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power`
+    and `peaking_free` by an explicit method, or one that realises a constant linear core; for others the check names
+    the reason. Raises: `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "contraction")
     return _contraction(step.observer, step.method, step.code.rule, step.dt, step.limit)
 
@@ -180,8 +180,8 @@ def _fix(far: Reach) -> str:
 
 
 def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
-    """Return the limits of dt and theta around a step of length h; `limit`: the length above which steps are
-    refused. Raises: `NoSolver`."""
+    """Return the limits of dt and theta around a step of length h; `limit`: the length above which steps are refused.
+    Raises: `NoSolver`."""
     theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
 
     def at(level: Fraction) -> Steps:

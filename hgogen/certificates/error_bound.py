@@ -47,8 +47,8 @@ Slopes = Mapping[str, tuple[Fraction, ...]]
 
 
 def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
-    """Return, by name, for each state x of the plant that is none of the form's, sup|dx/dz_j| (n), where the errors
-    of the form's states z are at most `errors` (n); without those that have no bound."""
+    """Return, by name, for each state x of the plant that is none of the form's, sup|dx/dz_j| (n), where the errors of
+    the form's states z are at most `errors` (n); without those that have no bound."""
     slopes = {}
     for state, expression in form.estimates:
         if state.name in form.names:
@@ -63,8 +63,8 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return sup|dx/dz_j| (n) of a state x given as an `expression` of z, where z may leave its range by `errors` up
-    to where the expression is clamped. Raises: `Unbounded`."""
+    """Return sup|dx/dz_j| (n) of a state x given as an `expression` of z, where z may leave its range by `errors` up to
+    where the expression is clamped. Raises: `Unbounded`."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
@@ -91,8 +91,8 @@ def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
 
 
 def _steepest(expression: sp.Expr, form: Form, where: Box) -> tuple[Fraction, ...]:
-    """Return sup|l_j + c r_j| (n) over c in [0, 1] on the box `where`, l_j the slopes in z_j of the expression's
-    linear terms and r_j those of its other terms, which are clamped. Raises: `Unbounded`."""
+    """Return sup|l_j + c r_j| (n) over c in [0, 1] on the box `where`, l_j the slopes in z_j of the expression's linear
+    terms and r_j those of its other terms, which are clamped. Raises: `Unbounded`."""
     linear, _ = linear_terms(expression, form.states)
     return tuple(max(steepness_in(linear, z, where), steepness_in(expression, z, where)) for z in form.states)
 
@@ -114,12 +114,12 @@ _UP = 1 + 1e-9  # of a count of calls, for rounding errors
 @dataclass(frozen=True)
 class ErrorBound:
     """Bounds of the errors of a step's estimate. `shares`: by cause ("noise", "rounded", "late", "disturbance",
-    "parameters", "method", "rounding") and by the name of a state of the form or the plant, the error from this
-    cause; `bounds`: the sums, without states whose sum exceeds the width of their range; `inside`: the distance by
-    which the plant must keep clear of the ends of its ranges. `settles` (time): from when on an error is within 1.1
-    of its bound, for initial errors of min(1, `multiple`) times those that the ranges allow; `multiple`: the largest
-    one with which the estimate never reaches its limits; both None where unknown, for the reason `missing`. `check`:
-    OBSERVER.error; `signed`: the statements in the step's code."""
+    "parameters", "method", "rounding") and by the name of a state of the form or the plant, the error from this cause;
+    `bounds`: the sums, without states whose sum exceeds the width of their range; `inside`: the distance by which the
+    plant must keep clear of the ends of its ranges. `settles` (time): from when on an error is within 1.1 of its bound,
+    for initial errors of min(1, `multiple`) times those that the ranges allow; `multiple`: the largest one with which
+    the estimate never reaches its limits; both None where unknown, for the reason `missing`. `check`: OBSERVER.error;
+    `signed`: the statements in the step's code."""
 
     check: Check
     shares: Mapping[str, Mapping[str, float]]
@@ -199,8 +199,8 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
 
 
 def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """Return the largest |u'| between samples of each input, as given in `rates` or declared, 0 where inputs are
-    held, None if unknown. Raises: `BadNames`, `BadGain`."""
+    """Return the largest |u'| between samples of each input, as given in `rates` or declared, 0 where inputs are held,
+    None if unknown. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     requested = each_by_name("rates", rates, names_of(inputs), None)
@@ -210,8 +210,8 @@ def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 
 
 def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, ErrorInput]:
-    """Return by cause, but for the method, the inputs of the error with their sizes, from `most`, the declared sizes
-    by cause; without those of size 0. Raises: `Unbounded`."""
+    """Return by cause, but for the method, the inputs of the error with their sizes, from `most`, the declared sizes by
+    cause; without those of size 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     disturbance, mismatch = times(change, pushed), times(by_parameters, wrong)
@@ -239,8 +239,8 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
 def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
-    """Return the bound of the errors of a step, by the `proof` that it contracts; `most`: the declared sizes by
-    cause, `real`: the precision of rounding. Raises: `Unbounded`, `NoSolver`."""
+    """Return the bound of the errors of a step, by the `proof` that it contracts; `most`: the declared sizes by cause,
+    `real`: the precision of rounding. Raises: `Unbounded`, `NoSolver`."""
     assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
@@ -325,8 +325,8 @@ def _stated(
     calls: int,
 ) -> ErrorBound:
     """Return the bound with its sentences, from the shares. `residual`: the error from the start that is left after
-    settling, by component of e; `calls`: further calls until rounding has settled; `room`: further errors at which
-    no guard acts, None where one may."""
+    settling, by component of e; `calls`: further calls until rounding has settled; `room`: further errors at which no
+    guard acts, None where one may."""
     settled, multiple, alone = _settled(running, begun, room, residual, calls)
     totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
@@ -381,8 +381,8 @@ def _settled(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
-    """Return the statements of when the error from the start has decayed, the multiple of initial errors, and
-    whether no guard acts; arguments as of `_stated`."""
+    """Return the statements of when the error from the start has decayed, the multiple of initial errors, and whether
+    no guard acts; arguments as of `_stated`."""
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun

@@ -45,9 +45,8 @@ from hgogen.step import Step, demand_step
 
 @dataclass(frozen=True)
 class NoiseGain:
-    """The effect of noise on a step: `gains`, by (state of the form, output), the largest error of the state for
-    noise of at most 1 at each sample of the output, for ever; for several outputs they add up. `check`:
-    OBSERVER.noise."""
+    """The effect of noise on a step: `gains`, by (state of the form, output), the largest error of the state for noise
+    of at most 1 at each sample of the output, for ever; for several outputs they add up. `check`: OBSERVER.noise."""
 
     gains: Mapping[tuple[str, str], float]
     check: Check
@@ -63,10 +62,10 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | Nothing:
-    """Return the largest errors under noise of a step that is proved to contract, by |e+|_P^2 <= (1 - alpha dt)
-    |e|_P^2 + dt sum_k lambda_k v_k^2, sum_k lambda_k <= alpha, so that |e|_P <= 1 is invariant and an error from
-    outside approaches it; or the reason: no contraction, or a chain whose gains contain parameters. Raises:
-    `NoSolver` without Clarabel; `NoStep`."""
+    """Return the largest errors under noise of a step that is proved to contract, by |e+|_P^2 <= (1 - alpha dt) |e|_P^2
+    + dt sum_k lambda_k v_k^2, sum_k lambda_k <= alpha, so that |e|_P <= 1 is invariant and an error from outside
+    approaches it; or the reason: no contraction, or a chain whose gains contain parameters. Raises: `NoSolver` without
+    Clarabel; `NoStep`."""
     demand_step(step, "noise_gain")
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
@@ -133,9 +132,9 @@ class IssGain:
 @asks_an_observer
 def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
     """Return a bound mu of the L2 gain, |C e|_2 <= mu |v|_2 + a term of the start, from inputs v to the error of an
-    observer with a constant injection, in continuous time, at its theta. `noise`, by output, and `disturbance`, in
-    the rate of a state of the plant, by name: the size that counts as 1, by default 0; `of`, by state of the form:
-    its weight in C, by default 1. Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size."""
+    observer with a constant injection, in continuous time, at its theta. `noise`, by output, and `disturbance`, in the
+    rate of a state of the plant, by name: the size that counts as 1, by default 0; `of`, by state of the form: its
+    weight in C, by default 1. Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size."""
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
     known = _known(observer, noise, disturbance)
@@ -162,9 +161,9 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
     """Return the bound to which the error of each state of the form comes in the end, under `noise` in outputs and a
-    `disturbance` in rates of the plant's states of at most these sizes, by name, of any course: V' <= -alpha V +
-    sum_k lambda_k v_k^2, sum_k lambda_k <= alpha. In continuous time, proportional to the inputs. Raises: `NoSolver`
-    without Clarabel; `BadNames`, `BadGain` for an invalid size."""
+    `disturbance` in rates of the plant's states of at most these sizes, by name, of any course: V' <= -alpha V + sum_k
+    lambda_k v_k^2, sum_k lambda_k <= alpha. In continuous time, proportional to the inputs. Raises: `NoSolver` without
+    Clarabel; `BadNames`, `BadGain` for an invalid size."""
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):
@@ -189,9 +188,9 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """The `error` at `theta`, which decays by the proof `falls`; `driven`: its system with q inputs, first the
-    outputs' noise of the sizes `noise` (p), then the `disturbances`, each as added to the form's rows (n); `scales`
-    (N) of e; `phrases`: the inputs in words."""
+    """The `error` at `theta`, which decays by the proof `falls`; `driven`: its system with q inputs, first the outputs'
+    noise of the sizes `noise` (p), then the `disturbances`, each as added to the form's rows (n); `scales` (N) of e;
+    `phrases`: the inputs in words."""
 
     error: Inclusion
     theta: Fraction

@@ -29,8 +29,8 @@ _GUESS = 4.0  # theta over the guess of its rate, where none is proved
 @dataclass(frozen=True)
 class Point:
     """A gain on the curve of rate against noise: the `observer` that has it; `gain`: the designed gain, None for one
-    given by the user; `continuous` and `step`: the bounds of errors under noise, by (state, output), in continuous
-    time and for the step at its dt, {} where none are proved."""
+    given by the user; `continuous` and `step`: the bounds of errors under noise, by (state, output), in continuous time
+    and for the step at its dt, {} where none are proved."""
 
     observer: Observer = field(repr=False)
     gain: Gain | None
@@ -55,9 +55,9 @@ def tuned(step: CallableStep) -> Point:
 
 
 def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
-    """Return the point of a gain that is designed for a `rate`, on the form of the step `like`, with its dt and
-    method; with an N in b(z + N (y - C z)) if `argument`. Raises: `NoSolver`; as `hg.design.gain`, the observer and
-    `sample` do."""
+    """Return the point of a gain that is designed for a `rate`, on the form of the step `like`, with its dt and method;
+    with an N in b(z + N (y - C z)) if `argument`. Raises: `NoSolver`; as `hg.design.gain`, the observer and `sample`
+    do."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.arguments)

@@ -105,8 +105,8 @@ def after_call(
 
 
 def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-    """Return balls (N) of the rounding errors in the observer's memory that one call makes in the precision `real`,
-    for memory in the balls `fields` (N), samples in `y` (p) and inputs in `u` (m), now and at the last call. Memory,
+    """Return balls (N) of the rounding errors in the observer's memory that one call makes in the precision `real`, for
+    memory in the balls `fields` (N), samples in `y` (p) and inputs in `u` (m), now and at the last call. Memory,
     samples and inputs are numbers of that precision; gains, parameters, constants and the results of `tune` are
     rounded. Raises: `Unsure`."""
     elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
@@ -165,8 +165,8 @@ class Listing:
 
 
 def listed(step: Step, error: Inclusion) -> Listing | None:
-    """Return the listed program of a step whose observer has this `error`; None where a certificate cannot list it:
-    for tables, loops over matrices, and tests of variables."""
+    """Return the listed program of a step whose observer has this `error`; None where a certificate cannot list it: for
+    tables, loops over matrices, and tests of variables."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
     gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
     scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
@@ -277,8 +277,8 @@ def _number(value: Fraction) -> Operand:
 
 
 def _unchanged(op: int, values: list[Operand]) -> Operand | None:
-    """Return the operand to which an operation reduces without rounding, as a + 0, 1 a or a test of numbers; None
-    for others."""
+    """Return the operand to which an operation reduces without rounding, as a + 0, 1 a or a test of numbers; None for
+    others."""
     known = [each.number for each in values]
     if op in _TESTS and None not in known:
         return _number(Fraction(_TESTS[op](*known)))
@@ -352,8 +352,8 @@ Sized = Mapping[int, Fraction]  # by field, in the unit of its state of the form
 @dataclass(frozen=True)
 class RoundingShare:
     """The effect of rounding: `share`, its part of the error bound in the end; `early`: the largest error from it at
-    first, by component of e; `calls`: the number after which its effect is within 1 + `CLOSE` times the share, once
-    the error from the start is at most `start_residual`."""
+    first, by component of e; `calls`: the number after which its effect is within 1 + `CLOSE` times the share, once the
+    error from the start is at most `start_residual`."""
 
     share: Share
     early: Sized
@@ -393,8 +393,8 @@ def rounding_share(
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-    """Return the proved bounds for rounding errors of these sizes, over their largest, and by component of e the
-    bound of its error. Raises: `Unbounded`."""
+    """Return the proved bounds for rounding errors of these sizes, over their largest, and by component of e the bound
+    of its error. Raises: `Unbounded`."""
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -427,8 +427,8 @@ def _calls(ratio: float, falls: float) -> int:
 
 
 def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """Return, by component of e, the bound of its state's error for inputs of size `unit`: by its own proof, else
-    the least by the P of the others."""
+    """Return, by component of e, the bound of its state's error for inputs of size `unit`: by its own proof, else the
+    least by the P of the others."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
     extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
@@ -437,9 +437,9 @@ def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequ
 
 @dataclass(frozen=True)
 class _Sizing:
-    """The computation of how much one call rounds, while the plant is in its ranges, with sample errors `samples`
-    (p), `displacements` and `speeds` (n) of the plant in a call. The ranges of chains' first states are cut into
-    pieces, on each of which sample and estimate are near each other."""
+    """The computation of how much one call rounds, while the plant is in its ranges, with sample errors `samples` (p),
+    `displacements` and `speeds` (n) of the plant in a call. The ranges of chains' first states are cut into pieces, on
+    each of which sample and estimate are near each other."""
 
     running: Running
     real: Real
@@ -455,8 +455,8 @@ class _Sizing:
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        """Return the listed program and the numbers from which a certificate derives the rounding errors, for errors
-        of e of at most `within` (N); {} where the program cannot be listed."""
+        """Return the listed program and the numbers from which a certificate derives the rounding errors, for errors of
+        e of at most `within` (N); {} where the program cannot be listed."""
         listing = listed(self.running.step, self.running.error)
         if listing is None:
             return {}
@@ -488,8 +488,8 @@ class _Sizing:
 
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The parts of the box of the ranges, each a range for every state (n); only ranges of chains' first states
-        are cut."""
+        """The parts of the box of the ranges, each a range for every state (n); only ranges of chains' first states are
+        cut."""
         heads = {head for head, _ in self.running.heads.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.running.step.observer.form.states):

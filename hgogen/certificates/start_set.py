@@ -67,8 +67,8 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of its state;
-    `heads`: the first state of each output's chain."""
+    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of its state; `heads`:
+    the first state of each output's chain."""
 
     step: Step
     proof: Contracts
@@ -87,8 +87,8 @@ class Running:
         return [k for k, fed in enumerate(self.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
-        """Return, by index k of `fields`, the proved bound of the error under inputs of these sizes over the largest
-        of them; None where one is not proved. Raises: `NoSolver`."""
+        """Return, by index k of `fields`, the proved bound of the error under inputs of these sizes over the largest of
+        them; None where one is not proved. Raises: `NoSolver`."""
         inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.heads)
         rows = {k: state_row(self.scales, k) for k in self.fields}
         tried = {k: step_input_bound(self.proof, inputs, c) for k, c in rows.items()}
@@ -103,9 +103,9 @@ class Running:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The start of an estimate: `scales` (N), e_k over the error of its state; `first` (n), the largest initial
-    errors; their `corners` (k, N) in e, one of each opposite pair; `limits`, by index k, the distance of the outer
-    box, at which the estimate is limited, from the ranges, in the unit of the state."""
+    """The start of an estimate: `scales` (N), e_k over the error of its state; `first` (n), the largest initial errors;
+    their `corners` (k, N) in e, one of each opposite pair; `limits`, by index k, the distance of the outer box, at
+    which the estimate is limited, from the ranges, in the unit of the state."""
 
     scales: Sequence[Fraction]
     first: Sequence[Fraction]
@@ -114,8 +114,8 @@ class Start:
 
 
 def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
-    """Return the start of an estimate, or why there is no proof: more than 8 states, states without ranges, ranges
-    that touch the outer box, different initial values of one state, or a chain whose gains contain parameters."""
+    """Return the start of an estimate, or why there is no proof: more than 8 states, states without ranges, ranges that
+    touch the outer box, different initial values of one state, or a chain whose gains contain parameters."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
@@ -188,8 +188,8 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """Return, by index k of e_k, the distance from the range of its state to the end of the outer box, in the
-    state's unit."""
+    """Return, by index k of e_k, the distance from the range of its state to the end of the outer box, in the state's
+    unit."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
     limits = {}
@@ -225,8 +225,8 @@ _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, for a comparison in floats
 
 
 def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
-    """Return, by index k of e_k, the error besides its bound in `totals` at which no guard acts yet; None where one
-    may act within these bounds. `samples` (p): the largest errors of samples."""
+    """Return, by index k of e_k, the error besides its bound in `totals` at which no guard acts yet; None where one may
+    act within these bounds. `samples` (p): the largest errors of samples."""
     form, layout = running.step.observer.form, running.error.layout
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):

@@ -44,10 +44,10 @@ _STEPS = 12  # points of a grid, and of a finer one inside its best cells
 
 @dataclass(frozen=True)
 class Task:
-    """The design of K and P for a chain of `n` integrators whose nonlinear part has the Lipschitz constant k =
-    `slope`. `bounds`: "sigma", "largest" of |Y|, Y = P K, and upper bounds of "gamma" and "mu", inf for none;
-    `deltas`: delta_1, delta_2 of a disturbance, or None; `K` (n, 1): a given gain, for which only P is searched; D P
-    + P D >= `margin` lambda; `least`: the gamma from which on k holds."""
+    """The design of K and P for a chain of `n` integrators whose nonlinear part has the Lipschitz constant k = `slope`.
+    `bounds`: "sigma", "largest" of |Y|, Y = P K, and upper bounds of "gamma" and "mu", inf for none; `deltas`: delta_1,
+    delta_2 of a disturbance, or None; `K` (n, 1): a given gain, for which only P is searched; D P + P D >= `margin`
+    lambda; `least`: the gamma from which on k holds."""
 
     n: int
     slope: float
@@ -100,8 +100,8 @@ def best(task: Task) -> Optimum | None:
 
 
 def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
-    """Return the solution with the least gamma (88), by one program in P/t, Y/t, lambda/t = 1/2; or at a given
-    `gamma` the one with the least mu (89)."""
+    """Return the solution with the least gamma (88), by one program in P/t, Y/t, lambda/t = 1/2; or at a given `gamma`
+    the one with the least mu (89)."""
     n, p = task.n, task.n * (task.n + 1) // 2
     A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
     largest, free = task.bounds["largest"], 0 if task.K is not None else n
@@ -141,8 +141,8 @@ _SLOPES = 12  # number of further gammas
 
 @dataclass(frozen=True)
 class Design:
-    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs. `gamma`: gamma_inf may be
-    any number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`, rounded up, else
+    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs. `gamma`: gamma_inf may be any
+    number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`, rounded up, else
     (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54)."""
 
     K: tuple[float, ...]
@@ -239,8 +239,8 @@ def _count(n: Any, slope: Any) -> int:
 
 
 def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Task:
-    """Return the task with the form's Lipschitz constant k(gamma) at the gamma of the best design. k decreases as
-    gamma grows: where a design's bound is above its gamma, a larger gamma is valid, else a smaller one may be."""
+    """Return the task with the form's Lipschitz constant k(gamma) at the gamma of the best design. k decreases as gamma
+    grows: where a design's bound is above its gamma, a larger gamma is valid, else a smaller one may be."""
     free = task.bounded("mu", math.inf)
 
     def at(gamma: float) -> tuple[Task, Design | None]:
@@ -284,9 +284,9 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
 
 
 def slope(form: Form, gamma: float = 1.0) -> float:
-    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded
-    up. The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for
-    a form that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form."""
+    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded up.
+    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for a form
+    that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form."""
     if not isinstance(form, Form):
         raise Misfit("slope", form, _FORM)
     if not 1 <= real("gamma", gamma) < math.inf:
@@ -356,8 +356,8 @@ def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """Return a bound's value with which `at` finds a design, near the least change from `refused`, which is searched
-    by powers of `factor`; None where six of them do not do."""
+    """Return a bound's value with which `at` finds a design, near the least change from `refused`, which is searched by
+    powers of `factor`; None where six of them do not do."""
     good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None

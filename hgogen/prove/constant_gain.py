@@ -62,8 +62,8 @@ def numbers_in_place(form: Form) -> list[float]:
 
 
 def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr]) -> Inclusion | Nothing:
-    """Return the `error` of an observer with a constant gain changed to one whose b has the argument z + N (y - C
-    z); `entries` of N (n, or n q: `columns`), numbers or expressions of parameters."""
+    """Return the `error` of an observer with a constant gain changed to one whose b has the argument z + N (y - C z);
+    `entries` of N (n, or n q: `columns`), numbers or expressions of parameters."""
     if isinstance(error, Nothing):
         return error
     read = _by_field(form, error, as_matrix(form, entries))
@@ -118,8 +118,8 @@ Chain = tuple[sp.Expr, ...]
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """A gain `K` of z' = A z + b + K (y - C z), with the `error` of its observer. `driven`: whether A or C depends
-    on an input; `vertices` (k, n, n): then A - K C at the ends of the ranges of the a_i."""
+    """A gain `K` of z' = A z + b + K (y - C z), with the `error` of its observer. `driven`: whether A or C depends on
+    an input; `vertices` (k, n, n): then A - K C at the ends of the ranges of the a_i."""
 
     K: ScaledGain
     driven: bool

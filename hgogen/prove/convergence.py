@@ -109,8 +109,8 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -`alpha` V, V = e'P e, for all slopes at `theta`, by the `weights` P and S; S is empty
-    where corners are checked one by one. `others`: parameters of V besides P, by name."""
+    """A proof that V' <= -`alpha` V, V = e'P e, for all slopes at `theta`, by the `weights` P and S; S is empty where
+    corners are checked one by one. `others`: parameters of V besides P, by name."""
 
     theta: Fraction
     alpha: Fraction
@@ -130,8 +130,8 @@ class Falls:
 
 @dataclass(frozen=True, eq=False)
 class GainVariation:
-    """The effect of a varying gain on e' = M e, in FLINT's rationals (N, N): `shift` is added to M/theta; V must
-    also fall for e' = theta C e for each C of the `cores`, and not rise for e' = theta W e for each W of the `ways`."""
+    """The effect of a varying gain on e' = M e, in FLINT's rationals (N, N): `shift` is added to M/theta; V must also
+    fall for e' = theta C e for each C of the `cores`, and not rise for e' = theta W e for each W of the `ways`."""
 
     shift: Array
     cores: tuple[Array, ...] = ()
@@ -157,10 +157,10 @@ STILL = GainVariation(rational([[0]]))  # for a constant gain
 
 @dataclass(frozen=True)
 class Flow:
-    """The `error` of an observer in continuous time, and the search for V = e'P e that falls for all slopes, at
-    `theta` and from which theta on. `how`: the name of V in claims; `variation`: how the gain varies; `first` (n,
-    n): a P > 0 in floats to try first. A subclass for another V defines its weights at a theta and an alpha
-    (`_weights`), the other thetas and alphas for which these are valid (`_thetas`, `_alphas`), and its proof (`at`)."""
+    """The `error` of an observer in continuous time, and the search for V = e'P e that falls for all slopes, at `theta`
+    and from which theta on. `how`: the name of V in claims; `variation`: how the gain varies; `first` (n, n): a P > 0
+    in floats to try first. A subclass for another V defines its weights at a theta and an alpha (`_weights`), the other
+    thetas and alphas for which these are valid (`_thetas`, `_alphas`), and its proof (`at`)."""
 
     error: Inclusion
     theta: Fraction
@@ -185,8 +185,8 @@ class Flow:
 
     @cached_property
     def least(self) -> Falls | None:
-        """A proof that V falls at a theta near the least possible: below the declared one if that is proved, else
-        above it; None where none is found."""
+        """A proof that V falls at a theta near the least possible: below the declared one if that is proved, else above
+        it; None where none is found."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
         first = (self.theta, self._weights_at_theta) if self._weights_at_theta is not None else next(later, None)
@@ -227,8 +227,8 @@ class Flow:
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
-        """Return the largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at a theta, and
-        its d."""
+        """Return the largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at a theta, and its
+        d."""
         e = self._system(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
@@ -236,8 +236,8 @@ class Flow:
 
     @cached_property
     def slowest(self) -> tuple[float, Array]:
-        """The largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at the declared theta,
-        and its d."""
+        """The largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at the declared theta, and
+        its d."""
         return self._slowest(self.theta)
 
     def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
@@ -321,8 +321,8 @@ class Flow:
         return (best.P, best.S) if best is not None and best.margin > 0 else None
 
     def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
-        """Return P and S with the largest margin of all forms, from programs with few of them: the first and last,
-        then those with less than half of the margin, until none is left. The chosen ones are kept for the next call."""
+        """Return P and S with the largest margin of all forms, from programs with few of them: the first and last, then
+        those with less than half of the margin, until none is left. The chosen ones are kept for the next call."""
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
@@ -403,8 +403,8 @@ _NO_NORM = (
 
 @dataclass(frozen=True)
 class OneSided(Flow):
-    """The search for V = e'P e of an `error` of which some slopes have an infinite end, at `theta` and beyond: P
-    must satisfy P onto_k = s_k lambda_k reads_k', lambda_k >= 0, for each such slope k of sign s_k."""
+    """The search for V = e'P e of an `error` of which some slopes have an infinite end, at `theta` and beyond: P must
+    satisfy P onto_k = s_k lambda_k reads_k', lambda_k >= 0, for each such slope k of sign s_k."""
 
     how: str = "one norm that keeps to the signs of slopes without an end,"
     close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
@@ -424,8 +424,8 @@ class OneSided(Flow):
         return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return rational P and S near those given that prove all forms negative; P is a sum of the basis matrices,
-        so that P onto_k = s_k lambda_k reads_k' holds exactly."""
+        """Return rational P and S near those given that prove all forms negative; P is a sum of the basis matrices, so
+        that P onto_k = s_k lambda_k reads_k' holds exactly."""
         rows = np.array([floats(matrix).ravel() for matrix in self._basis])
         y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
         for bits in _BITS:
@@ -439,8 +439,8 @@ class OneSided(Flow):
 
     @cached_property
     def _basis(self) -> tuple[Array, ...]:
-        """A basis, in FLINT's rationals, of the symmetric P (n, n) with P onto_k parallel to reads_k for every
-        endless slope k."""
+        """A basis, in FLINT's rationals, of the symmetric P (n, n) with P onto_k parallel to reads_k for every endless
+        slope k."""
         n = len(self.error.N)
         units, slopes = list[Array](), self.endless
         for j in range(n):
@@ -522,8 +522,8 @@ class AtTheta:
 
 
 def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
-    """Return the checks `MAKER.convergence`, that errors converge above some theta, and `MAKER.theta`, that `theta`
-    is above it, with the rate."""
+    """Return the checks `MAKER.convergence`, that errors converge above some theta, and `MAKER.theta`, that `theta` is
+    above it, with the rate."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
     kind = OneSided if error.endless else Flow

@@ -127,9 +127,9 @@ _STEPS = 60  # of a bisection
 
 
 def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
-    """Return L (n), the coefficients after the first of the polynomial of the n `poles`: A - L C has these
-    eigenvalues. Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or
-    are in no conjugate pairs."""
+    """Return L (n), the coefficients after the first of the polynomial of the n `poles`: A - L C has these eigenvalues.
+    Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
+    conjugate pairs."""
     count = len(numbers(poles))
     if not count:
         raise BadPoles((), "there are none; give one for each integrator")
@@ -137,10 +137,9 @@ def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
 
 
 def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = None) -> tuple[complex, ...]:
-    """Return the eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest
-    first. They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC
-    2018, (10). Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not
-    positive."""
+    """Return the eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
+    They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10).
+    Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not positive."""
     gains = _column("L", L)
     if (alpha is None) != (beta is None):
         raise BadGain("core_eigenvalues", "takes both alpha and beta of a filter, or none of them")
@@ -165,9 +164,9 @@ def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tupl
 
 
 def least_gamma(K: Any, P: Any, sigma: float, slope: float, *, decay: float | None = None) -> Fraction:
-    """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) rounded up, k the `slope`: gamma_inf may be any larger
-    number. `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which
-    is (70). Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold."""
+    """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) rounded up, k the `slope`: gamma_inf may be any larger number.
+    `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which is (70).
+    Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold."""
     known, rate = _candidate(K, P, sigma, decay)
     return known.least(_number("slope", slope), rate)
 
@@ -182,11 +181,11 @@ def attenuation(
     *,
     decay: float,
 ) -> Fraction:
-    """Return mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), rounded up:
-    the L2 gain from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma. `decay`
-    and `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). A larger gamma_sup
-    has (gamma_sup/gamma)^n times the gain. Alessandri 2020, (89), with delta_1 for the matrix of (72). Raises:
-    `BadGain`, also where (87) does not hold."""
+    """Return mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), rounded up: the
+    L2 gain from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma. `decay` and
+    `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). A larger gamma_sup has
+    (gamma_sup/gamma)^n times the gain. Alessandri 2020, (89), with delta_1 for the matrix of (72). Raises: `BadGain`,
+    also where (87) does not hold."""
     known, rate = _candidate(K, P, sigma, decay)
     if len(alphas) != 2:
         raise BadGain(f"alphas = {alphas!r}", "must be two numbers, alpha_1 and alpha_2 of (87)")
@@ -200,10 +199,10 @@ def attenuation(
 
 @dataclass(frozen=True)
 class DisturbedError:
-    """The ultimate bound of the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), under a disturbance
-    |v| <= 1. `level`: V = e'P e decreases wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| is
-    below it in the end, for ever; `rate`: |e|_P decays at least like exp(-rate t) where |e| is above `level`.
-    `level` and `ultimate` are proportional to |v|."""
+    """The ultimate bound of the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), under a disturbance |v|
+    <= 1. `level`: V = e'P e decreases wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| is below
+    it in the end, for ever; `rate`: |e|_P decays at least like exp(-rate t) where |e| is above `level`. `level` and
+    `ultimate` are proportional to |v|."""
 
     level: Fraction
     ultimate: Fraction
@@ -221,11 +220,11 @@ def disturbed_error(
     share: float = 0.5,
     decay: float | None = None,
 ) -> DisturbedError:
-    """Return 2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and its
-    consequences. `gamma` is gamma_inf; `share` (0..1) of the decay remains where |e| is above the level; the others
-    as in `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which
-    (68) has, and the step from V to |e| adds a factor sqrt(cond P). Raises: `BadGain`, also for a gamma that (62)
-    does not admit."""
+    """Return 2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and its consequences.
+    `gamma` is gamma_inf; `share` (0..1) of the decay remains where |e| is above the level; the others as in
+    `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has,
+    and the step from V to |e| adds a factor sqrt(cond P). Raises: `BadGain`, also for a gamma that (62) does not
+    admit."""
     known, rate = _candidate(K, P, sigma, decay)
     driven, remainder = as_disturbance(disturbance, known.n), _number("share", share)
     if not 0 < remainder < 1:
@@ -258,12 +257,12 @@ def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
 
 
 def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: float) -> float:
-    """Return a gain k >= 1 from which on every constant gain has |x - xhat| <= `error` from `time` on, in the
-    observer of `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`. Of V = n'P n, n_i =
-    e_i/k^(i-1): where |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the larger of 2 |P|
-    sqrt(cond P) phi/(s k) and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1). Both decrease
-    in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which states that
-    there is one. Raises: `BadGain`; `NotHurwitz`."""
+    """Return a gain k >= 1 from which on every constant gain has |x - xhat| <= `error` from `time` on, in the observer
+    of `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`. Of V = n'P n, n_i = e_i/k^(i-1): where
+    |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the larger of 2 |P| sqrt(cond P) phi/(s k)
+    and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1). Both decrease in k from (n - 1) 2 |P|/((1
+    - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which states that there is one. Raises:
+    `BadGain`; `NotHurwitz`."""
     p, P, peak = _decaying(gains)
     wanted, after = Fraction(positive("error", error)), Fraction(positive("time", time))
     most, first, n = _number("phi", phi), _number("start", start), len(p)

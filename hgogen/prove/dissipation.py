@@ -84,8 +84,8 @@ class Injection:
 
 @dataclass(frozen=True)
 class Equations:
-    """An observer xhat' = g(xhat, y, u) of any equations: `observer` g (n), in which states mean their estimates;
-    the plant's `outputs`; the inputs `unknown` to the observer; pairs `along` (x_k, a_k) of the invariant set x_k =
+    """An observer xhat' = g(xhat, y, u) of any equations: `observer` g (n), in which states mean their estimates; the
+    plant's `outputs`; the inputs `unknown` to the observer; pairs `along` (x_k, a_k) of the invariant set x_k =
     a_k(x)."""
 
     observer: tuple[sp.Expr, ...]
@@ -107,11 +107,11 @@ class Equations:
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0. `errors`: the symbols e (n); `flow`
-    (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`: the x (n) that belong to the e,
-    where x - e is the estimate, or none; `origin`: its construction from a plant, None where it is given; `lost`: a
-    part of the plant that cancels in e' and may have no value on the box; `caveat`: why it may differ from that of
-    the plant as first declared, or `NONE`. Raises: `BadErrorSystem`."""
+    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0. `errors`: the symbols e (n); `flow` (n);
+    `noise` (n, k); `box`: the closed range of every other symbol; `states`: the x (n) that belong to the e, where x - e
+    is the estimate, or none; `origin`: its construction from a plant, None where it is given; `lost`: a part of the
+    plant that cancels in e' and may have no value on the box; `caveat`: why it may differ from that of the plant as
+    first declared, or `NONE`. Raises: `BadErrorSystem`."""
 
     name: str
     errors: tuple[sp.Symbol, ...]
@@ -303,8 +303,8 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """Return the expression with common factors cancelled, symbols >= 0 where their range is, so that roots of
-    squares simplify."""
+    """Return the expression with common factors cancelled, symbols >= 0 where their range is, so that roots of squares
+    simplify."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
@@ -410,8 +410,8 @@ class Dissipates:
 @dataclass(frozen=True)
 class Dissipation:
     """The result about V > 0 (21) and dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38) on the box `within` of the
-    errors. `checks`: `dissipation.positive`, `.inequality`, `.level`; `level`: no set {V <= c} with c below it
-    touches a face of the box, None where not proved; `witness`: the exact point that refutes (38), or (21)."""
+    errors. `checks`: `dissipation.positive`, `.inequality`, `.level`; `level`: no set {V <= c} with c below it touches
+    a face of the box, None where not proved; `witness`: the exact point that refutes (38), or (21)."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -528,8 +528,8 @@ def _positive(name: str, value: Any) -> sp.Rational:
 
 
 def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
-    """Return why F or dV/de is not proved to be an average of its Jacobian times e, or `NONE`: they and V must
-    vanish at e = 0, have no kinks or jumps, and bounded slopes on the box."""
+    """Return why F or dV/de is not proved to be an average of its Jacobian times e, or `NONE`: they and V must vanish
+    at e = 0, have no kinks or jumps, and bounded slopes on the box."""
     zero, box = dict.fromkeys(system.errors, sp.S.Zero), {**system.plain, **around}
     slopes = tuple(V.diff(e) for e in system.errors)
     for what, rows in (("V", (V,)), ("dV/de", slopes)):

@@ -84,8 +84,8 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
-    """Return why the error of a high gain on this form has no proof, such as a check that is not proved; `NONE`
-    where it may have one. `endless`: b need not be Lipschitz."""
+    """Return why the error of a high gain on this form has no proof, such as a check that is not proved; `NONE` where
+    it may have one. `endless`: b need not be Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -107,8 +107,8 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
 
 
 def _no_triangle(form: Form) -> Reason:
-    """Return why z' = A z + b, y is not triangular, z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1 +
-    c(u); `NONE` where it is."""
+    """Return why z' = A z + b, y is not triangular, z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1 + c(u);
+    `NONE` where it is."""
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
@@ -146,8 +146,8 @@ _LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker ari
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Return the slopes db_i/dz_j of an observer's error with their proved ranges, which are widened to contain 0;
-    or why one has none. `endless`: whether a range may have an infinite end."""
+    """Return the slopes db_i/dz_j of an observer's error with their proved ranges, which are widened to contain 0; or
+    why one has none. `endless`: whether a range may have an infinite end."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     nodes = (node for row in map(with_norms, form.b) for node in row.atoms(*JUMPS))
     jumps = sorted(str(node) for node in nodes if node.has(*form.states))
@@ -187,10 +187,10 @@ def inclusion(
     others: Iterable[Slope] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the error e' = .. of an observer on a form in chains, e = `scale` (n, of parameters) times the errors
-    of z. `core` (N, N): the matrix of its linear part at theta = 1 in coordinates scale/units times z; `measured`
-    (N, p): the matrix there of the samples' errors; `others`: slopes of the linear part; `numbers`: the observer's
-    arguments; `endless`: whether slopes of b may have an infinite end."""
+    """Return the error e' = .. of an observer on a form in chains, e = `scale` (n, of parameters) times the errors of
+    z. `core` (N, N): the matrix of its linear part at theta = 1 in coordinates scale/units times z; `measured` (N, p):
+    the matrix there of the samples' errors; `others`: slopes of the linear part; `numbers`: the observer's arguments;
+    `endless`: whether slopes of b may have an infinite end."""
     slopes = slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
@@ -215,9 +215,9 @@ def on_integrators(
     gates: Iterable[tuple[int, np.ndarray]] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the error of an estimator on a chain of integrators w, in errors of w in `nominal_units`. `gates`:
-    indices of errors that pass a saturation, which leaves a share in [0, 1], each with its column of the `core`; the
-    other arguments as of `inclusion`."""
+    """Return the error of an estimator on a chain of integrators w, in errors of w in `nominal_units`. `gates`: indices
+    of errors that pass a saturation, which leaves a share in [0, 1], each with its column of the `core`; the other
+    arguments as of `inclusion`."""
     reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
@@ -235,8 +235,8 @@ def on_integrators(
 
 
 def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
-    """Return the factors s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, with which s_i w_i is near z_i; or
-    why there are none."""
+    """Return the factors s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, with which s_i w_i is near z_i; or why
+    there are none."""
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
         return Nothing(because("the bound is for a_i shown to be positive"))
@@ -253,8 +253,8 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
 def on_companion(
     chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains'
-    polynomials; outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
+    """Return the error of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials;
+    outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
@@ -272,9 +272,8 @@ def on_companion(
 def with_gains(
     form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error of an observer with a constant gain K, entries (n, or n q: `columns`) in z, whose a_i may
-    vary with inputs; outputs that share a state count by `weights` (p), by default equally. `endless` as of
-    `inclusion`."""
+    """Return the error of an observer with a constant gain K, entries (n, or n q: `columns`) in z, whose a_i may vary
+    with inputs; outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
     reason = obstacle(form, endless)
     if reason:
         return Nothing(reason)
@@ -345,8 +344,8 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """Return the error of the observer with gains theta^i K_i/(F_1' .. F_(i-1)'), K (n), on a form whose A has only
-    the s_k above its diagonal; or why it has no proof."""
+    """Return the error of the observer with gains theta^i K_i/(F_1' .. F_(i-1)'), K (n), on a form whose A has only the
+    s_k above its diagonal; or why it has no proof."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
@@ -392,8 +391,8 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
 def _together(
     of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
 ) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the points of [-1, 1]^m at all combinations of the ends of `of_b` slopes of b and of the q_k in
-    `shares`, in each range of the slopes `pushes`, K_i q_1 .. q_(i-1); () where they are too many."""
+    """Return the points of [-1, 1]^m at all combinations of the ends of `of_b` slopes of b and of the q_k in `shares`,
+    in each range of the slopes `pushes`, K_i q_1 .. q_(i-1); () where they are too many."""
     ends = [sorted(set(pair)) for pair in shares]
     if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()

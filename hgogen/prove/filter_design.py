@@ -123,8 +123,8 @@ Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
 
 @dataclass(frozen=True)
 class _Search:
-    """The search for a filter with `m` states that decays at `rate` and lets little noise through to the error of
-    state `state` (index from 0) of a chain, at `theta`."""
+    """The search for a filter with `m` states that decays at `rate` and lets little noise through to the error of state
+    `state` (index from 0) of a chain, at `theta`."""
 
     chain: Integrators
     theta: Fraction
@@ -135,8 +135,8 @@ class _Search:
     @property
     def first(self) -> Filter:
         """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or a faster one with the same
-        gain at rest, of least bound. With m < n its last state is injected into all later ones; states beyond n are
-        not injected."""
+        gain at rest, of least bound. With m < n its last state is injected into all later ones; states beyond n are not
+        injected."""
         n, m = self.chain.n, self.m
         at = [(i, min(i, m - 1)) for i in range(n)]
         filters = []
@@ -176,8 +176,8 @@ class _Search:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
     def _cost(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
-        """Return the logarithm of the bound in floats and the W = P^(-1/2) of its P; 1e6 and None without a bound.
-        The search for P starts at the given W, else at that of the filter."""
+        """Return the logarithm of the bound in floats and the W = P^(-1/2) of its P; 1e6 and None without a bound. The
+        search for P starts at the given W, else at that of the filter."""
         for W in (*coordinates, None):
             query = self._query(self._filter(numbers), W)
             known = query and bound_in_floats(*query)
@@ -186,8 +186,8 @@ class _Search:
         return _LARGE, None
 
     def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """Return the arguments of `bound_at` for a filter, in coordinates W, by default those of a V that falls;
-        None where its linear error does not decay."""
+        """Return the arguments of `bound_at` for a filter, in coordinates W, by default those of a V that falls; None
+        where its linear error does not decay."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")

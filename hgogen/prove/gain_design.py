@@ -67,9 +67,9 @@ _NOISY = 0.5  # the rate of noise over the rate of decay
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """An error system whose gain K is still to be chosen, e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E
-    v): `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p), `E` (m, p), v in units of the noise;
-    `chain` (n): the output to whose chain each state belongs."""
+    """An error system whose gain K is still to be chosen, e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v):
+    `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p), `E` (m, p), v in units of the noise; `chain`
+    (n): the output to whose chain each state belongs."""
 
     M: Array
     G: Array
@@ -98,8 +98,8 @@ class Open:
         return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
     def scale(self, pace: float) -> Array:
-        """Return the T (n) of e = diag(T) x with which noise of 1 is an error of 1 in x of a chain's first state,
-        and each x_i has the factor `pace` in x_(i-1)'."""
+        """Return the T (n) of e = diag(T) x with which noise of 1 is an error of 1 in x of a chain's first state, and
+        each x_i has the factor `pace` in x_(i-1)'."""
         T = np.zeros(len(self.M))
         for i, j in enumerate(self.chain):
             head = i == 0 or self.chain[i - 1] != j
@@ -130,13 +130,13 @@ class Task:
 
     @cached_property
     def pace(self) -> float:
-        """The speed (1/time) in units of which the program's numbers are near 1; it grows with n, as long chains
-        have fast poles."""
+        """The speed (1/time) in units of which the program's numbers are near 1; it grows with n, as long chains have
+        fast poles."""
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
-        """Return K (n, p) for which one P proves the decay at `rate` and a small bound of noise at alpha = 2
-        `noisy`; None where none is found. Raises: `NoSolver`."""
+        """Return K (n, p) for which one P proves the decay at `rate` and a small bound of noise at alpha = 2 `noisy`;
+        None where none is found. Raises: `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
@@ -147,8 +147,8 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The cone program for a gain in scaled units. Its variables (N) are the entries of P and Y = P K, multipliers
-    of the slopes for the rate and again for noise, and the lambda_j; then t, the largest c P^-1 c'."""
+    """The cone program for a gain in scaled units. Its variables (N) are the entries of P and Y = P K, multipliers of
+    the slopes for the rate and again for noise, and the lambda_j; then t, the largest c P^-1 c'."""
 
     open: Open
     rate: float
@@ -213,8 +213,8 @@ class _Program:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n, p), with the entries of N in b(z + N (y - C z)) as `argument`, and the proof that its error
-    `falls` at the rate; `noise_bound`: the largest |c e| under noise, in floats."""
+    """A gain K (n, p), with the entries of N in b(z + N (y - C z)) as `argument`, and the proof that its error `falls`
+    at the rate; `noise_bound`: the largest |c e| under noise, in floats."""
 
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
@@ -274,8 +274,8 @@ class Search:
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """Return the gain of the program that demands the least part of the rate for which another P still proves
-        all of it, with noise at the rate `noisy`; None for none."""
+        """Return the gain of the program that demands the least part of the rate for which another P still proves all
+        of it, with noise at the rate `noisy`; None for none."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -307,8 +307,8 @@ class Search:
 
 
 def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
-    """Return the error of an observer with gain K (n, or n p) and N, the entries `argument` in b(z + N (y - C z));
-    or why there is none."""
+    """Return the error of an observer with gain K (n, or n p) and N, the entries `argument` in b(z + N (y - C z)); or
+    why there is none."""
     error = with_gains(form, K)
     return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
 
@@ -400,11 +400,11 @@ _FROM_RANGE: Any = object()  # the measure that a state's range gives
 
 @dataclass(frozen=True)
 class Gain:
-    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or
-    for several outputs a matrix with a row for each state. `rate` (1/time): |e|_P decays at least like exp(-rate t),
-    in continuous time without noise; `bounds`: by the names of a state of the form and of an output, the largest
-    error of the state for noise of at most 1 in the output, in their units; for several outputs they add up. Both
-    are proved in rational arithmetic. `argument`: N for `hg.observers.circle_criterion`; empty for a gain of
+    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or for
+    several outputs a matrix with a row for each state. `rate` (1/time): |e|_P decays at least like exp(-rate t), in
+    continuous time without noise; `bounds`: by the names of a state of the form and of an output, the largest error of
+    the state for noise of at most 1 in the output, in their units; for several outputs they add up. Both are proved in
+    rational arithmetic. `argument`: N for `hg.observers.circle_criterion`; empty for a gain of
     `hg.observers.high_gain`."""
 
     theta: float
@@ -500,8 +500,8 @@ def gain(
 
 
 def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:
-    """Return the N to try, each as its entries: () for none, and N as given in `argument`, or as searched where it
-    is True. Raises: `NoSolver`, `BadGain`."""
+    """Return the N to try, each as its entries: () for none, and N as given in `argument`, or as searched where it is
+    True. Raises: `NoSolver`, `BadGain`."""
     if argument is None or argument is False:
         return ((),)
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
@@ -514,8 +514,8 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
 
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
-    """Return the entries of N (n, or n q: `columns`) in b(z + N (y - C z)) with the least noise bound, () where b
-    has no slopes. Raises: `NoSolver`."""
+    """Return the entries of N (n, or n q: `columns`) in b(z + N (y - C z)) with the least noise bound, () where b has
+    no slopes. Raises: `NoSolver`."""
     start = np.array(numbers_in_place(form))
     places, reads = columns(form, len(start)), np.abs(task.open.H).sum(axis=0)
     free = [k for k, at in enumerate(places) if reads[at.row]]

@@ -59,8 +59,8 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 @dataclass(frozen=True)
 class Layout:
     """The order of an estimator's errors e_k = s_i(k) (error of state i(k))/theta^p(k). `index` (N): i(k) from 0;
-    `power` (N): p(k); `fed` (N): whether the rate of e_k contains b_i(k), so that it belongs to an estimate of a
-    state and not to a filter; `picks` (n): for each state the k from which b reads its estimate."""
+    `power` (N): p(k); `fed` (N): whether the rate of e_k contains b_i(k), so that it belongs to an estimate of a state
+    and not to a filter; `picks` (n): for each state the k from which b reads its estimate."""
 
     index: tuple[int, ...]
     power: tuple[int, ...]
@@ -72,9 +72,9 @@ class Layout:
 class Slope:
     """An uncertain d in [`low`, `high`] that adds `onto` d (`reads`'e + `takes`'v)/theta^`degree` to e', with `onto`
     and `reads` (N), `takes` (p) at theta = 1, v the errors of samples. `entry`: (i, j) where d is db_i/dz_j in the
-    units of e, and `range` its proof, else None. `endless`: 1 for a d of any size from `low` = `high` up, -1 down,
-    else 0. `realised`: the value of d in the linear core that a method realises, 1 for an open saturation, 0 for b;
-    None where the core varies."""
+    units of e, and `range` its proof, else None. `endless`: 1 for a d of any size from `low` = `high` up, -1 down, else
+    0. `realised`: the value of d in the linear core that a method realises, 1 for an open saturation, 0 for b; None
+    where the core varies."""
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -136,8 +136,8 @@ class Inclusion:
 
     @property
     def limit(self) -> Array:
-        """The limit (N, N), in floats, of the system matrix M(theta)/theta as theta grows, each slope at the middle
-        of its range."""
+        """The limit (N, N), in floats, of the system matrix M(theta)/theta as theta grows, each slope at the middle of
+        its range."""
         N = floats(self.N)
         for slope in self.slopes:
             if slope.degree == -1:
@@ -147,8 +147,8 @@ class Inclusion:
 
     @cached_property
     def _balanced_lyapunov(self) -> tuple[Array, Array] | None:
-        """A vector d (N) and P (N, N) with A'P + P A = -I, where A = diag(d)^-1 N diag(d) and N is `limit`: d = 1,
-        or where P is then too ill-conditioned for floats a d that balances N. None where neither gives a P > 0."""
+        """A vector d (N) and P (N, N) with A'P + P A = -I, where A = diag(d)^-1 N diag(d) and N is `limit`: d = 1, or
+        where P is then too ill-conditioned for floats a d that balances N. None where neither gives a P > 0."""
         N = self.limit
         for units in (lambda N: np.ones(len(N)), balance):
             d = units(N)
@@ -168,8 +168,8 @@ class Inclusion:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """The matrix W = P^(-1/2) (N, N) of a Lyapunov matrix P of e' = `limit` e, in floats, None where none is
-        found: in the coordinates W^-1 e a solver expects its P near the unit matrix."""
+        """The matrix W = P^(-1/2) (N, N) of a Lyapunov matrix P of e' = `limit` e, in floats, None where none is found:
+        in the coordinates W^-1 e a solver expects its P near the unit matrix."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -216,8 +216,8 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return the factors (N) by which e_k = scale_k times the error of the form's state that it belongs to, at
-        this theta; None where one contains parameters."""
+        """Return the factors (N) by which e_k = scale_k times the error of the form's state that it belongs to, at this
+        theta; None where one contains parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
             return None
@@ -225,8 +225,8 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return the factors (N) by which e_k = factor_k times the error of scalar k in the program's memory, at
-        this theta; None where one contains parameters."""
+        """Return the factors (N) by which e_k = factor_k times the error of scalar k in the program's memory, at this
+        theta; None where one contains parameters."""
         if not self.chained:
             return self.scales(theta)
         return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
@@ -250,8 +250,8 @@ class Inclusion:
 
 @dataclass(frozen=True)
 class Facts:
-    """The evidence of a proof: its `facts` under the keys of a certificate, and the `error` whose ranges of slopes
-    the proof assumes, or None."""
+    """The evidence of a proof: its `facts` under the keys of a certificate, and the `error` whose ranges of slopes the
+    proof assumes, or None."""
 
     error: Inclusion | None
     facts: Evidence = field(hash=False)
@@ -263,10 +263,9 @@ class Facts:
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """The error system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at one theta, v the inputs or sample
-    errors: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), `E` (m, p), of FLINT's rationals. `core` (N, N) and
-    `injected` (N, p): the parts of M and B that a method with a linear core realises, without slopes of b,
-    saturations passing all."""
+    """The error system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at one theta, v the inputs or sample errors:
+    `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), `E` (m, p), of FLINT's rationals. `core` (N, N) and `injected` (N,
+    p): the parts of M and B that a method with a linear core realises, without slopes of b, saturations passing all."""
 
     M: Array
     G: Array
@@ -298,6 +297,6 @@ class Uncertain:
 
 
 def state_row(scales: Sequence[Fraction], field: int) -> Array:
-    """Return the row c (N), in FLINT's rationals, for which c e is the error of the state that component `field` of
-    e estimates; `scales` (N) as `Inclusion.scales` gives them."""
+    """Return the row c (N), in FLINT's rationals, for which c e is the error of the state that component `field` of e
+    estimates; `scales` (N) as `Inclusion.scales` gives them."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))

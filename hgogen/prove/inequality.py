@@ -72,8 +72,8 @@ Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # phi_1 and phi_
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The linear terms of q inputs v of a step e+ = e + h D v: `D` (N, q), what each adds to (e+ - e)/h, and `Q` (s
-    m, q), what it adds to the argument H X_i of the m slopes at each of s stages."""
+    """The linear terms of q inputs v of a step e+ = e + h D v: `D` (N, q), what each adds to (e+ - e)/h, and `Q` (s m,
+    q), what it adds to the argument H X_i of the m slopes at each of s stages."""
 
     D: Array
     Q: Array
@@ -95,10 +95,10 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Inequality:
-    """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose slopes obey p_i = diag(d_i) Q_i v, |d_ij|
-    <= 1. Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N
-    + s m), all Q_i; `stages` (s, p): the terms of an error of each output's sample at each stage; `nodes` (s): the
-    times of the stages over h; `degree` in h of the form that `falls` returns, 0 where it is no polynomial."""
+    """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose slopes obey p_i = diag(d_i) Q_i v, |d_ij| <=
+    1. Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N + s
+    m), all Q_i; `stages` (s, p): the terms of an error of each output's sample at each stage; `nodes` (s): the times of
+    the stages over h; `degree` in h of the form that `falls` returns, 0 where it is no polynomial."""
 
     h: Fraction
     slopes: int
@@ -120,8 +120,8 @@ class Inequality:
 
     def falls(self, alpha: Any) -> Quadratic:
         """Return the quadratic form 2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum_i (Q_i v)'S_i Q_i v - p_i'S_i p_i;
-        where it is negative for a P > 0 and diagonal S_i >= 0, |e+|_P^2 <= (1 - alpha h) |e|_P^2. In the arithmetic
-        of D."""
+        where it is negative for a P > 0 and diagonal S_i >= 0, |e+|_P^2 <= (1 - alpha h) |e|_P^2. In the arithmetic of
+        D."""
         size = self.rows
         n = size - len(self.Q)
         one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
@@ -134,17 +134,16 @@ class Inequality:
 
     def driven(self, alpha: Any, inputs: Inputs) -> Quadratic:
         """Return the noise inequality: the form of `falls` with inputs w (q), less sum_k lambda_k w_k^2. Where it is
-        negative, |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k w_k^2; for h = 0, V' <= -alpha V + sum_k
-        lambda_k w_k^2. The lambda_k are the last q of its multipliers."""
+        negative, |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k w_k^2; for h = 0, V' <= -alpha V + sum_k lambda_k
+        w_k^2. The lambda_k are the last q of its multipliers."""
         onto: Pairs = ((0 * inputs.D[: self.rows - len(self.Q)], inputs.D),)
         if self.h:
             onto += ((inputs.D * (number(self.h) / 2), inputs.D),)
         return self.falls(alpha).driven(onto, inputs.Q)
 
     def ends(self, output: int) -> tuple[Inputs, Inputs]:
-        """Return two `Inputs`, of an error of the sample of `output` (index from 0) at the beginning of the step and
-        at its end. A stage at c h between reads the sample that is interpolated linearly, with the weights 1 - c and
-        c."""
+        """Return two `Inputs`, of an error of the sample of `output` (index from 0) at the beginning of the step and at
+        its end. A stage at c h between reads the sample that is interpolated linearly, with the weights 1 - c and c."""
         parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
         first, last = zip(*parts, strict=True)
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
@@ -175,8 +174,8 @@ def corners(m: int) -> np.ndarray:
 
 
 def flow(e: Uncertain) -> Inequality:
-    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e: [M'P
-    + P M + alpha P + H'S H, P G; G'P, -S] < 0"""
+    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e: [M'P + P
+    M + alpha P + H'S H, P G; G'P, -S] < 0"""
     m = len(e.H)
     return Inequality(NOW, m, np.hstack([e.M, e.G]), np.hstack([e.H, 0 * _one(e.H, m)]), (), (NOW,), 1)
 
@@ -193,8 +192,8 @@ def one_by_one(n: int, m: int) -> bool:
 
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """Return the error systems with constant slopes d at each corner of [-1, 1]^m, or at each point of a `hull` (k,
-    m) that contains the slopes; e alone, its slopes uncertain, where the corners are too many (`one_by_one`)."""
+    """Return the error systems with constant slopes d at each corner of [-1, 1]^m, or at each point of a `hull` (k, m)
+    that contains the slopes; e alone, its slopes uncertain, where the corners are too many (`one_by_one`)."""
     m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
@@ -203,15 +202,15 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the quadratic forms, one for each system of `ends`, that together prove V' <= -alpha V, V = e'P e, for
-    all slopes where each is negative for one P > 0. `hull`: points whose convex hull contains the slopes."""
+    """Return the quadratic forms, one for each system of `ends`, that together prove V' <= -alpha V, V = e'P e, for all
+    slopes where each is negative for one P > 0. `hull`: points whose convex hull contains the slopes."""
     return tuple(flow(each).falls(alpha) for each in ends(e, hull))
 
 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that
-    together prove V' <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, where each is negative
-    for one P > 0. The lambda_k are the last q of their multipliers."""
+    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that together
+    prove V' <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, where each is negative for one P > 0.
+    The lambda_k are the last q of their multipliers."""
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
@@ -222,8 +221,8 @@ def pushed(e: Uncertain, alpha: Any) -> Quadratic:
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 on the error system e of an explicit Runge-Kutta method (`tableau` a, b, c)
-    that evaluates the output error anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
+    """Return the step of length h >= 0 on the error system e of an explicit Runge-Kutta method (`tableau` a, b, c) that
+    evaluates the output error anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
     unit = identity(size + s * p)[:n]
@@ -244,8 +243,8 @@ def _with_samples(
     h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
 ) -> Inequality:
     """Return the step of D (N, ..) and Q (s m, ..) with N + s m + s p columns, the last s p of which belong to the
-    errors of p samples at each stage, and become the `stages`. `nodes` (s): times of the stages; `degree` of the
-    form in h."""
+    errors of p samples at each stage, and become the `stages`. `nodes` (s): times of the stages; `degree` of the form
+    in h."""
     (n, m), p = e.G.shape, e.B.shape[1]
     size = n + len(nodes) * m
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
@@ -289,8 +288,8 @@ def _phi_2(X: Array) -> Array:
 
 
 def _halvings(X: Array) -> int:
-    """Return k such that the row sums of |X|/2^k are at most 1/2, in the coordinates scaled by a diagonal matrix
-    that are best for it: there the largest row sum is the spectral radius of |X|."""
+    """Return k such that the row sums of |X|/2^k are at most 1/2, in the coordinates scaled by a diagonal matrix that
+    are best for it: there the largest row sum is the spectral radius of |X|."""
     radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
     return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
 
@@ -319,8 +318,8 @@ def _balls(M: Array) -> Array:
 
 def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
     """Return the step of length h >= 0 on the error system e of a method that realises its linear core L exactly or
-    nearly, X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), and reads samples at both ends;
-    `realisation` gives phi_1 and phi_2 of (L, h)."""
+    nearly, X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), and reads samples at both ends; `realisation`
+    gives phi_1 and phi_2 of (L, h)."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
     unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
@@ -350,8 +349,8 @@ _GRID = 60  # bits after the point of the weights
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a method on an observer's `error`, at one `theta` and any length h, and the search for proofs
-    that they contract. `way` makes the `Inequality` of a step from h and the error system at theta."""
+    """The steps of a method on an observer's `error`, at one `theta` and any length h, and the search for proofs that
+    they contract. `way` makes the `Inequality` of a step from h and the error system at theta."""
 
     error: Inclusion
     way: ErrorStep
@@ -359,8 +358,8 @@ class Steps:
 
     @cached_property
     def at(self) -> Callable[[Fraction], Inequality]:
-        """The function from a step length h to its `Inequality`; the last 16 results are cached, as each serves
-        several rates."""
+        """The function from a step length h to its `Inequality`; the last 16 results are cached, as each serves several
+        rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
@@ -368,14 +367,14 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Return whether a solver finds weights, in floats, with which the step of length h contracts: cheaper than
-        a proof. Raises: `NoSolver`."""
+        """Return whether a solver finds weights, in floats, with which the step of length h contracts: cheaper than a
+        proof. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
     def weights(self, h: Fraction, alpha: Fraction) -> tuple[Array, Array] | None:
-        """Return P (N, N) and the multipliers S, in floats, for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a
-        solver finds none. Raises: `NoSolver`."""
+        """Return P (N, N) and the multipliers S, in floats, for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a solver
+        finds none. Raises: `NoSolver`."""
         if self.coordinates is None:
             return None
         form = self.at(h).falls(alpha)
@@ -384,9 +383,9 @@ class Steps:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """The matrix W = P^(-1/2) (N, N) of a V = e'P e that falls in continuous time, None where none is found. In
-        the coordinates W^-1 e a solver expects the P of a step near the unit matrix. Its first search is near the P
-        of the linear part, the second near its own first result."""
+        """The matrix W = P^(-1/2) (N, N) of a V = e'P e that falls in continuous time, None where none is found. In the
+        coordinates W^-1 e a solver expects the P of a step near the unit matrix. Its first search is near the P of the
+        linear part, the second near its own first result."""
         W = self.error.coordinates
         for _ in range(_PASSES):
             weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
@@ -419,8 +418,8 @@ class Steps:
 
 @dataclass(frozen=True)
 class Contracts:
-    """A proof, by rational `weights` P and S, that one of the `steps`, of length `h`, contracts: |e+|_P^2 <= (1 -
-    alpha h) |e|_P^2."""
+    """A proof, by rational `weights` P and S, that one of the `steps`, of length `h`, contracts: |e+|_P^2 <= (1 - alpha
+    h) |e|_P^2."""
 
     steps: Steps
     h: Fraction
@@ -441,9 +440,9 @@ class Contracts:
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
-    """Return, by bisection on a logarithmic scale, a value between `start`, where `holds` is true, and `end`, at
-    which `holds` is true and beyond which, by a factor of `close`, a value is known at which it is not; `end` if it
-    is true there."""
+    """Return, by bisection on a logarithmic scale, a value between `start`, where `holds` is true, and `end`, at which
+    `holds` is true and beyond which, by a factor of `close`, a value is known at which it is not; `end` if it is true
+    there."""
     if holds(end):
         return end
     while not 1 / close < start / end < close:
@@ -460,8 +459,8 @@ def unstable(step: Inequality) -> Array | None:
 
 
 def _frozen(step: Inequality) -> tuple[float, Array]:
-    """Return the largest spectral radius of T in e+ = T e over the tried corners d of constant slopes, and this
-    corner (m)."""
+    """Return the largest spectral radius of T in e+ = T e over the tried corners d of constant slopes, and this corner
+    (m)."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
@@ -478,8 +477,8 @@ class Piece:
 
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
-    """Return the pieces, in ascending order, that together prove contraction at every step length in (0, `longest`];
-    () where a part is not proved, or where the quadratic form is no polynomial in the length. Raises: `NoSolver`."""
+    """Return the pieces, in ascending order, that together prove contraction at every step length in (0, `longest`]; ()
+    where a part is not proved, or where the quadratic form is no polynomial in the length. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
     pending, pieces, tried = [(Fraction(0), longest)], [], 0

@@ -80,10 +80,10 @@ _BITS = 24  # bits after the point of a multiplier
 
 @dataclass(frozen=True)
 class Shape:
-    """A law i(e) of the injected output error e: the `injected` function of (e, sat e), `text` in equations.
-    `below`: whether r must be below lambda; `drift`: the terms of mu in the quadratic form, a function of (N, K, C,
-    lambda, r) with a block (n, n), a column (n) and a corner; `kept`: factors of 2 eps_1 s and s^2 (or q) in a bound
-    of V over mu; `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof."""
+    """A law i(e) of the injected output error e: the `injected` function of (e, sat e), `text` in equations. `below`:
+    whether r must be below lambda; `drift`: the terms of mu in the quadratic form, a function of (N, K, C, lambda, r)
+    with a block (n, n), a column (n) and a corner; `kept`: factors of 2 eps_1 s and s^2 (or q) in a bound of V over mu;
+    `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof."""
 
     name: str
     text: str
@@ -138,8 +138,8 @@ class Adaptation:
     r: Fraction
 
     def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
-        """Return the symmetric matrix (n + 1, n + 1), a bound of V'/theta in (eps, s) or (eps, q), for N, P (n, n),
-        K (n), in floats or rationals; for k values of mu and tau as many matrices (k, n + 1, n + 1)."""
+        """Return the symmetric matrix (n + 1, n + 1), a bound of V'/theta in (eps, s) or (eps, q), for N, P (n, n), K
+        (n), in floats or rationals; for k values of mu and tau as many matrices (k, n + 1, n + 1)."""
         number = Fraction if isinstance(mu, Fraction) else float
         n, (decay, r) = len(K), (number(self.decay), number(self.r))
         C = np.array([number(1), *[number(0)] * (n - 1)])
@@ -302,8 +302,8 @@ def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
 
 
 def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
-    """Return `form` plus, for each v of `by` and row h of `reads`, S h h' + v v'/S, which is at least d (v h' + h
-    v'), |d| <= 1."""
+    """Return `form` plus, for each v of `by` and row h of `reads`, S h h' + v v'/S, which is at least d (v h' + h v'),
+    |d| <= 1."""
     for move, h, s in zip(by, reads, S, strict=True):
         v = move @ h - h * (h @ move @ h) / 2
         form = form + s * np.outer(h, h) + np.outer(v, v) / s
@@ -357,8 +357,8 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """Return the observer `dead_zone` or `stubborn`, by its name and shape, with the checks `NAME.core`,
-    `.convergence` and `.theta`. Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
+    """Return the observer `dead_zone` or `stubborn`, by its name and shape, with the checks `NAME.core`, `.convergence`
+    and `.theta`. Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
     accept = demand_form(name, form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)

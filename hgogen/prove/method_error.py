@@ -174,8 +174,8 @@ class StageDeviation:
         return ErrorInput(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
-        """Return, for each stage (s), the largest difference between the line through two samples of an output and
-        the output at this stage. Raises: `Unbounded`."""
+        """Return, for each stage (s), the largest difference between the line through two samples of an output and the
+        output at this stage. Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
         second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _ZERO)
         away = [sum(map(abs, row), _ZERO) for row in a]  # distance of a stage from the start, over h sup|F|
@@ -192,8 +192,8 @@ class StageDeviation:
 
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
-        """The least bound of |x(t + h) - Phi_h(x)|_i/h over the orders of Taylor's formula and the Lipschitz bound,
-        for each i (n). Raises: `Unbounded`."""
+        """The least bound of |x(t + h) - Phi_h(x)|_i/h over the orders of Taylor's formula and the Lipschitz bound, for
+        each i (n). Raises: `Unbounded`."""
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
         if not known or known.weight(plant.h, self._negligible) > 1:
@@ -238,8 +238,8 @@ class StageDeviation:
 
     @cached_property
     def _lines(self) -> Rows:
-        """The factors of h^3 of the differences between each output's line and the `_cubic` stages (p, ..); empty
-        rows where the flow has no Taylor series."""
+        """The factors of h^3 of the differences between each output's line and the `_cubic` stages (p, ..); empty rows
+        where the flow has no Taylor series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
             expression = y if output in self._used else sp.S(0)
@@ -440,8 +440,8 @@ class CoreDeviation:
         return columns
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
-        """Return sup (n) of the first or second time derivatives (`order`) of expressions `rows`; for a plant that
-        is not smooth, 4/h times the first in the place of the second. Raises: `Unbounded`."""
+        """Return sup (n) of the first or second time derivatives (`order`) of expressions `rows`; for a plant that is
+        not smooth, 4/h times the first in the place of the second. Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.input_rates))
@@ -477,8 +477,8 @@ class CoreDeviation:
 
 @dataclass(frozen=True)
 class LocalError:
-    """The error of a realisation with w = B y + beta known at both ends of a step: `alpha` gives its bounds (N),
-    from the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`."""
+    """The error of a realisation with w = B y + beta known at both ends of a step: `alpha` gives its bounds (N), from
+    the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`."""
 
     flow: int
     nonlinear: int

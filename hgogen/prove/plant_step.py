@@ -53,8 +53,8 @@ UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
 
 @dataclass(frozen=True)
 class PlantStep:
-    """The plant z' = F(z, u) of a `form` over one step of length `h`, whose inputs u vary between samples at speeds
-    of at most `rates` (m), None where unknown."""
+    """The plant z' = F(z, u) of a `form` over one step of length `h`, whose inputs u vary between samples at speeds of
+    at most `rates` (m), None where unknown."""
 
     form: Form
     h: Fraction
@@ -62,8 +62,8 @@ class PlantStep:
 
     @cached_property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """The right-hand side F = A z + b (n) in states, inputs and parameters; parameters without a range have
-        their values."""
+        """The right-hand side F = A z + b (n) in states, inputs and parameters; parameters without a range have their
+        values."""
         return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
 
     @property
@@ -81,8 +81,8 @@ class PlantStep:
 
     @cached_property
     def stated_speeds(self) -> tuple[Fraction, ...]:
-        """The bounds of sup|F_i| (n) in a certificate: larger by 0.1 % than `speeds`, so that weaker arithmetic
-        proves them."""
+        """The bounds of sup|F_i| (n) in a certificate: larger by 0.1 % than `speeds`, so that weaker arithmetic proves
+        them."""
         return tuple(map(loose, self.flow, self.speeds))
 
     @property
@@ -97,8 +97,8 @@ class PlantStep:
         return loose(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """Return sum_i sup|dy/dz_i| most_i, the largest change of an output's y' where the rates z_i' change by at
-        most `most` (n). Raises: `Unbounded`."""
+        """Return sum_i sup|dy/dz_i| most_i, the largest change of an output's y' where the rates z_i' change by at most
+        `most` (n). Raises: `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
         return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
@@ -123,8 +123,8 @@ class PlantStep:
         return sum((sp.diff(expression, x) * rate for x, rate in by), sp.S(0))
 
     def change(self, most: Sequence[Fraction]) -> Rows:
-        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates z = T(x), x the states of the plant as first
-        declared; 0 in columns j where `most` (n), the sizes of disturbances of x_j', is 0. Raises: `Unbounded`."""
+        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates z = T(x), x the states of the plant as first declared;
+        0 in columns j where `most` (n), the sizes of disturbances of x_j', is 0. Raises: `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = system.box_with(plant.states)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
@@ -136,8 +136,8 @@ class PlantStep:
 
     @property
     def _recast(self) -> dict[sp.Symbol, sp.Expr]:
-        """The states of the form's system, each as an expression of the plant's states as first declared; {} where
-        they are equal."""
+        """The states of the form's system, each as an expression of the plant's states as first declared; {} where they
+        are equal."""
         origin = self.form.system.origin
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
@@ -189,8 +189,8 @@ class PlantStep:
         return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
 
     def series(self, order: int, cell: Ranges) -> list[list[Any]]:
-        """Return for each state its Taylor coefficients in time (n, order), in balls that hold those of every
-        solution of z' = F from a point of `cell`, a part of the ranges."""
+        """Return for each state its Taylor coefficients in time (n, order), in balls that hold those of every solution
+        of z' = F from a point of `cell`, a part of the ranges."""
         first, input_rates, constant = self.balls(cell)
         states, inputs = [[ball] for ball in first], [list(pair) for pair in input_rates]
         for k in range(order - 1):
@@ -202,8 +202,8 @@ class PlantStep:
     def rates_of(
         self, states: list[list[Any]], inputs: list[list[Any]], constant: list[Any], order: int
     ) -> list[list[Any]]:
-        """Return the Taylor coefficients (n, order) of F along given Taylor coefficients of `states` and `inputs`
-        (each a list of balls), with `constant` parameters."""
+        """Return the Taylor coefficients (n, order) of F along given Taylor coefficients of `states` and `inputs` (each
+        a list of balls), with `constant` parameters."""
         balls = Balls(0)
         values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
         rows = evaluate(self._tape, balls, values, order, 1)
@@ -231,8 +231,8 @@ class PlantStep:
         return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
 
     def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Return Arb's balls that hold the ranges: of the states, of the inputs in pairs with their rates, and of
-        the parameters. A symbol in `cell` has the range given there."""
+        """Return Arb's balls that hold the ranges: of the states, of the inputs in pairs with their rates, and of the
+        parameters. A symbol in `cell` has the range given there."""
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
@@ -241,8 +241,8 @@ class PlantStep:
 
     @property
     def input_rates(self) -> tuple[Fraction, ...]:
-        """The largest |u'| (m) of the inputs, 0 for one that F does not contain. Raises: `Unbounded` where one is
-        not known."""
+        """The largest |u'| (m) of the inputs, 0 for one that F does not contain. Raises: `Unbounded` where one is not
+        known."""
         read, input_rates = sp.Matrix(self.flow).free_symbols, list[Fraction]()
         for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
             if rate is None and u in read:
@@ -273,8 +273,8 @@ def _rate_of(u: sp.Symbol) -> sp.Symbol:
 
 
 def loose(expression: sp.Expr, most: Fraction) -> Fraction:
-    """Return `most`, a supremum of the expression, larger by 0.1 %, so that a weaker arithmetic proves it too; by
-    1e-9 for a number, unchanged for a symbol, whose range is exact."""
+    """Return `most`, a supremum of the expression, larger by 0.1 %, so that a weaker arithmetic proves it too; by 1e-9
+    for a number, unchanged for a symbol, whose range is exact."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
 
 
@@ -322,10 +322,9 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """The largest sizes of the inputs of an error e over one step, () for none: `samples` (p), errors of the samples
-    at both ends; `stages` (p, s), errors of an output at each stage; `deviation` (n), of the plant from a step of
-    the method over h, in units of the form's states; `fields` (N), errors of the program's memory over h, in units
-    of e."""
+    """The largest sizes of the inputs of an error e over one step, () for none: `samples` (p), errors of the samples at
+    both ends; `stages` (p, s), errors of an output at each stage; `deviation` (n), of the plant from a step of the
+    method over h, in units of the form's states; `fields` (N), errors of the program's memory over h, in units of e."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
@@ -376,9 +375,9 @@ class ErrorInput:
 
 @dataclass(frozen=True)
 class Share:
-    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`. `proofs`: by
-    component of e, the proved bound for inputs of the sizes over `unit`; `follows`: the declared numbers and suprema
-    from which the sizes are derived, {} where a certificate does not write them."""
+    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`. `proofs`: by component
+    of e, the proved bound for inputs of the sizes over `unit`; `follows`: the declared numbers and suprema from which
+    the sizes are derived, {} where a certificate does not write them."""
 
     what: str
     sizes: Sizes

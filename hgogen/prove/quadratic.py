@@ -36,8 +36,8 @@ _NIL, _TENTH = 1e-12, 0.1  # of the largest reading: one of rounding errors, and
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The quadratic form sum over `pairs` (X, Y) of X'P Y + Y'P X, plus Q'S Q - Z'S Z + `constant`, as a function of
-    P (n, n) and a diagonal S (k): X, Y (n, N), `Q`, `Z` (k, N), `constant` (N, N), None for 0."""
+    """The quadratic form sum over `pairs` (X, Y) of X'P Y + Y'P X, plus Q'S Q - Z'S Z + `constant`, as a function of P
+    (n, n) and a diagonal S (k): X, Y (n, N), `Q`, `Z` (k, N), `constant` (N, N), None for 0."""
 
     pairs: tuple[tuple[Array, Array], ...]
     Q: Array
@@ -65,8 +65,8 @@ class Quadratic:
         return _array(fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
-        """Return the form in (v, w), w (q) inputs that add `onto` (x, y) (n, q) to each X v and Y v and `reads` (k,
-        q) to Q v, less sum_k lambda_k w_k^2; the lambda_k are the last q entries of its S."""
+        """Return the form in (v, w), w (q) inputs that add `onto` (x, y) (n, q) to each X v and Y v and `reads` (k, q)
+        to Q v, less sum_k lambda_k w_k^2; the lambda_k are the last q entries of its S."""
         q, size = reads.shape[1], self.size
         one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
@@ -75,8 +75,8 @@ class Quadratic:
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]), constant)
 
     def over(self, pace: Any) -> "Quadratic":
-        """Return the form whose Y are divided by `pace` > 0; with S divided by it too, it is negative where this
-        form is."""
+        """Return the form whose Y are divided by `pace` > 0; with S divided by it too, it is negative where this form
+        is."""
         constant = None if self.constant is None else self.constant / pace
         return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z, constant)
 
@@ -130,8 +130,8 @@ def confirmed(
     margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
     """Return P and S, in FLINT's rationals, that make all exact `forms` negative; None where none are confirmed.
-    `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller one helps where
-    the forms have no room for it, a larger one where the solver uses all of it. The last `q` of S sum up to at most
+    `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller one helps where the
+    forms have no room for it, a larger one where the solver uses all of it. The last `q` of S sum up to at most
     `most`."""
     for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
@@ -225,15 +225,15 @@ def even(form: Quadratic, W: Array) -> Array:
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
-    """Return whether all `forms` (floats) are negative at P and S, P > 0, by a margin of 1e-8 for rounding to a
-    grid, in coordinates e = `W` x in which P is near the unit matrix."""
+    """Return whether all `forms` (floats) are negative at P and S, P > 0, by a margin of 1e-8 for rounding to a grid,
+    in coordinates e = `W` x in which P is near the unit matrix."""
     values, P = _valued(forms, P, S, W)
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
 def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
-    """Return the largest r such that (1 - r) F + r T is negative at P and S, for each F of `forms` and T of
-    `towards`, in coordinates e = `W` x; 0 where an F is not."""
+    """Return the largest r such that (1 - r) F + r T is negative at P and S, for each F of `forms` and T of `towards`,
+    in coordinates e = `W` x; 0 where an F is not."""
     values, _ = _valued((*forms, *towards), P, S, W)
     first, last = np.split(values, 2)
     try:
@@ -253,8 +253,8 @@ def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> 
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Return whether P > 0, S >= 0 and all `forms` are negative at these, in exact arithmetic or Arb's balls; P and
-    S are FLINT's rationals."""
+    """Return whether P > 0, S >= 0 and all `forms` are negative at these, in exact arithmetic or Arb's balls; P and S
+    are FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
     with ctx.workprec(BALLS):

@@ -83,8 +83,8 @@ class InputBound:
 
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
-    """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course:
-    the noise inequality with sum_k lambda_k <= alpha, then |c e|^2 <= c P^-1 c'. None where none is proved.
+    """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course: the
+    noise inequality with sum_k lambda_k <= alpha, then |c e|^2 <= c P^-1 c'. None where none is proved.
     `bounded(alpha)` gives the forms, the lambda_k the last multipliers; alpha is searched up to `most`. `W`:
     coordinates e = W x, near which P is expected. Raises: `NoSolver`."""
     if W is None:
@@ -106,8 +106,8 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
 
 
 def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
-    """Return a proved bound of |c e|, c (N), under `inputs` of at most 1 at each call, for the step that contracts
-    by `proof`: `input_bound` with `Inequality.driven`. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N), under `inputs` of at most 1 at each call, for the step that contracts by
+    `proof`: `input_bound` with `Inequality.driven`. Raises: `NoSolver`."""
     step, q = proof.step, inputs.D.shape[1]
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
@@ -138,8 +138,8 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """Return an unproved bound of |c e| at this `alpha`, and the W = P^(-1/2) (N, N) of its P, in floats, or None;
-    the other arguments as of `input_bound`."""
+    """Return an unproved bound of |c e| at this `alpha`, and the W = P^(-1/2) (N, N) of its P, in floats, or None; the
+    other arguments as of `input_bound`."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
@@ -150,8 +150,8 @@ def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fractio
 def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
-    """Return P and S, in floats, that make the `forms` negative with sum_k lambda_k <= alpha (the last q of S), and
-    max c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
+    """Return P and S, in floats, that make the `forms` negative with sum_k lambda_k <= alpha (the last q of S), and max
+    c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
         """Return the solution in the coordinates e = W x, inputs in a unit in which x is near 1."""
@@ -167,17 +167,17 @@ def weights_in_floats(
 
 @dataclass(frozen=True)
 class Confined:
-    """A proof, by the `weights` P and S, that errors which begin in a box have |c e| <= `bounds` for ever, by the
-    key of c."""
+    """A proof, by the `weights` P and S, that errors which begin in a box have |c e| <= `bounds` for ever, by the key
+    of c."""
 
     weights: Weights
     bounds: Mapping[int, Fraction]
 
 
 def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
-    """Return a proof with a small largest |c e| over the `rows` c (N), by key, for the step that contracts by
-    `proof` from errors in the box with these `corners` (k, N), one of each opposite pair; None for none. Raises:
-    `NoSolver`. Each c is in the unit in which its bound counts; all numbers are FLINT's rationals."""
+    """Return a proof with a small largest |c e| over the `rows` c (N), by key, for the step that contracts by `proof`
+    from errors in the box with these `corners` (k, N), one of each opposite pair; None for none. Raises: `NoSolver`.
+    Each c is in the unit in which its bound counts; all numbers are FLINT's rationals."""
     form, W = proof.step.falls(NOW), proof.steps.coordinates
     if W is None:
         return None
@@ -195,8 +195,8 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
 
 
 def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
-    """Return, by the key of each c of `rows`, sqrt(c P^-1 c' max e(0)'P e(0)) over the `corners` e(0): the largest
-    |c e|."""
+    """Return, by the key of each c of `rows`, sqrt(c P^-1 c' max e(0)'P e(0)) over the `corners` e(0): the largest |c
+    e|."""
     begins = fraction(max(corner @ P @ corner for corner in corners))
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
@@ -241,8 +241,8 @@ class L2Bound:
 
 def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
     """Return a small proved bound mu of the L2 gain, by one V for all systems `each`; None for none. Raises:
-    `NoSolver`. `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N),
-    in rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0."""
+    `NoSolver`. `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N), in
+    rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0."""
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
     k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.peak_response for one in each)
     if growing is not None:
@@ -284,9 +284,9 @@ def theta_of(observer: Observer) -> Fraction:
 
 @asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
-    """Return, by (state, output), the largest error of a state of the form in the end, in continuous time, for noise
-    of at most 1 in the output, at the declared gains of an observer with a constant injection; or the reason why it
-    is not known. Raises: `NoSolver`."""
+    """Return, by (state, output), the largest error of a state of the form in the end, in continuous time, for noise of
+    at most 1 in the output, at the declared gains of an observer with a constant injection; or the reason why it is not
+    known. Raises: `NoSolver`."""
     error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error
@@ -304,9 +304,8 @@ def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
 
 
 def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
-    """Return, by (state, output) indices, the proved bound of the state's error under noise of at most 1 in the
-    output, in continuous time, for an error that decays by `falls`; or the reason why there is none. Raises:
-    `NoSolver`."""
+    """Return, by (state, output) indices, the proved bound of the state's error under noise of at most 1 in the output,
+    in continuous time, for an error that decays by `falls`; or the reason why there is none. Raises: `NoSolver`."""
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
         return NO_SCALES
@@ -330,10 +329,10 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
 def joint_bound_in_floats(
     error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
 ) -> float:
-    """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of
-    at most `sizes` (p) in the outputs together, in continuous time; infinite where none is found. Raises:
-    `NoSolver`. One V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error
-    faster than `fastest` (1/time) in the norm of V, the bound is multiplied by the ratio."""
+    """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of at
+    most `sizes` (p) in the outputs together, in continuous time; infinite where none is found. Raises: `NoSolver`. One
+    V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error faster than `fastest`
+    (1/time) in the norm of V, the bound is multiplied by the ratio."""
     scales = error.scales(falls.theta)
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))

@@ -112,10 +112,10 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
 
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
-    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None
-    where none is found. Raises: `NoSolver`. `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K
-    the inequality A'P + P A - Y C - C'Y' <= -I is linear; K'P K <= largest^2 p and P >= p I bound the gain.
-    `convergence` proves the K returned."""
+    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None where
+    none is found. Raises: `NoSolver`. `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K the
+    inequality A'P + P A - Y C - C'Y' <= -I is linear; K'P K <= largest^2 p and P >= p I bound the gain. `convergence`
+    proves the K returned."""
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
     one = np.eye(n)
@@ -210,15 +210,15 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Return P and S, in floats, with which a solver finds all `forms` negative, or None. `W` (n, n): coordinates e
-    = W x, in which P is expected near the unit matrix. Raises: `NoSolver`, which names the purpose `what`."""
+    """Return P and S, in floats, with which a solver finds all `forms` negative, or None. `W` (n, n): coordinates e = W
+    x, in which P is expected near the unit matrix. Raises: `NoSolver`, which names the purpose `what`."""
     best = widest(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
-    """Return the P and S with the largest margin, in coordinates e = `W` x, also where the forms are not negative;
-    with its prices where `priced`. Raises: `NoSolver`."""
+    """Return the P and S with the largest margin, in coordinates e = `W` x, also where the forms are not negative; with
+    its prices where `priced`. Raises: `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
     view, fast = View.paced([form.floats for form in forms], W)
@@ -231,9 +231,8 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 
 @np.errstate(over="ignore", invalid="ignore")
 def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
-    """Return the largest margin of `forms` (floats) for one P and S, P = sum_i y_i B_i where a `span` gives the B_i
-    and rows >= 0 on y; None where the solver fails. Columns of a single form are merged. Raises: `NoSolver`, for
-    `what`."""
+    """Return the largest margin of `forms` (floats) for one P and S, P = sum_i y_i B_i where a `span` gives the B_i and
+    rows >= 0 on y; None where the solver fails. Columns of a single form are merged. Raises: `NoSolver`, for `what`."""
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
@@ -251,9 +250,9 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
 
 @np.errstate(over="ignore", invalid="ignore")
 def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
-    """Return P and S with a small max c P^-1 c' over the rows c of `reads` (r, n) in x, where the forms of the
-    `view` are at most -`by` I, and x/`unit` satisfies the `limits`; None where the solver fails. Raises: `NoSolver`,
-    for `what`."""
+    """Return P and S with a small max c P^-1 c' over the rows c of `reads` (r, n) in x, where the forms of the `view`
+    are at most -`by` I, and x/`unit` satisfies the `limits`; None where the solver fails. Raises: `NoSolver`, for
+    `what`."""
     whole, (A, b) = view.forms, limits
     forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
     of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
@@ -281,8 +280,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """Return the cones F <= -(`share` t + `by`) I of all `forms`, t the last variable, and diag(S) - T r r' >= (..)
-    I of the merged `groups`."""
+    """Return the cones F <= -(`share` t + `by`) I of all `forms`, t the last variable, and diag(S) - T r r' >= (..) I
+    of the merged `groups`."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -375,8 +374,8 @@ def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
-    """Return x with the least <goal, x> under the cones `rows`, A x + s = b, and their dual variables; None where
-    the solver, of accuracy `close`, fails. Raises: `NoSolver`, which names the purpose `what`."""
+    """Return x with the least <goal, x> under the cones `rows`, A x + s = b, and their dual variables; None where the
+    solver, of accuracy `close`, fails. Raises: `NoSolver`, which names the purpose `what`."""
     cones(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
@@ -388,8 +387,8 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    """Return the result of `solved`, from numbers as bytes and cones as (size, whether of matrices), which a cache
-    can hash."""
+    """Return the result of `solved`, from numbers as bytes and cones as (size, whether of matrices), which a cache can
+    hash."""
     solver, sparse = cones("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
@@ -408,8 +407,8 @@ def _solution(
 
 
 def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
-    """Return the coefficient matrices (p + k + t, N, N) of a form, which is linear in the entries of P on and above
-    the diagonal, in S, and in a T of each group; where its X have more columns, P is part of [P, Y], Y after P."""
+    """Return the coefficient matrices (p + k + t, N, N) of a form, which is linear in the entries of P on and above the
+    diagonal, in S, and in a T of each group; where its X have more columns, P is part of [P, Y], Y after P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
     i, j = _places(n)
@@ -462,8 +461,8 @@ def symmetric(entries: Array, size: int) -> Array:
 
 
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
-    """Return the form, in floats, in which the multiplied columns that are parallel are one column u, and the groups
-    of multipliers that belong to each such u."""
+    """Return the form, in floats, in which the multiplied columns that are parallel are one column u, and the groups of
+    multipliers that belong to each such u."""
     n, each = len(form.pairs[0][0]), tuple(_directions(form))
     T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
     T[:n, :n] = np.eye(n)

@@ -151,8 +151,8 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
 
 
 def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: str) -> np.ndarray:
-    """Return K = P C'R^-1 (n, p) of the P > 0 with N P + P N' + Q - P C'R^-1 C P = 0. Raises: `BadGain` where (C, N)
-    is not observable at the `place`, or where none is found."""
+    """Return K = P C'R^-1 (n, p) of the P > 0 with N P + P N' + Q - P C'R^-1 C P = 0. Raises: `BadGain` where (C, N) is
+    not observable at the `place`, or where none is found."""
     observed, F = [C], N / max(np.linalg.norm(N), 1e-300)
     for _ in N[1:]:
         observed.append(observed[-1] @ F)
@@ -214,8 +214,8 @@ def linear(form: Form) -> Linear | Reason:
 
 
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
-    """Return None where the Kalman filter of a linear plant with Q (n, n) and a constant theta converges, by the
-    ranks of (C, A) and (A, Q); else the condition that fails."""
+    """Return None where the Kalman filter of a linear plant with Q (n, n) and a constant theta converges, by the ranks
+    of (C, A) and (A, Q); else the condition that fails."""
     A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
     if not theta > 0:
         return because("theta is not positive")

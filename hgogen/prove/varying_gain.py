@@ -168,8 +168,8 @@ class VaryingGain:
 
 @dataclass(frozen=True)
 class Candidate:
-    """K (n), a symmetric P (n, n) and sigma >= 0, which may satisfy (A - K C)'P + P (A - K C) + sigma (D P + P D) <
-    0 (54), A and C a chain of integrators, D = diag(1, .., n)."""
+    """K (n), a symmetric P (n, n) and sigma >= 0, which may satisfy (A - K C)'P + P (A - K C) + sigma (D P + P D) < 0
+    (54), A and C a chain of integrators, D = diag(1, .., n)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
@@ -207,8 +207,8 @@ class Candidate:
         return largest(exact(self.P))[1]
 
     def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
-        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)), rounded up (88): k the `slope`, lambda by default
-        `decay` of (54)."""
+        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)), rounded up (88): k the `slope`, lambda by default `decay`
+        of (54)."""
         return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
 
 
@@ -238,9 +238,9 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """The range [`low`, `high`] of gamma; the `slope` k >= |T^-1 dc/dw T| from gamma = `low` on with its proof
-    `steep`, None where not known, for the `reason`; the `disturbance`; `moving`: the error under it, where slopes
-    have ranges."""
+    """The range [`low`, `high`] of gamma; the `slope` k >= |T^-1 dc/dw T| from gamma = `low` on with its proof `steep`,
+    None where not known, for the `reason`; the `disturbance`; `moving`: the error under it, where slopes have
+    ranges."""
 
     low: Fraction
     high: Fraction
@@ -259,8 +259,8 @@ class Attenuating:
     assumptions: Assumptions
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return P, lambda_max(P), k, the disturbance, s of (87) and mu, under a certificate's keys; s and mu for
-        the written k, a little larger than the proved one."""
+        """Return P, lambda_max(P), k, the disturbance, s of (87) and mu, under a certificate's keys; s and mu for the
+        written k, a little larger than the proved one."""
         one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
         slope = steep.evidence(form) if steep else None
         if slope is None or disturbed is None:
@@ -327,8 +327,8 @@ def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_
 
 
 def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
-    """Return the checks `MAKER.definite`, P > 0, `MAKER.shrink`, D P + P D >= 0, and `MAKER.decay`, (54) with lambda
-    = `decay`, by default above 0."""
+    """Return the checks `MAKER.definite`, P > 0, `MAKER.shrink`, D P + P D >= 0, and `MAKER.decay`, (54) with lambda =
+    `decay`, by default above 0."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
@@ -434,8 +434,8 @@ _DEFAULT_B = Fraction(1, 4)  # b of D: nearly the best one for two to four state
 
 @dataclass(frozen=True)
 class Law:
-    """The law of a varying gain l >= `least`: l'/l^2 >= -`fall`, with `easing` >= -fall (1 - least/l). `name`: that
-    of the least value, in claims; `b` of D = diag(b, b + 1, ..) and `P` (n, n), in errors of w, to try first."""
+    """The law of a varying gain l >= `least`: l'/l^2 >= -`fall`, with `easing` >= -fall (1 - least/l). `name`: that of
+    the least value, in claims; `b` of D = diag(b, b + 1, ..) and `P` (n, n), in errors of w, to try first."""
 
     name: str
     least: float
@@ -593,8 +593,8 @@ _ROUND = Fraction(1, 2**20)  # relative increase of `up` and `down` over their f
 
 @dataclass(frozen=True)
 class DwellProof:
-    """A proof of a dwell time of two gains: V that `falls` at the rate alpha in the high gain, and the factors `up`
-    and `down` by which V grows at most when the gain switches up and down."""
+    """A proof of a dwell time of two gains: V that `falls` at the rate alpha in the high gain, and the factors `up` and
+    `down` by which V grows at most when the gain switches up and down."""
 
     falls: Falls
     up: Fraction
@@ -606,17 +606,16 @@ class DwellProof:
         return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
 
     def evidence(self, form: Form) -> Evidence:
-        """Return alpha, P of the high gain, and both factors, under a certificate's keys; P of the low gain is in
-        the claim of theta."""
+        """Return alpha, P of the high gain, and both factors, under a certificate's keys; P of the low gain is in the
+        claim of theta."""
         return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
 
 
 def switching(
     maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
 ) -> tuple[Check, ...]:
-    """Return the checks `MAKER.convergence`, that errors converge in every gain above some theta, `MAKER.theta`,
-    that the `low` gain is above it, and `MAKER.hold`, that the dwell time `hold` in the high gain `theta` is long
-    enough."""
+    """Return the checks `MAKER.convergence`, that errors converge in every gain above some theta, `MAKER.theta`, that
+    the `low` gain is above it, and `MAKER.hold`, that the dwell time `hold` in the high gain `theta` is long enough."""
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     why = because("theta_low is not above a proved bound")
     hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
