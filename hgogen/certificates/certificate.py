@@ -98,16 +98,14 @@ def asserted(content: Mapping[str, Any]) -> int:
 
 
 def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return (id, reason) of each claim with the verdict "stated": it was proved or refuted, but has no evidence
-    here."""
+    """Return (id, reason) of each claim with the verdict "stated": proved or refuted, but without evidence."""
     return tuple(
         (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
     )
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    """Return a check as a claim {"id", "verdict", "evidence"}, "stated" with a reason where no evidence can be
-    written."""
+    """Return a check as a claim {"id", "verdict", "evidence"}, "stated" where no evidence can be written."""
     proofs_by_verdict = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
     if proofs_by_verdict is None:
         return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}

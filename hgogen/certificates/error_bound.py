@@ -397,8 +397,7 @@ def _settled(
 
 
 def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
-    """Return the sentence that the bound of a state exceeds the `width` of its range, with the largest of its
-    `parts`."""
+    """Return the sentence that the bound of a state exceeds the `width` of its range, and its largest part."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
     return Sentence.of(

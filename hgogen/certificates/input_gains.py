@@ -107,8 +107,7 @@ _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational ari
 
 @dataclass(frozen=True)
 class L2Gain:
-    """A proved bound `gain` of the L2 gain from inputs to errors, None where there is none; `check`:
-    OBSERVER.l2_gain."""
+    """A proved bound `gain` of the L2 gain from inputs to errors, or None; `check`: OBSERVER.l2_gain."""
 
     gain: float | None
     check: Check

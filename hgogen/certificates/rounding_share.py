@@ -208,7 +208,7 @@ def _named(name: str, end: str, count: int) -> list[Operand]:
 
 
 def _constants(form: Form) -> list[Operand]:
-    """Return the numbers in the plant's equations, with the numeric factor of each sum and product: 2 pi of 2 pi f
+    """Return the numbers in the plant's equations, with the numeric factor of each sum and product: 2 pi in 2 pi f
     t."""
     nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
     parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
@@ -448,8 +448,7 @@ class _Sizing:
     speeds: Sequence[Fraction]
 
     def sizes(self, errors: Sized) -> Sizes:
-        """Return the largest rounding errors of a call, for `errors` of the estimate by component of e. Raises:
-        `Unbounded`."""
+        """Return the largest rounding errors of a call, for `errors` by component of e. Raises: `Unbounded`."""
         rounded = [self._on_piece(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
@@ -473,8 +472,7 @@ class _Sizing:
         }
 
     def _on_piece(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
-        """Return the rounding errors (N) of a call for a plant in `ranges` and `errors` of the estimate. Raises:
-        `Unbounded`."""
+        """Return the rounding errors (N) of a call, for a plant in `ranges` and `errors` of e. Raises: `Unbounded`."""
         layout, balls = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))

@@ -242,8 +242,7 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def restart_calls(step: Step) -> int:
-    """Return the number of calls for which a sign of a lost estimate, such as large innovations, lasts until it
-    restarts."""
+    """Return the number of calls for which a sign of a lost estimate, such as large innovations, may last."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 

@@ -161,8 +161,7 @@ class Design:
 
 @dataclass(eq=False)
 class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name the value of this bound that would do
-    alone."""
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name the value that would do alone."""
 
     n: int
     bounds: dict[str, float]
@@ -217,8 +216,7 @@ def adaptive_gain(
 
 
 def _count(n: Any, slope: Any) -> int:
-    """Return the number of integrators of `n`, a number or a form, and demand that `slope` is given for a number
-    alone."""
+    """Return the number of integrators of `n`, a number or a form; demand `slope` for a number alone."""
     if isinstance(n, Form):
         if slope is not None:
             raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")

@@ -231,8 +231,7 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
-    """Return one sequence of `values` for each chain, of these `sizes`. Raises: `BadGain` where they are not given
-    so."""
+    """Return one sequence of `values` for each chain, of these `sizes`. Raises: `BadGain` for others."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0

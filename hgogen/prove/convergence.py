@@ -216,14 +216,12 @@ class Flow:
 
     @cached_property
     def _weights_at_theta(self) -> Any:
-        """The P and S, in floats, with which V falls at theta; None where none are found, or constant slopes exclude
-        them."""
+        """The P and S, in floats, with which V falls at theta; None for none."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
     def _system(self) -> Callable[[Fraction], Uncertain]:
-        """The function from theta to the error system e' = M e + G diag(d) H e there; the last 16 results are
-        cached."""
+        """The function from theta to the error system e' = M e + G diag(d) H e there; it is cached."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
@@ -367,8 +365,7 @@ class Flow:
 
     @cached_property
     def _coordinates(self) -> Array | None:
-        """The matrix P^(-1/2) of `first`, or else of the linear part: coordinates in which a solver expects P near
-        1."""
+        """The matrix P^(-1/2) of `first`, or else of the linear part: in which a solver expects P near 1."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
@@ -465,8 +462,7 @@ class OneSided(Flow):
             yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
 
     def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
-        """Return P, a sum of the basis matrices, and S with the largest margin of the forms, in floats; None for
-        none."""
+        """Return P, a sum of the basis matrices, and S with the largest margin, in floats; None for none."""
         basis = [floats(matrix) for matrix in self._basis]
         if not basis or no_solver(_ONE_SIDED):
             return None

@@ -303,8 +303,7 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """Return the expression with common factors cancelled, symbols >= 0 where their range is, so that roots of squares
-    simplify."""
+    """Return the expression with common factors cancelled, symbols >= 0 where their range is, for roots of squares."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
@@ -363,8 +362,7 @@ class Dissipates:
         return "" if self.system.origin else "of an error system that is given and not made of the plant"
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the error system, V and mu, with the floor or with the bisections that prove the sign; None for
-        none."""
+        """Return the error system, V and mu, and the floor or the bisections; None for none."""
         if self.system.origin is None:
             return None
         system = {"system": self._about(self.system.origin)}

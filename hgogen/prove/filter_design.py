@@ -78,8 +78,7 @@ def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarra
 
 
 def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Return the matrix [A, N H; -G C, F] (n + m, n + m) of the linear error, A and C a chain of n integrators,
-    `pushed` = N H."""
+    """Return the matrix [A, N H; -G C, F] (n + m, n + m) of the linear error, `pushed` = N H."""
     n = len(pushed)
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
 
@@ -148,14 +147,12 @@ class _Search:
         return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
-        """Return the proved bound of the state's error under noise at the wanted rate; None where the filter has
-        none."""
+        """Return the proved bound of the state's error under noise at the wanted rate, or None."""
         query = self._query(filter_)
         return bound_at(*query) if query and bound_in_floats(*query) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
-        """Yield filters in few digits, that with the least bound in floats first, from a simplex search near
-        `filter_`."""
+        """Yield filters in few digits, the best first, from a simplex search near `filter_`."""
         from scipy.optimize import minimize  # a dependency of the solver
 
         # filters and costs, and the coordinates of the best P

@@ -185,8 +185,7 @@ class _Program:
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
-        """The numbers of entries of P and of Y, and of slopes with multipliers, 0 where corners are checked one by
-        one."""
+        """The numbers of entries of P and of Y, and of slopes with multipliers, 0 where all corners are checked."""
         n = len(self.open.M)
         return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
@@ -235,8 +234,7 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """Return the gain with the least noise bound over rates of noise; None where none is found. Raises:
-        `NoSolver`."""
+        """Return the gain with the least noise bound over rates of noise, or None. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
         def noise_bound(noisy: float) -> float:
@@ -269,8 +267,7 @@ class Search:
         return float(f"{one.noise_bound:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
-        """Return the gain for a rate of noise at about half of the rate of decay; None where none is found. Raises:
-        `NoSolver`."""
+        """Return the gain for noise at about half of the rate of decay, or None. Raises: `NoSolver`."""
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
@@ -290,8 +287,7 @@ class Search:
         return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
-        """Return the gain of the program that demands `less` times the rate, where a P of its own proves the whole
-        rate."""
+        """Return the gain of the program that demands `less` times the rate, where another P proves the whole rate."""
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None

@@ -99,8 +99,7 @@ class Slope:
 
 
 def field_row(field: int, count: int) -> tuple[Fraction, ...]:
-    """Return the unit row (`count`) with 1 at the index `field`: its product with e is the component of e with this
-    index."""
+    """Return the unit row (`count`) with 1 at the index `field`: its product with e is that component of e."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
@@ -187,8 +186,7 @@ class Inclusion:
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
 
     def narrowed(self, share: Fraction) -> "Inclusion":
-        """Return a copy in which the range [low, high] of each slope of b, which contains 0, is multiplied by
-        `share`."""
+        """Return a copy in which the range of each slope of b, which contains 0, is multiplied by `share`."""
         slopes = (
             replace(each, low=each.low * share, high=each.high * share) if each.entry else each for each in self.slopes
         )

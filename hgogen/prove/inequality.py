@@ -186,8 +186,7 @@ def _one(like: Array, size: int) -> Array:
 
 
 def one_by_one(n: int, m: int) -> bool:
-    """Return whether all 2^m corners of m slopes may be checked one by one for an error of n components: 2^m n^3 <=
-    2^13."""
+    """Return whether all 2^m corners of m slopes are few enough for an error of n components: 2^m n^3 <= 2^13."""
     return bool(2**m * n**3 <= WORK)
 
 
@@ -358,8 +357,7 @@ class Steps:
 
     @cached_property
     def at(self) -> Callable[[Fraction], Inequality]:
-        """The function from a step length h to its `Inequality`; the last 16 results are cached, as each serves several
-        rates."""
+        """The function from a step length h to its `Inequality`; the last 16 results are cached."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
@@ -433,8 +431,7 @@ class Contracts:
 
     @property
     def rate(self) -> float:
-        """The rate r (1/time) with |e|_P <= exp(-r t) |e(0)|_P at the samples: -log(1 - alpha h)/(2 h), rounded
-        down."""
+        """The rate r (1/time) with |e|_P <= exp(-r t) |e(0)|_P at the samples: -log(1 - alpha h)/(2 h)."""
         lost = self.alpha * self.h  # log1p keeps the digits of a short step
         return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 

@@ -101,8 +101,7 @@ def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]
 
 
 def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
-    """Return 2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2 as a form of (eps, q): block, column and
-    corner."""
+    """Return 2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2 in (eps, q): block, column, corner."""
     first = np.outer(C, N[0])
     return first + first.T + (decay - r) * np.outer(C, C), (K[0] - decay) * C, decay
 

@@ -186,8 +186,7 @@ class StageDeviation:
         return tuple(sizes)
 
     def remainder(self) -> tuple[Fraction, ...]:
-        """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, x the exact flow, Phi_h a step of the method. Raises:
-        `Unbounded`."""
+        """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h a step of the method. Raises: `Unbounded`."""
         return tuple(row.size for row in self._rows)
 
     @cached_property
@@ -254,8 +253,7 @@ class StageDeviation:
 
     @cached_property
     def _cells(self) -> "Subdivision[Coefficients] | None":
-        """The ranges cut into cells until the remainder is below a thousandth of the plant's speed. Raises:
-        `Unbounded`."""
+        """The ranges cut into cells until the remainder is small against the plant's speed. Raises: `Unbounded`."""
         weight = partial(Coefficients.weight, h=self.plant.h, little=self._negligible)
         return subdivided(self.plant.read, self._on_cell, weight)
 
@@ -382,8 +380,7 @@ class CoreDeviation:
             return replace(self, smooth=False)._by_derivatives(realisation, local)
 
     def _by_derivatives(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
-        """Return the deviation by derivatives of F and b, or by Lipschitz constants where not `smooth`. Raises:
-        `Unbounded`."""
+        """Return the deviation by derivatives, or by Lipschitz constants where not `smooth`. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, local.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
@@ -454,8 +451,7 @@ class CoreDeviation:
         return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
-        """Demand L s + B C = s A, that the plant obeys the observer's equations in exact numbers. Raises:
-        `Unbounded`."""
+        """Demand L s + B C = s A, that the plant obeys the observer's equations. Raises: `Unbounded`."""
         form, each = self.plant.form, range(self.plant.form.n)
         for output in heads(form):
             self.plant.demand_no_input(form.output[output])

@@ -87,8 +87,7 @@ class PlantStep:
 
     @property
     def margins(self) -> tuple[Fraction, ...]:
-        """The distances h sup|F_i| (n) by which the plant must keep clear of the ends of its ranges. Raises:
-        `Unbounded`."""
+        """The distances h sup|F_i| (n) that the plant must keep from the ends of its ranges. Raises: `Unbounded`."""
         return tuple(self.h * speed for speed in self.speeds)
 
     def output_rate(self, output: int) -> Fraction:
@@ -165,8 +164,7 @@ class PlantStep:
         return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
 
     def steep(self, rows: Iterable[sp.Expr]) -> Rows:
-        """Return Lipschitz constants (k, n + m) of k expressions `rows` in the n states and m inputs. Raises:
-        `Unbounded`."""
+        """Return Lipschitz constants (k, n + m) of k expressions in the n states and m inputs. Raises: `Unbounded`."""
         names = (*self.form.states, *self.form.system.inputs)
         return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
 
@@ -252,7 +250,7 @@ class PlantStep:
         return tuple(input_rates)
 
     def largest(self, expression: sp.Expr) -> Fraction:
-        """Return sup|expression| on the declared ranges of states, inputs, parameters and rates of inputs. Raises:
+        """Return sup|expression| on the ranges of states, inputs, parameters and rates of inputs. Raises:
         `Unbounded`."""
         rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.input_rates, strict=True)}
         return _largest(expression, {**box(signals(self.form)), **rates})

@@ -113,8 +113,7 @@ class Weights:
 
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-    """Return rational weights near `P`, `S` (floats) with which all exact `forms` are proved negative; None for no
-    such."""
+    """Return rational weights near `P`, `S` (floats) with which all exact `forms` are proved negative, or None."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(forms, *exactly):

@@ -127,8 +127,7 @@ def _search_shares(bound: Callable[[Fraction], float]) -> None:
 
 
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    """Return a proved bound of |c e| at this `alpha`, or None; the other arguments as of `input_bound`. Raises:
-    `NoSolver`."""
+    """Return a proved bound of |c e| at this `alpha`, or None; arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
