@@ -196,14 +196,14 @@ class Context:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """The first state of each chain, "" for a chain without states."""
+        """The name of the first state z_1 of each chain of integrators (p), "" for a chain without states."""
         blocks = self.form.blocks
         return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
 
     @cached_property
     def observed(self) -> tuple[str, ...]:
-        """The state that each output measures: the first of its own chain, or of another chain if the slopes of both
-        outputs are numbers; "" if neither is proved."""
+        """The name of the state that each output (p) measures: the first of its own chain, or of another chain if the
+        slopes of both outputs are numbers; "" if neither is proved."""
         return tuple(of_chain or self._shared(j) for j, of_chain in enumerate(self.heads))
 
     def _shared(self, output: int) -> str:
@@ -214,7 +214,7 @@ class Context:
         return ""
 
     def demand_observed(self, output: int) -> None:
-        """Demand that an output measures the first state of a chain. Raises: `Unproved`."""
+        """Demand that the output of an index measures the first state of a chain. Raises: `Unproved`."""
         if not self.observed[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
@@ -651,5 +651,5 @@ def observer_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *a
 
 
 def chains_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
-    """Return the rule of claims about observers on a form in chains, whose structure it assumes; see `Rule`."""
+    """Return the rule of claims about observers on chains of integrators, whose structure it assumes; see `Rule`."""
     return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)

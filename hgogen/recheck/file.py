@@ -57,8 +57,8 @@ class Equations:
 
 @dataclass(frozen=True)
 class FormFile:
-    """A form: z = to_form(x), x = from_form(z), z' = A z + b, y = output; `blocks` are the sizes of its chains in
-    order, `alignment` says how they may read each other."""
+    """A form of a plant: z = to_form(x), x = from_form(z), z' = A z + b, y = output; `blocks` are the sizes of its
+    chains of integrators in order, `alignment` says which states of other chains b may read."""
 
     kind: str
     states: tuple[str, ...]

@@ -245,8 +245,7 @@ def _pi() -> Interval:
 
 
 def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
-    """Return the function of intervals that applies `choose`, the smaller or larger, to all lower ends and to all upper
-    ends."""
+    """Return a function of intervals: `choose`, smaller or larger, of all lower ends and of all upper ends."""
     return lambda *args: Interval(
         (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
     )
@@ -294,7 +293,7 @@ def _exactly(end: Any) -> Fraction | float:
 
 
 def _power(x: Interval, exponent: int) -> Interval:
-    """Return x^k from the ends; an even power of an interval around zero begins at 0."""
+    """Return x^k of an interval x from its ends; an even power of an interval around zero begins at 0."""
     if exponent < 0:
         return point(Fraction(1)) / _power(x, -exponent)
     if exponent == 0:
@@ -312,7 +311,7 @@ def _whole(end: Any, exponent: int, direction: str) -> Any:
 
 
 def _root(x: Interval, exponent: Fraction) -> Interval:
-    """Return x^(p/q) for x >= 0, x > 0 for a negative exponent."""
+    """Return x^(p/q) of an interval x >= 0, or x > 0 for a negative exponent p/q."""
     if not x.at_least(Fraction(0)):
         raise Undefined("a root of what may be negative")
     if exponent < 0:
@@ -366,7 +365,7 @@ class Taylor:
 
 
 def _sum_of(terms: Iterable[Interval]) -> Interval:
-    """Return the sum, without the terms that are exactly 0."""
+    """Return the sum of intervals, without the terms that are exactly 0."""
     there = [term for term in terms if term is not _ABSENT]
     return reduce(add, there) if there else _ABSENT
 
@@ -458,13 +457,13 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
-    """Return a function of x by the series of its derivative."""
+    """Return the series of a function f(x), `name`, of a series x, by that of its derivative, `slope`."""
     a, rate = x.coefficients, slope.coefficients
     return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, len(a)))))
 
 
 def _rotation_series(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:
-    """Return sin and cos, with `way` -1, or sinh and cosh, with 1: `way` is the sign of the second one's derivative."""
+    """Return the series of sin and cos of a (`way` -1), or sinh and cosh (1); `way` is the sign in cos' = -sin."""
     s, c = ([intervals.function(name, (a[0],))] for name in names)
     for k in range(1, len(a)):
         rise, other = _integral_term(a, c, k), _integral_term(a, s, k)
@@ -511,7 +510,8 @@ def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval
 
 
 def _way(x: Interval) -> int:
-    """Return the sign of x, which must not change: a kink has no series."""
+    """Return the sign 1 or -1 of an interval that does not contain 0: at a kink there is no series. Raises:
+    `Undefined`."""
     if not x.sign:
         raise Undefined("no series at a kink")
     return x.sign

@@ -157,8 +157,7 @@ def _after(
 
 
 def _degree(row: Expression, constant: Container[str]) -> int:
-    """Return 0 for a constant expression, 1 for a linear one in the names that are not in `constant`, else 2 or
-    more."""
+    """Return 0 for a constant row, 1 for a linear one in the names that are not in `constant`, else more."""
     degrees = list[int]()
     for op, args, value in row.instructions:
         column_ = [degrees[arg] for arg in args]
@@ -277,9 +276,9 @@ _STAND_IN = 4  # times a first derivative over h: the substitute for the second
 @dataclass(frozen=True)
 class CoreStep:
     """A step of length `h` of an observer whose linear part X' = L X is realised by `weights`, phi_1 and phi_2; `parts`
-    are its error dynamics, X = s z the plant's state in its fields with s = `lifted` (N, n), and `injected` is B C (N,
-    n). Bounds on the plant: `flow` (n), of a time derivative of z'; `nonlinear` (.., n), of the time derivatives of b,
-    from the first on."""
+    are its error dynamics, X = s z the plant's state z in the states of the observer's program (fields), s = `lifted`
+    (N, n), and `injected` is B C (N, n). Bounds on the plant: `flow` (n), of a time derivative of z'; `nonlinear` (..,
+    n), of the time derivatives of b, from the first on."""
 
     parts: Parts
     h: Fraction

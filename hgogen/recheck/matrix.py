@@ -171,7 +171,8 @@ def companion(K: Sequence[Fraction]) -> Matrix:
 
 
 def demand_positive(matrices: Mapping[str, Matrix], strictly: bool = True) -> None:
-    """Demand that symmetric matrices, by their names, are positive definite. Raises: `Unproved`."""
+    """Demand that symmetric matrices, by their names, are positive definite; semidefinite if not `strictly`. Raises:
+    `Unproved`."""
     for name, M in matrices.items():
         if M.T != M:
             raise Unproved(f"its {name} is not symmetric")
@@ -255,9 +256,9 @@ _SLOW = Fraction(1, 2)  # largest norm of w L in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Return the integral of s (h - s)/2 |exp(s L) V| over s from 0 to h, entry by entry, or a bound above it, for L
-    (N, N), V (N, k). L is balanced first by powers of 2, which makes row and column sums similar and reduces the norm.
-    Raises: `Unproved` for an L that is too fast."""
+    """Return an upper bound (N, k), entry by entry, of the integral of s (h - s)/2 |exp(s L) V| over s from 0 to h, for
+    L (N, N), V (N, k). L is balanced first by powers of 2, which makes row and column sums similar and reduces the
+    norm. Raises: `Unproved` for an L that is too fast."""
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
         row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)

@@ -90,7 +90,7 @@ class Computed:
 
     @property
     def around(self) -> Interval:
-        """The interval of the exact and the computed value."""
+        """The interval of the exact and the computed value: `value` widened by `error`."""
         return self.value + _both(self.error)
 
     def widened(self, size: Interval) -> "Computed":
@@ -221,7 +221,8 @@ def is_statement(operand: str) -> bool:
 
 
 class Walk:
-    """A lazy evaluation of a program in an arithmetic, from the values of its names."""
+    """A lazy evaluation of a program's statements in an arithmetic, from the values of its names: samples, inputs,
+    fields."""
 
     def __init__(
         self,
@@ -344,8 +345,8 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Equation:
-    """The equation x' = f(x, y, u) of an observer's fields x (N) at a gain theta, with the plant's `parameters` as in
-    the program; `error`: the `ErrorInclusion` of the observer."""
+    """The equation x' = f(x, y, u) of the states x (N) of an observer's program (fields) at a gain theta, with the
+    plant's `parameters` as in the program; `error`: the `ErrorInclusion` of the observer."""
 
     context: Context
     error: ErrorInclusion
@@ -572,7 +573,7 @@ class Rounded:
 
     @property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The ranges (n) of the states, those of the measured states in pieces."""
+        """The ranges (n) of the form's states, for each combination of pieces of the measured states' ranges."""
         context = self.step.equation.context
         heads, sides = {z for z in context.observed if z}, list[list[Side]]()
         count = round(_PIECES ** (1 / max(1, len(heads))))

@@ -87,7 +87,7 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """Return the weights of the value at t in a linear table, constant beyond its first and last breakpoint."""
+    """Return pairs (k, weight): the value of a linear table at t, constant beyond its ends, is sum of weight y_k."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -96,7 +96,7 @@ def _between_places(places: Sequence[Fraction], t: End) -> Weights:
 
 
 def _rise(places: Sequence[Fraction], k: int) -> Weights:
-    """Return the weights of the slope of piece k; the first and the last piece are constant."""
+    """Return pairs (k, weight): the slope of piece k is the sum of weight y_k; first and last piece are constant."""
     if not 0 < k < len(places):
         return ()
     width = places[k] - places[k - 1]
@@ -112,7 +112,7 @@ def _sums(weights: Sequence[Sequence[Weights]], values: Any) -> Iterator[Fractio
 
 
 def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
-    """Return a weighted sum of numbers or of rows."""
+    """Return the sum of weight values_k over pairs (k, weight), of numbers or of rows."""
     if not isinstance(values[0], tuple):
         return sum((weight * values[k] for k, weight in weights), _ZERO)
     rows = [tuple(weight * number for number in values[k]) for k, weight in weights]
@@ -121,7 +121,7 @@ def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Curve:
-    """A table of monotone cubics: the points, and the pieces of each derivative, also before and beyond the points."""
+    """A table of monotone cubics through `points`, with the polynomials of each derivative, also beyond the points."""
 
     points: tuple[tuple[Fraction, Fraction], ...]
     degree = 3
@@ -209,7 +209,7 @@ def _between(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
-    """Return the slope at the end of the last chord D, of width h, after C of width g."""
+    """Return the slope of a monotone cubic at the end of its last chord D, of width h, after C of width g."""
     slope = D + h * (D - C) / (g + h)
     if slope * D <= 0:
         return _ZERO

@@ -278,7 +278,7 @@ _POINTS = 5
 
 
 def faults(context: Context) -> Iterator[str]:
-    """Yield sentences on the equations that the form violates."""
+    """Yield sentences on the equations of the plant that the form violates."""
     form = context.form
     if form.kind in _PLANT_COORDINATES and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
         yield "its states are not those of the plant, as its kind says"
@@ -320,7 +320,8 @@ def _unshown(context: Context) -> str:
 
 
 def _differences(context: Context) -> Iterator[str]:
-    """Yield a sentence on the first of some points of the plant's box where the sides of an equation differ."""
+    """Yield one sentence, for the first of some points of the plant's box where form and plant differ in an
+    equation."""
     try:
         box, speeds = _moving(context)
     except Unproved:

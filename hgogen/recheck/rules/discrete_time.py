@@ -77,7 +77,7 @@ class _Running:
 
     @property
     def estimating(self) -> set[int]:
-        """The indices of the fields that estimate a state."""
+        """The indices of the fields (states of the program) that estimate a state of the form."""
         return {k for k, fed in enumerate(self.error.fed) if fed}
 
 
@@ -90,7 +90,7 @@ def _running(context: Context, claim: Claim) -> _Running:
 
 
 def step(context: Context, claim: Claim) -> Finding:
-    """Prove |e+|_P^2 <= (1 - alpha dt) |e|_P^2 at the observer's theta."""
+    """Prove |e+|_P^2 <= (1 - alpha dt) |e|_P^2 in a step of length dt, at the observer's theta."""
     run, alpha = _running(context, claim), scalar(claim.evidence, "alpha")
     if not 0 <= alpha * run.h < 1:
         raise Unproved("alpha dt is below 0 or not below 1")

@@ -53,7 +53,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Balls:
-    """A matrix of balls: the middle and the radius of each entry, over 2^192."""
+    """A matrix of balls: middle `mid` and radius `off` of each entry, as integers over 2^192."""
 
     mid: list[list[int]]
     off: list[list[int]]
@@ -84,7 +84,7 @@ class Balls:
 
     @property
     def fractions(self) -> tuple[Matrix, Fraction]:
-        """The symmetric middle, and the largest sum of radii in a row."""
+        """The symmetric part of the middles, and the largest sum of radii in a row, as fractions."""
         n = range(len(self.mid))
         even = Matrix([[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n])
         return even, max(Fraction(sum(self.off[i][j] + self.off[j][i] for j in n), 2 * _ONE) for i in n)
@@ -105,7 +105,7 @@ def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int])
 
 
 def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
-    """Return the balls of a matrix of intervals. Raises: `Unproved` for one that is not finite."""
+    """Return a matrix of intervals as `Balls`. Raises: `Unproved` if an interval is not finite."""
     ends = [[_whole(x) for x in row] for row in rows]
     mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
     return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
@@ -196,8 +196,8 @@ TIME = {"t": (-math.inf, math.inf)}
 
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
-    """Return the claim's inputs, expressions of the time, and the names that A and C read, which are these inputs and
-    parameters. Raises: `Unproved`."""
+    """Return the claim's inputs u(t) as expressions of the time t, by name, and the names that A and C read, which are
+    these inputs and parameters. Raises: `Unproved`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
