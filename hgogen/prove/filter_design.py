@@ -133,8 +133,8 @@ class _Search:
 
     @property
     def first(self) -> Filter:
-        """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or a faster one with the same
-        gain at rest, of least bound. With m < n its last state is injected into all later ones; states beyond n are not
+        """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or a faster one of the same
+        static gain, of least bound. With m < n its last state is injected into all later ones; states beyond n are not
         injected."""
         n, m = self.chain.n, self.m
         at = [(i, min(i, m - 1)) for i in range(n)]

@@ -81,7 +81,7 @@ def steady_gain(
     at: Mapping[str, float],
     u: Mapping[str, float] | None = None,
 ) -> tuple[float, ...] | Rows:
-    """Return the constant gain K of the observer `riccati` at rest in a point: (n), for several chains rows (n, q).
+    """Return the constant gain K of the observer `riccati` settled at a point: (n), for several chains rows (n, q).
     `high_gain(form, theta=theta, gains=K)` has at this theta the gains P C'R^-1 of the Riccati equation's solution.
 
     Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit
