@@ -85,8 +85,8 @@ class Advice:
 def advice(
     model: Model, observability: Observability, survey: Survey, claims: Checked, *, deep: bool = False
 ) -> Advice:
-    """Return the admitted observers and further advice for a model. Unless `deep`, skip what may take seconds: tunings
-    on a slow form, and observers whose proof needs a solver.
+    """Return the observers that a model's plant admits, and further advice. Unless `deep`, skip what may take seconds:
+    tunings on a slow form, and observers whose proof needs a solver.
 
     `claims`: those about the model's own observer, whose step is not built again.
     """
@@ -130,7 +130,7 @@ def _rule(kind: str) -> Rule:
 
 @dataclass(frozen=True)
 class _Tuned:
-    """The model's tunings, and why some of them are not admitted."""
+    """The model's tuned observers, admitted or not; `slow`, `refused`: why some tunings are not admitted."""
 
     model: Model
     claims: Checked
@@ -155,7 +155,7 @@ class _Tuned:
                 yield kind, _admitted(kind, name, step, self._line(name))
 
     def _line(self, name: str = "") -> str:
-        """Return the code or command that makes the step of a tuning, by default of the one that was checked."""
+        """Return the code or command that makes the step of the tuning `name`, by default of the model's own step."""
         name = name or self.claims.tuning
         if self.model.plain:
             return shlex.join(["hgogen", "generate", self.model.path, *(["--observer", name] if name else [])])
@@ -189,7 +189,7 @@ class _Tuned:
         return asking(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
 
     def omissions(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
-        """Yield why tuned observers without a row were skipped or refused."""
+        """Yield a sentence on each tuned observer without a row in the advice: why it was skipped or refused."""
         slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
         if slow:
             yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
@@ -204,7 +204,8 @@ class _Tuned:
 
 
 def _line(one: First, model: Model) -> str:
-    """Return the line that makes the step with starting gains, in the language of the model's file."""
+    """Return the line of code that makes the step with the starting gains `one`, in the language of the model's
+    file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
@@ -222,7 +223,7 @@ def _line(one: First, model: Model) -> str:
 
 
 def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
-    """Yield advice about unobservable states, and about a plant that is in no form."""
+    """Yield sentences of advice about unobservable states, and about a plant that is in none of the surveyed forms."""
     known = observability.known
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
@@ -260,7 +261,7 @@ def _advice_without_form(model: Model, survey: Survey) -> str:
 
 
 def _measurements(plant: System) -> Iterator[str]:
-    """Yield the states whose measurement, in place of the output or added to it, puts the plant in a form."""
+    """Yield the names of states whose measurement, in place of the output or added to it, puts the plant in a form."""
     known = {e for e in plant.output if e in plant.states}
     for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:

@@ -97,8 +97,8 @@ def demand_packing(ecosystems: str | None, name: str | None, target: str, c: str
 
 
 def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
-    """Return the files as they are written into a folder: unchanged, or laid out for ecosystems with the measured costs
-    that the folder already holds.
+    """Return the files of a step as they are written into the folder `where`: unchanged, or arranged for ecosystems of
+    firmware projects with the measured costs that the folder already holds.
 
     Raises: `UnknownEcosystem`, `ReservedName`; `CannotWrite` for a folder with files that hgogen did not write.
     """
@@ -110,7 +110,8 @@ def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where:
 
 
 def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
-    """Return the figures by their paths in the folder."""
+    """Return the image files by their paths in the folder of results, which depend on whether it is arranged for
+    ecosystems."""
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
@@ -125,8 +126,8 @@ def _costs(where: Folder) -> Mapping[str, Any] | None:
 
 
 def _demand_replaceable(where: Folder, library: Files) -> None:
-    """Raise `CannotWrite` if a file would replace one that hgogen did not write, or if src/ holds a foreign source,
-    which every build would compile."""
+    """Raise `CannotWrite` if one of the files `library` would replace a file that hgogen did not write, or if src/
+    holds a foreign source, which every build would compile."""
     for path, text in zip(where.demand(*library), library.values(), strict=True):
         if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
             raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
@@ -256,8 +257,9 @@ def _run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, c
 
 
 def _emit(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
-    """Return the files of a target and the manual that their banner names. The precision is float unless it is set; the
-    banner holds the command that regenerates the files. Renamed signals are noted."""
+    """Return the emitted files of a step in the language `target` and the manual that their banner names. The precision
+    is float unless the setting has another; the banner holds the command that regenerates the files. Renamed signals
+    are noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += [f"--name {name}"] if name else []
@@ -356,7 +358,7 @@ def _generate_code(
     name: str | None,
     folder: Folder,
 ) -> tuple[Sources, Files]:
-    """Return the code of a step with its `known` error bound, and all files by their paths in the folder."""
+    """Return the code of a step with its proved error bound `known`, and all files by their paths in the folder."""
     stated = stating(step, model, known)
     coded = prefixed(stated, name) if name else stated
     files = _emit(coded, model, observer, target, name)
@@ -437,7 +439,7 @@ def generate_(
 
 
 def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine: Engine) -> dict[str, bytes]:
-    """Return the figures of a model's trials; note if it has no trial."""
+    """Return the figures of a model's trials, bytes by file name; note if the model has no trial."""
     if not model.has("trial"):
         note(f"{model.path} has no trial, so there are no figures of it")
         return {}

@@ -229,8 +229,8 @@ def _judged(
     aheads: Sequence[int],
     held_out: bool,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
-    """Return the validation errors of tuned and declared observers, and the notes on them. Without validation data all
-    rows are used."""
+    """Return the errors of tuned and declared observers on the validation rows of the logs, all rows if none are
+    `held_out`, and the notes on them; `measured`: the truth of states by log, `aheads`: prediction horizons."""
     plant = model.plant
     begins = [cut if held_out else 0 for cut in logs.cuts]
     validation_logs = list(map(ValidationLog, logs.whole, begins, measured))
@@ -245,21 +245,22 @@ def _judged(
 
 
 def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:
-    """Return the rows with `word` appended to each name that the model's own tunings already use."""
+    """Return the rows, with `word` appended to each name that one of the model's own tunings already has."""
     declared_tables = replace(model, tables={}).tuning.tables
     return tuple(replace(row, name=f"{row.name}_{word}" if row.name in declared_tables else row.name) for row in rows)
 
 
 def requested_forms(model: Model, deep: bool) -> tuple[Row, ...]:
-    """Return the form that is set. By default return the forms of the model's own tunings, then those that the plant is
-    in, the slow ones only if `deep`."""
+    """Return the candidate forms for tuning: the form that the user has set, else the forms of the model's own tunings,
+    then those that the plant is in, the slow ones only if `deep`."""
     if model.setting.form:
         return (of(model.setting.form, model.plant),)
     return (*_custom_forms(model), *everywhere(model.plant, deep=deep))
 
 
 def _custom_forms(model: Model) -> Iterator[Row]:
-    """Yield the forms that the model's tunings make by functions of their own, which the survey does not know."""
+    """Yield the forms that the model's tunings compute by functions of their own, which the survey of forms does not
+    know."""
     visited: list[Any] = []
     for name, table in model.tuning.tables.items():
         function = table.get("form") if isinstance(table, Mapping) else None
@@ -272,7 +273,8 @@ def _custom_forms(model: Model) -> Iterator[Row]:
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
-    """Return the steps of the model's own tunings at the log's sampling period; note each that cannot be built."""
+    """Return the steps of the model's own tunings, by name, at the sampling period `dt` of the logs; note each tuning
+    without a step."""
     steps, refused = {}, {}
     model_at_dt = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in model_at_dt.tuning.tables:

@@ -176,7 +176,8 @@ def check_(
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
-    """Raise `BadParameter`, or `CannotWrite` if one of the files cannot be written."""
+    """Raise `BadParameter` if the certificate and the JSON are one file, or `CannotWrite` if one of the files cannot be
+    written."""
     for option, file in (("--certificate", certificate), ("--json", json_file)):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
@@ -192,7 +193,7 @@ def _file(as_json: str | None) -> Path | None:
 
 
 def _print_json(value: Any, as_json: str) -> None:
-    """Write JSON to the file that --json names, else print it."""
+    """Write `value` as JSON to the file that the option --json names, else print it."""
     file = _file(as_json)
     if file is None:
         print_result(True, value)
@@ -205,8 +206,8 @@ def _print_json(value: Any, as_json: str) -> None:
 def _checked(
     loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, silent: bool, advised: bool
 ) -> CheckReport:
-    """Return the report on a model. Unless `quiet`, each part is printed as soon as it is computed, so that the user
-    sees the first parts if a later one takes long or fails."""
+    """Return the report on a model. Unless `silent`, each part is printed as soon as it is computed, so that the user
+    has the first parts if a later part takes long or fails. `bounds`: expressions whose ranges are wanted."""
 
     def say(*parts: Any) -> None:
         print_result(False, {}, *(() if silent else parts))
@@ -243,8 +244,8 @@ def _checked(
 
 
 def _print_claims(say: Callable[..., None], claims: Checked, observability: Observability) -> Singularity:
-    """Print the claims about the form and the observer, and the checks of the singular set between them. Return the
-    singular set, where the plant is not observable."""
+    """Print the claims about the form and the observer, and between them the checks of the singular set, where the
+    plant is not observable. Return the singular set."""
     if claims.informative:
         say(checks_table(claims.head, claims.checks, claims.accepted))
     singular = hg.singularity(observability.system)
@@ -255,8 +256,8 @@ def _print_claims(say: Callable[..., None], claims: Checked, observability: Obse
 
 
 def _least(model: Model) -> Sight | None:
-    """Return the least observable direction along the model's first trial, else on its declared ranges. None, with a
-    note of the reason, if it cannot be computed."""
+    """Return the least observable direction of a model's state along its first trial, else on its declared ranges.
+    None, with a note of the reason, if it cannot be computed."""
     trials: list[Trial | None] = [None]
     try:
         trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
@@ -271,7 +272,8 @@ def _least(model: Model) -> Sight | None:
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:
-    """Answer all models of a file, and print a table of the number of answers of each kind and the errors."""
+    """Answer all models of the JSON file `path`, each within `limit` seconds, write the answers to `out`, and print a
+    table of the number of answers of each kind and the errors."""
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         answers = library.check(models, limit=limit, tick=bar.tick)
@@ -337,7 +339,7 @@ _WHERE = {  # keys: whether the gains are proposed, and whether the model is pla
 
 
 def headline(observability: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
-    """Return the answer in one line.
+    """Return the result of a check in one line: observability, forms of the plant, convergence of the observer.
 
     As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown".
     """
@@ -371,7 +373,8 @@ def _observed(observability: Observability, least: Sight | None) -> str:
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
-    """Yield the forms that are proved, else the nearest form; then the observer's form if it is another one."""
+    """Yield the names of the forms in which the plant is proved to be, else of the nearest form; then of the observer's
+    form if it is another one."""
     proved = [row.kind for row in survey.proved]
     recast = claims.form.system.origin is not survey.plant.origin
     known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
@@ -386,7 +389,7 @@ def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
 
 
 def _form(form: Form, accepted: Iterable[str]) -> str:
-    """Return a form's name with the checks that are not proved."""
+    """Return a form's name with the ids of the checks that are not proved; `accepted`: ids that the user accepted."""
     failed = [check for check in form.checks if check.verdict is Verdict.REFUTED]
     if failed:
         known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
@@ -402,8 +405,8 @@ def _names(checks: Iterable[Check]) -> str:
 
 
 def undefined_list(checks: Iterable[Check]) -> RenderableType:
-    """Return a line for each row of the plant that has no finite value, or may have none, somewhere in the declared
-    ranges."""
+    """Return a line for each equation of the plant that has no finite value, or may have none, somewhere in the
+    declared ranges."""
     lines = []
     for check in checks:
         pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"
@@ -436,7 +439,8 @@ def observability_table(observability: Observability, least: Sight | None = None
 
 
 def _answered(answer: Answer, what: str) -> str:
-    """Return which states are observable, with advice on measurements only if some are proved unobservable."""
+    """Return the sentence on which of the states or parameters (`what`) are observable, with advice on measurements
+    only if some are proved unobservable."""
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:

@@ -152,9 +152,9 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
 
 
 def checked(model: Model, survey: Survey | None = None, name: str | None = None) -> Checked:
-    """Return the claims about a model's tuning `name`, by default about its step. For a model without an observer they
-    are about the best form of the survey, by default of the forms that are fast to check. The model's dissipation
-    inequality (38) is added if it declares one.
+    """Return the claims about the observer of a model's tuning `name`, by default of the model's own step. For a model
+    without an observer they are about the best form of the survey, by default of the forms that are fast to check. The
+    model's dissipation inequality (38) is added if it declares one.
 
     Raises: `MissingPart`, `ModelFails`.
     """
@@ -205,8 +205,8 @@ def _add_step_proofs(claims: Checked, step: CallableStep, model: Model) -> Check
 
 
 def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
-    """Return the checks of the L2 gain and of the bound in continuous time under the declared noise and disturbances,
-    if the model requests them. Raises: `NoSolver`."""
+    """Return the checks of the L2 gain from disturbances to the error and of the error bound in continuous time, under
+    the declared noise and disturbances, if the model requests them. Raises: `NoSolver`."""
     if model.bounds is None or not model.bounds.gains:
         return ()
     sizes = {
@@ -232,8 +232,8 @@ _ZEROS, _DIGITS = 20, 15  # trailing zeros from which on, and digits up to which
 
 
 def checks_table(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
-    """Return the form's equations, the lines of `head`; the claims with their verdicts; the fixes of the refuted
-    ones."""
+    """Return a table of claims with their verdicts, below the lines `head` (equations, gains), followed by the fixes of
+    refuted claims; `accepted`: ids of claims that the user accepted."""
     listed = tuple(listed)
     title, *lines = head
     table = headed("", "verdict", "check", "claim and reason")
@@ -275,7 +275,8 @@ def _text(sentence: Sentence) -> Text:
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
-    """Yield the checks by name. Checks with equal verdict and reason about a_1, a_2, .. become one row."""
+    """Yield pairs (row title, check) for a table. Checks of equal verdict and reason about a_1, a_2, .. become one row;
+    `accepted`: ids of checks that the user accepted."""
 
     def kind(check: Check) -> tuple[Any, ...]:
         alone = check.id in accepted or check.subject is None
@@ -292,13 +293,14 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
 
 
 def few(names: Iterable[Any], most: int = 8) -> str:
-    """Return names separated by commas; the middle of a long list is elided."""
+    """Return a text of names separated by commas; of more than `most` names the middle ones are elided."""
     names = [str(name) for name in names]
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
 
 
 def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
-    """Return the table of the theorem's conclusion and the verdict on each hypothesis; empty without a theorem."""
+    """Return the table of the theorem's conclusion and the verdict on each of its hypotheses; empty without a
+    theorem."""
     if theorem is None:
         return Group()
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
@@ -326,7 +328,8 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
 
 
 def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
-    """Return `bound_of`, None without a solver. `say` is called with the reason if a bound is missing."""
+    """Return the bound of each state's error under the declared noise and disturbances, None without a solver or a
+    proof. `say` is called with the reason if a requested bound is missing."""
     try:
         known = bound_of(step, model)
     except NoSolver as missing:

@@ -153,7 +153,7 @@ def command(
 
 @contextmanager
 def _ending() -> Iterator[None]:
-    """Run the body of a command; an error becomes one sentence and an exit status."""
+    """Run the body of the context, a command; an error becomes one sentence and an exit status."""
     try:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
@@ -280,7 +280,8 @@ NO_COLUMNS = Columns()
 
 
 class _Set(TypedDict):
-    """The settings of every step that a command makes: the options of a `Setting`."""
+    """The settings of every step that a command makes: form, method, period, precision, guards, preference, parameters
+    and tuning, as given by options."""
 
     form: Annotated[str | None, typer.Option(metavar="NAME", help="The form, in the place of the model's.")]
     method: Annotated[str | None, typer.Option(metavar="NAME", help="The method, in the place of the model's.")]
@@ -311,7 +312,7 @@ GROUPS = ((Setting, _Set, False), (Runs, Runs, False), (Columns, Columns, True))
 
 
 def engine_here(reader: Reader | None = None) -> "Engine":
-    """Return the given reader, else C if there is a compiler, else Python with a note."""
+    """Return the given engine, else C if there is a compiler, else Python with a note."""
     if reader:
         return reader
     engine = native.engine()
@@ -341,7 +342,8 @@ def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
 
 
 def once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
-    """Return the values by name. Raises: `typer.BadParameter` for a name that is given twice."""
+    """Return pairs of name and value as a mapping; `option`: the option in the message. Raises: `typer.BadParameter`
+    for a name that is given twice."""
     values: dict[str, Value] = {}
     for name, value in pairs:
         if name in values:
@@ -417,7 +419,8 @@ def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iter
 
 
 def _type_and_meaning(result: Any, path: str) -> tuple[Any, str]:
-    """Return the type at the end of a path of attributes, and the description of that field or property."""
+    """Return the type at the end of a path of attributes such as `result.noise` of a report class, and the description
+    of the last field or property."""
     annotation, text, none = result, "", False
     for name in path.split("."):
         none = none or type(None) in _alternatives(annotation)
@@ -444,14 +447,15 @@ def _alternatives(annotation: Any) -> tuple[Any, ...]:
 
 
 def _result_in(annotation: Any) -> type | None:
-    """Return the report class in a type: the type itself, an element of a list or mapping, or an alternative."""
+    """Return the report class in a type annotation: the type itself, an element of a list or mapping, or an
+    alternative; None without one."""
     if is_dataclass(annotation):
         return annotation if isinstance(annotation, type) and getattr(annotation, "json_keys", "") is not None else None
     return next(filter(None, map(_result_in, get_args(annotation))), None)
 
 
 def _words(annotation: Any) -> str:
-    """Return a type in words."""
+    """Return a type annotation in words, such as "list of numbers"."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(map(_words, args)))

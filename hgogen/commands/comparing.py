@@ -164,8 +164,8 @@ def compare_(
 def _alike(
     model: Model, names: list[str], trials: Sequence[Trial]
 ) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
-    """Return the steps of the tunings for each trial, all at the shortest of their sampling periods; that period; and
-    why other tunings are refused. Raises: `HgogenError` if all are refused."""
+    """Return the steps of the tunings `names` by trial and tuning, all at the shortest of their sampling periods; the
+    period; and by name why other tunings are refused. Raises: `HgogenError` if all are refused."""
     steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
     first = steps[trials[0].name]
@@ -187,7 +187,8 @@ def _tried(
     engine: Engine,
     seeds: int | None,
 ) -> tuple[ComparedTrial, ...]:
-    """Return the results of the steps on each trial, and note the doubts."""
+    """Return the results of the `steps` (by trial and tuning) on each trial over `seeds` seeds, and note doubts about
+    them."""
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in trials}
     known = _known(model, steps, trials)
     tried = []
@@ -205,8 +206,8 @@ def _tried(
 def _started(
     model: Model, names: list[str], trials: Sequence[Trial], dt: float | None = None
 ) -> tuple[dict[str, dict[str, CallableStep]], dict[str, HgogenError]]:
-    """Return the steps of the tunings for each trial, started at the trial's first estimate; and why other tunings are
-    refused."""
+    """Return the steps of the tunings `names` by trial and tuning, with the trial's first estimate, at the period `dt`
+    (None: their own); and by name why other tunings are refused."""
     steps: dict[str, dict[str, CallableStep]] = {one.name: {} for one in trials}
     refused: dict[str, HgogenError] = {}
     for name in names:
@@ -223,8 +224,8 @@ def _started(
 def _known(
     model: Model, steps: Mapping[str, Mapping[str, CallableStep]], trials: Sequence[Trial]
 ) -> dict[str, dict[str, ErrorBound | None]]:
-    """Return the proved error bound of each step on each trial; None if the model requests none. Trials with the same
-    start share one proof."""
+    """Return the proved error bound of each step, by trial and tuning; None if the model requests none. Trials with
+    equal first estimates share one proof."""
     known: dict[str, dict[str, ErrorBound | None]] = {one.name: {} for one in trials}
     for name, step in steps[trials[0].name].items():
         begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
@@ -252,7 +253,8 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
 
 
 def _names(model: Model, requested: str | None) -> list[str]:
-    """Return the requested tunings, each once. Raises: `MissingPart`."""
+    """Return the names of the tunings in the text `requested`, each once; by default of all tunings. Raises:
+    `MissingPart`."""
     if requested is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, f"it has no tuning, whose observers are compared; add {fix}")
@@ -266,8 +268,8 @@ def _names(model: Model, requested: str | None) -> list[str]:
 
 
 def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
-    """Return the figure of the errors of several observers on the first seed of a trial; `unit`: that of the plant's
-    time."""
+    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: that of the
+    plant's time."""
     from hgogen.run import figures as figure
 
     first = each[0].first
@@ -278,7 +280,8 @@ def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
 def comparison_tables(
     title: str, each: Sequence[Measured], unit: str, estimate: Mapping[str, float], start: Mapping[str, float]
 ) -> RenderableType:
-    """Return the tables of observers, one a row, from their first `estimate` of the plant's state `start`, by name."""
+    """Return the tables of the results of several observers, a row for each; they began with the `estimate` of the
+    plant's state, by name, which was truly `start`."""
     states = list(each[0].rms)
     columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
     whole = headed(title, "observer", *columns, numbers=len(columns))
@@ -302,8 +305,8 @@ def comparison_tables(
 
 
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
-    """Return the table of proved error bounds, with the largest error of all seeds; empty if the model requests
-    none."""
+    """Return the table of proved error bounds of the `states`, with the largest error of all seeds; empty if the model
+    requests no bounds."""
     if not any(one.proved or one.unproved for one in each):
         return []
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
@@ -318,7 +321,8 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
-    """Yield the meanings of the columns, and the methods if there are several."""
+    """Yield the meanings of the columns of a comparison, and the observers' methods if there are several; `unit`: of
+    time."""
     yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}

@@ -91,7 +91,7 @@ def logs_of(
 
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return for each state with a measured truth the name of its column among the signals, and the file's column or
-    expression. Raises: `typer.BadParameter`."""
+    expression; `pairs`: texts STATE=COLUMN. Raises: `typer.BadParameter`."""
     names = [x.name for x in plant.declared.states]
     columns = []
     for text in pairs:
@@ -104,7 +104,8 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Return the option that gives the column of each truth, by its name among the signals."""
+    """Return the text of the option that gives the column of each truth, by the column's name among the signals;
+    `true`: the result of `truth_of`."""
     return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
 
 
@@ -114,14 +115,15 @@ def truth_name(state: str) -> str:
 
 
 def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
-    """Yield a sentence on the prediction horizons at which no sample can be `compared`."""
+    """Yield a sentence on the prediction horizons in `ahead` for which the logs have no sample to compare; `compared`:
+    the horizons that have one."""
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
         yield f"no sample is there to compare with predictions {far} samples ahead"
 
 
 def log_summary(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
-    """Return the summary of a log; `begins`: the initial estimates that it gives."""
+    """Return the printed summary of a log; `begins`: the initial estimates that the log gives, by state."""
     lines = list(read.sentences())
     if begins:
         at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())

@@ -225,8 +225,8 @@ class _Stopped:
 
     @contextmanager
     def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:
-        """Yield a function that displays the progress given to it and writes it at most every `EVERY` seconds. The last
-        progress is written at a Ctrl-C."""
+        """Yield a function that displays the progress of a fit given to it and writes it at most every `EVERY` seconds.
+        The last progress is written at a Ctrl-C."""
         last: Progress | None = None
         written = -math.inf
 
@@ -285,8 +285,8 @@ class _NewModel:
 
 
 def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[PredictionErrors], str]:
-    """Return the validation errors, or why there are none. An observer that refuses the plant does not make the fit
-    fail."""
+    """Return the errors of predictions on the validation rows of the logs, or none and the reason. An observer that
+    refuses the plant does not make the fit fail."""
     try:
         judged = list(_judged(model, observer, result, logs))
     except HgogenError as error:
@@ -297,8 +297,8 @@ def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> t
 
 
 def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[PredictionErrors]:
-    """Yield the prediction errors on the validation rows, from the estimates of an observer: of the fitted plant, and
-    of the original plant with the same gains."""
+    """Yield the errors of predictions on the validation rows of the logs, from the estimates of an observer: of the
+    fitted plant, and of the original plant with equal gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
@@ -314,7 +314,8 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
 
 
 def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Iterator[str]:
-    """Yield the outputs that are predicted worse than by copying or before the fit."""
+    """Yield a sentence for each output that the fitted plant predicts worse than its last value does, or than the plant
+    before the fit; `by`: the error that the fit minimised."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     several = len({one.record for one in judged}) > 1
     for record, output in dict.fromkeys((one.record, one.output) for one in judged):
@@ -329,8 +330,8 @@ def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Ite
 
 
 def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
-    """Return the step of the named observer, else the model's own, else a `riccati` with the fitted noise, at the
-    period of a log."""
+    """Return the step of the named observer, else the model's own, else that of a `riccati` with the fitted noise, at
+    the period `dt` of a log; `noise`: fitted densities by state and deviations by output, empty if not fitted."""
     has_tuning = model.has("step") or model.tuning.tables
     model = model.sampled(dt)
     if has_tuning or observer is not None:
@@ -343,14 +344,15 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
 
 
 def _without_offset(result: Fit) -> Iterator[str]:
-    """Yield how to remove an offset in later commands, whose observers do not model it."""
+    """Yield sentences on how to remove a fitted offset in later commands, whose observers do not model it."""
     for one in (each for each in result.offsets if math.isfinite(each.deviation)):
         correction = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {correction}, in its unit"
 
 
 def fit_tables(result: Fit, notes: Iterable[str]) -> RenderableType:
-    """Return the tables of the fitted parameters and of the residuals, and the notes; `notes` are those on the logs."""
+    """Return the tables of the fitted parameters and of the residuals, with the notes on the fit; `notes`: those on the
+    logs."""
     parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)

@@ -128,7 +128,8 @@ def read(path: Path) -> list[tuple[str, Any]]:
 def check(
     models: list[tuple[str, Any]], *, limit: float = LIMIT, tick: Callable[[], None] = lambda: None
 ) -> dict[str, dict[str, Any]]:
-    """Return the answers by name, in the models' order; `tick` is called after each.
+    """Return the answers by model name, in the models' order; `models`: pairs of name and model; `tick` is called after
+    each.
 
     Args: `limit`: seconds of the processor for each model; answers found until then are kept.
     """
@@ -162,7 +163,7 @@ def check(
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the answers to a model; run by a worker."""
+    """Yield the answers to a model, as pairs of field and value; called in a worker process."""
     try:
         one = entry(model)
     except HgogenError as error:
@@ -175,7 +176,8 @@ def _answered(model: Any) -> Iterator[tuple[str, Any]]:
 
 
 def answers(entry: Entry) -> Iterator[Answer]:
-    """Yield pairs of field and value, as they are found; a field may be repeated with a more complete value.
+    """Yield the answers to a model as pairs of field and value, as they are found; a field may be repeated with a more
+    complete value.
 
     A text of the model that cannot be read gives ("error", sentence). A question that fails in any way gives ("note",
     sentence), and the next one is asked.
@@ -191,7 +193,8 @@ def answers(entry: Entry) -> Iterator[Answer]:
 
 @dataclass(frozen=True)
 class _Forms:
-    """The chains of integrators of a model and the signs of their gains, computed once for all forms."""
+    """The forms of a model: its chains of integrators z_i' = a_i z_(i+1) + b_i and the signs of their gains a_i,
+    computed once for all questions."""
 
     entry: Entry
     signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
@@ -212,14 +215,15 @@ class _Forms:
 
     @cached_property
     def measured(self) -> Shape | None:
-        """The first shape, CONSTANT or MEASURED, that the only chain is proved to have; None without one."""
+        """The first shape of the gains a_i, CONSTANT or MEASURED, that the model's only chain of integrators is proved
+        to have; None without one."""
         shapes = (Shape.CONSTANT, Shape.MEASURED)
         return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
 
     @cached_property
     def regular_slopes(self) -> bool | None:
-        """True if every row's partial derivative in its next state, and every output's in its first, is nonzero on the
-        box. None if a row may jump in that state or be undefined, which the derivative does not reveal."""
+        """True if in every chain z_i' = f_i(z_1 .. z_(i+1)) each df_i/dz_(i+1), and every output's dh/dz_1, is nonzero
+        on the box. None if an f_i may jump in z_(i+1) or be undefined, which the derivative does not reveal."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
         if not regular:
@@ -237,7 +241,7 @@ class _Forms:
 
     @cached_property
     def remainders(self) -> tuple[sp.Expr, ...]:
-        """The terms b_1 .. b_n of the same equations."""
+        """The terms b_1 .. b_n of z_i' = a_i z_(i+1) + b_i."""
         links = self.chains.links[0]
         return (*(link.offset for link in links[1:]), self.rows.rate(links[-1].state))
 
@@ -272,20 +276,22 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
-    """Return whether each output is proved to be c(u) z_1 alone, with c nonzero."""
+    """Return whether each output is proved to be c(u) z_1 with c nonzero, z_1 the first state of its chain of
+    integrators."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.offset, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
 
 
 def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes are nonzero on the closed box; True without boxes, where only the structure is
-    checked."""
+    """Return whether all slopes (partial derivatives) are nonzero on the closed box, None if unknown; True without
+    boxes, where only the structure is checked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
 
 def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes are nonzero for every value of a symbol without a range; False only by a witness."""
+    """Return whether all slopes (partial derivatives) are nonzero for every value of a symbol without a range, None if
+    unknown; False only by a witness."""
     answers = []
     for slope in slopes:
         if slope not in forms.signs:
@@ -309,8 +315,8 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 
 def _endless(slope: sp.Expr, sign: Sign) -> bool:
-    """Return whether a sign is refuted only because the slope is not finite at a point, and it has one sign as far as
-    its range shows."""
+    """Return whether the sign of a slope is refuted only because the slope is not finite at the witness, while its
+    range has no values of both signs."""
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
@@ -329,7 +335,8 @@ def _ranges(forms: _Forms) -> Iterator[Answer]:
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
-    """Return the range of |a|; its lower end is positive if a is proved to be nonzero."""
+    """Return the ends of the range of |a| for a gain a, None if not finite; the lower end is positive if a is proved to
+    be nonzero."""
     enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
     if not enclosure.finite:
         return None
@@ -363,8 +370,8 @@ def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
-    """Yield the ranges of the queries one after the other. A range is null if none is proved finite. A note names a
-    query that is undefined somewhere, an error one that cannot be parsed."""
+    """Yield the range of the values of each queried expression on the box. A range is null if none is proved finite. A
+    note names an expression that is undefined somewhere, an error one that cannot be parsed."""
     e, faults = forms.entry, []
     ranges: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
@@ -425,7 +432,7 @@ Work = Callable[[Any], Iterable[Any]]
 
 
 class End(Enum):
-    """The end of a task."""
+    """The way in which a worker's task ends."""
 
     DONE = "done"
     LATE = "past its time"
@@ -434,7 +441,7 @@ class End(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """A result of the task of number `task`, or its end (then `result` is None)."""
+    """A result of the task of number `task`, or the way in which the task ended (then `result` is None)."""
 
     task: int
     result: Any
@@ -443,7 +450,8 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """A worker process, its pipe, the number of its task (None: not ready) and its deadline."""
+    """A worker process, its pipe, the number of its task (None: not ready), and the time at which the task is
+    stopped."""
 
     process: BaseProcess
     pipe: Connection
@@ -492,7 +500,8 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
-    """Serve tasks in the worker process. It ignores Ctrl-C, since its parent ends it."""
+    """Carry out tasks in a worker process, `limit` seconds of the processor for each. The process ignores Ctrl-C, since
+    its parent ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(ImportError):  # a system without limits
         import resource
@@ -512,7 +521,8 @@ def _serve(pipe: Connection, work: Work, limit: float) -> None:
 def _receive(
     worker: _Worker, unassigned: Iterator[int], tasks: Sequence[Any], limit: float
 ) -> tuple[list[Event], _Worker | None]:
-    """Receive a worker's messages and hand it the next task. Return the events and the worker, None if it has ended."""
+    """Receive the messages of a worker process and hand it the next of the `unassigned` tasks (numbers). Return the
+    events and the worker, None in its place if it has ended."""
     events: list[Event] = []
     try:
         while worker.pipe.poll():

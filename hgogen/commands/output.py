@@ -35,7 +35,7 @@ _NARROW = 10  # characters, the width at which headers of number columns are wra
 
 
 def print_result(as_json: bool, value: Any, *tables: Any) -> None:
-    """Print a result as JSON alone, or as tables."""
+    """Print the result `value` as JSON alone, or the tables in its place."""
     if as_json:
         print(json_text(value), file=results())
         return
@@ -93,7 +93,8 @@ class Bar(Progress):
 
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the files of figures by name, drawn with a progress bar."""
+    """Return the image files of figures, bytes by file name; `drawn`: the figures by name. A progress bar is
+    displayed."""
     from hgogen.run import figures as figure
 
     files: dict[str, bytes] = {}
@@ -131,8 +132,8 @@ class Folder:
         files: Mapping[str, str | bytes] = MappingProxyType({}),
         more: Iterable[Path] = (),
     ) -> Reported:
-        """Write files, and the report as JSON named `name`. Return the report, whose `files` are all these paths and
-        `more`. Raises: `CannotWrite`."""
+        """Write files, and the report as JSON with the file name `name`. Return the report, whose `files` are now all
+        these paths and the paths `more`. Raises: `CannotWrite`."""
         paths = (*self.demand(*files, name), *more)
         complete: Reported = replace(report, files=paths)  # type: ignore[type-var]
         self.write({**files, name: json_text(complete) + "\n"})
@@ -153,7 +154,8 @@ def named(model: "Model", observer: str | None) -> str:
 
 
 def refusals_table(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
-    """Return the table of why observers have no gains or no step; empty if all have."""
+    """Return a table of the observers without gains or without a step, by name with the reason; empty if `refused`
+    is."""
     return filled(headed(title, "observer", "why", rows=((name, Text(why)) for name, why in refused.items())))
 
 
@@ -171,7 +173,7 @@ _unread: list[int] = []
 
 
 class _Results(io.FileIO):
-    """A standard output that records that its reader has closed it."""
+    """A standard output that records when its reader has closed it."""
 
     def write(self, data: Any) -> int:
         try:
@@ -204,14 +206,14 @@ def _interrupt(number: int, frame: Any) -> None:
 
 
 def interrupted() -> bool:
-    """Return whether there was a Ctrl-C."""
+    """Return whether the user has pressed Ctrl-C."""
     return bool(_interrupts)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turn an error in the body after a Ctrl-C into KeyboardInterrupt: CasADi replaces a handler's exception by its
-    own."""
+    """Turn an error in the body of the context that follows a Ctrl-C into KeyboardInterrupt: CasADi replaces a
+    handler's exception by its own."""
     before = len(_interrupts)
     try:
         yield
@@ -222,7 +224,8 @@ def interruptible() -> Iterator[None]:
 
 
 def set_apart() -> None:
-    """Redirect descriptor 1 to descriptor 2, and let `sys.stdout` write to the former target of descriptor 1."""
+    """Redirect the file descriptor 1 (standard output) to 2 (standard error), and let `sys.stdout` write to the former
+    target of 1, so that output of C libraries does not mix with results."""
     if sys.stdout is None:  # it is closed; no file may take its number
         sys.stdout = io.TextIOWrapper(io.FileIO(os.open(os.devnull, os.O_WRONLY), "w"))
     try:
@@ -235,13 +238,13 @@ def set_apart() -> None:
 
 
 def dropped() -> int:
-    """Discard the remaining output, which nobody reads, and return the exit status."""
+    """Discard the remaining output, which nobody reads, and return the exit status of the process."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return UNREAD
 
 
 def flushed(status: object) -> object:
-    """Flush the output and return the exit status."""
+    """Flush the standard output and return the exit `status`, another where the output cannot be written."""
     if _unread:  # as with the help, which typer prints
         return dropped()
     try:
@@ -262,7 +265,8 @@ def results() -> TextIO:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Redirect print to the standard error stream in the body; `results` returns the former `sys.stdout`."""
+    """Redirect print to the standard error stream in the body of the context; `results` returns the former
+    `sys.stdout`."""
     token = _RESULTS.set(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
@@ -278,7 +282,7 @@ class _Output(Console):
 
 
 def console() -> Console:
-    """Return the console of the results."""
+    """Return the rich console that prints a command's results."""
     out = _Output(highlight=False, file=results())
     if not out.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         out.width = WIDTH

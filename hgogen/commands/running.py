@@ -225,7 +225,9 @@ def _over_record(
     shifts: Mapping[str, int],
     bar: Bar,
 ) -> RecordRun:
-    """Run a step over a log and return the report on both."""
+    """Run a step over a log and return the report. `true`: the columns of measured states, `initial`: the text of the
+    initial state, `burn_in`: the time at the beginning without errors, `ahead`: prediction horizons, `shifts`: by
+    signal, in samples."""
     u, samples = record.of(step.inputs), record.of(step.samples)
     y, engine = step.in_time(samples), engine_here()
     step, begins = _begun(step, y, initial)
@@ -251,16 +253,16 @@ def _over_record(
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
-    """Return the step and the run that judge the log in the order of time. A step for late samples is judged without
-    delays, with the estimates of its run."""
+    """Return the step and the run by which a log u, y is judged in the order of measurement. A step for late samples is
+    judged without delays, with the estimates of the run `done`."""
     if not step.ages:
         return step, done
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
-    """Return the step with its initial estimates, and these by state. They come from the text or, by default, from the
-    first samples of the outputs that are states, clipped to their ranges."""
+    """Return the step with its initial estimates, and these by state. They come from the text `initial` or, by default,
+    from the first samples of the outputs y (N, p) that are states, clipped to their ranges."""
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
@@ -274,7 +276,8 @@ def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[Call
 
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
-    """Return the first sample whose errors count. Raises: `typer.BadParameter`."""
+    """Return the number of the first sample whose errors count, after the time `burn_in`. Raises:
+    `typer.BadParameter`."""
     first = burn_in / step.dt * (1 - ROUNDING)
     if not first <= samples - 2:  # NaN is refused too
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
@@ -283,7 +286,8 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
-    """Return the model; if it has no sampling period, with that of the log, for which starting gains are computed."""
+    """Return the model; one without a sampling period gets that of the log in the file `data`, for which starting gains
+    are computed."""
     if model.has("step") or model.setting.dt is not None:
         return model
     clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
@@ -316,15 +320,15 @@ def _record(
 
 
 def _estimates(step: CallableStep, record: Record, run: Run) -> str:
-    """Return the estimates as CSV text: time, outputs, estimated states, traces, status; empty where missing."""
+    """Return the CSV text of a run: time, outputs, estimated states, traces, status; empty cells where missing."""
     measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
     numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
     return _csv(["t", *measured, *run.names, *run.traces, "status"], numbers, run.status)
 
 
 def _innovations(step: CallableStep, record: Record, run: Run) -> str:
-    """Return the innovations and their variances as CSV text, and the lower triangle of the estimate's covariance by
-    columns, P_i_j of states i and j. An observer without a covariance has innovations alone."""
+    """Return the CSV text of the innovations and their variances, and of the lower triangle of the estimate's
+    covariance by columns, P_i_j of states i and j. An observer without a covariance has innovations alone."""
     assert run.innovations is not None  # a step has innovations
     header, columns = ["t", *(f"e_{s.name}" for s in step.outputs)], [record.t, run.innovations]
     if run.variances is not None and run.covariance is not None:
@@ -453,7 +457,7 @@ def window_(
 
 
 def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
-    """Return the table of RMS prediction errors."""
+    """Return the table of the RMS errors of predictions; `dt`: the sampling period, `unit`: of time."""
     table = headed(
         "RMS prediction error of the measured outputs",
         *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
@@ -468,8 +472,8 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
 
 
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
-    """Return the table of the innovations' size relative to their variance, and of their whiteness; `notes` on the
-    run."""
+    """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes`: sentences
+    below."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
     sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
@@ -495,7 +499,7 @@ def _band(ends: tuple[float, float] | None) -> str:
 
 
 def status_table(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
-    """Return how often each status bit was raised, and what to do."""
+    """Return a table of how often each status bit was raised in `samples` samples, and what to do."""
     if not step.layout.bits:
         return Text("status: none, of a step without guards\n")
     raised = [bit for bit in step.layout.bits if counts.get(bit.name)]

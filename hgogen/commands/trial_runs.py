@@ -98,7 +98,7 @@ class TrialRow:
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
-    """Run the step over a trial; `tick` is called after each seed."""
+    """Run the step over a trial with each of the seeds, and return the metrics; `tick` is called after each seed."""
     first: Trajectory | None = None
     each: list[Metrics] = []
     acted = Interventions(runs=0)
@@ -112,7 +112,8 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
-    """Return the summary of each trial over its seeds, with its alarm ratio; `say` is called with each warning."""
+    """Return the metrics of each trial over its seeds as one `Summary`, with the alarm ratio of an adaptive theta;
+    `say` is called with each warning."""
     ratios = [(one, alarm_ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
     guarded = (guards(one.trial.name, step.observer.name, one.acted, bool(one.trial.jumps), step.time) for one in done)
@@ -122,19 +123,19 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
-    """Yield a sentence for each trial whose plant leaves its ranges."""
+    """Yield a sentence for each trial whose plant leaves its declared ranges; `unit`: of time."""
     return chain.from_iterable(leaving_notes(one.trial.name, one.leaving, unit) for one in done)
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
-    """Return the comparison of C with Python on the first seed of each trial."""
+    """Return the difference between C and Python on the first seed of each trial, `dt` the sampling period."""
     pairs = zip(c, python, strict=True)
     return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
 
 
 def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
-    """Return the figures of each trial, by file name without ending: the states, theta, and the errors if their bounds
-    are `known`."""
+    """Return the figures of each trial, by file name without ending: the states, theta if it adapts, and the errors if
+    their proved bounds are `known`."""
     from hgogen.run import figures as figure
 
     drawn = {}
@@ -151,8 +152,8 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
 
 
 def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
-    """Return the table of the reactions to each event of each trial, over the seeds; `unit`, here and below: that of
-    the model's time."""
+    """Return the table of the responses to each event of each trial, over the seeds; `unit`: that of the model's
+    time."""
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
@@ -183,7 +184,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
 
 
 def bounds_table(each: Sequence[BoundedError]) -> RenderableType:
-    """Return the table of the largest error of each state and its proved bound."""
+    """Return a table of the largest error of each state and its proved bound."""
     title = f"errors of the first seed, from {each[0].after:g} after each event on, beside what is proved of them"
     table = headed(title, "state", "worst seen", "proved", numbers=2)
     for one in each:
@@ -196,7 +197,7 @@ LANGUAGES = {"c": "C", "python": "Python"}
 
 
 def time_cell(value: float | None) -> str:
-    """Return a time as text; a short one with more than two decimals."""
+    """Return a time as text with two decimals, a short one with more; "never" for None."""
     if value is None:
         return "never"
     return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
@@ -207,7 +208,7 @@ def _range(low: float, high: float) -> str:
 
 
 def agreement_table(each: Iterable[Agreement], unit: str) -> RenderableType:
-    """Return the table that compares C with Python."""
+    """Return the table of differences between C and Python on each trial; `unit`: that of the model's time."""
     table = headed(
         "C against Python, double precision, relative to each state's peak",
         *(
@@ -308,7 +309,7 @@ def campaigns(
     options: Runs,
     seeds: int | None,
 ) -> tuple[CampaignRow, ...]:
-    """Return the campaign of each step, by name, on each trial.
+    """Return the results of a campaign for each trial and each step; `steps`: gives the steps for a trial by name.
 
     Raises: `BadParameter` for options that exclude each other; as `run.campaign` does.
     """
@@ -335,8 +336,8 @@ def campaigns(
 
 
 def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
-    """Run all runs, or the one of --repeat, and return their tally; each outcome is written to the folder of results at
-    once."""
+    """Run all runs of a campaign, or only that of --repeat, and return their statistics; each outcome is written to the
+    folder of results at once. `name`: of the results' file."""
     tally, first = Tally(len(one.draws), one.step.time), options.repeat or 0
     wanted = range(first, len(one.draws) if options.repeat is None else first + 1)
     with _results(name, one, options.results) as (known, add):
@@ -356,7 +357,8 @@ def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
 def _results(
     name: str, one: Campaign, folder: Path | None
 ) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
-    """Yield the outcomes that a folder of results holds, and the function that appends the line of another."""
+    """Yield the outcomes that the campaign's file in a folder of results holds already, and a function that appends the
+    line of another outcome."""
     if folder is None:
         yield (), lambda line: None
         return
@@ -369,7 +371,8 @@ def _results(
 
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
-    """Yield the outcomes in the lines of a file, and note which lines are invalid."""
+    """Yield the outcomes of a campaign in the lines of its file of results, and note which lines are invalid; `file`:
+    its name."""
     dropped = list[int]()
     for number, outcome in enumerate(earlier(one, lines, file), 2):
         if outcome is None:

@@ -33,7 +33,7 @@ _SECONDS = 900  # time limit of a tool
 
 @dataclass(eq=False)
 class NoBoard(HgogenError):
-    """A missing tool of the board."""
+    """The error for a missing tool of the board: the cross compiler, or the emulator QEMU."""
 
     name: str
 
@@ -46,7 +46,7 @@ class NoBoard(HgogenError):
 
 @dataclass(eq=False)
 class BoardFailed(HgogenError):
-    """A failed tool of the board."""
+    """The error for a failed tool of the board: the cross compiler, or the emulator QEMU."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -57,7 +57,7 @@ class BoardFailed(HgogenError):
 
 
 def demand_board() -> None:
-    """Raise `NoBoard` if a tool is missing."""
+    """Raise `NoBoard` if the cross compiler or the emulator QEMU is missing."""
     for name in (COMPILER, SIZE, EMULATOR):
         if shutil.which(name) is None:
             raise NoBoard(name)
@@ -83,7 +83,8 @@ def bytes_of(objects: Sequence[str], folder: Path) -> int:
 
 
 def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder: Path, flags: Sequence[str]) -> Path:
-    """Link a main file, existing objects and the board's files, and return the program.
+    """Link the C file `main`, existing objects and the board's own files `harness` (text by name), and return the path
+    of the program.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -94,13 +95,14 @@ def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder
 
 
 def ran(program: Path, machine: str = "mps2-an386") -> dict[str, int]:
-    """Run a program and return the numbers that it prints, by name. Raises: `NoBoard`, `BoardFailed`."""
+    """Run a program in the emulator of a machine and return the numbers that the program prints, by name. Raises:
+    `NoBoard`, `BoardFailed`."""
     text = _output([EMULATOR, "-M", machine, *_QEMU, "-kernel", str(program)], program.parent)
     return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", text)}
 
 
 def _output(command: Sequence[str], folder: Path) -> str:
-    """Return the output of a command. Raises: `NoBoard`, `BoardFailed`."""
+    """Run a command in a folder and return its output. Raises: `NoBoard`, `BoardFailed`."""
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_SECONDS, check=False)
     except FileNotFoundError:
@@ -124,12 +126,12 @@ def text(name: str) -> str:
 
 
 def harness() -> dict[str, str]:
-    """Return the board's own files by name."""
+    """Return the C and linker files of the emulated board by name."""
     return {name: text(name) for name in ("mps2.c", "mps2.h", "mps2.ld")}
 
 
 def hostile(rows: np.ndarray) -> np.ndarray:
-    """Return the rows with the worst faults of sensors and buses: gaps, NaN, infinite values, jumps."""
+    """Return the rows of a log with the worst faults of sensors and buses added: gaps, NaN, infinite values, jumps."""
     draw, rows = np.random.default_rng(8), rows.copy()
     for column in rows.T:
         hit = draw.random(len(column)) < 0.3
@@ -138,7 +140,8 @@ def hostile(rows: np.ndarray) -> np.ndarray:
 
 
 def head(rows: np.ndarray, real: Real, states: int, nominal_rows: int) -> str:
-    """Return the C of the log (N, columns) and its sizes. `nominal_rows`: how many of its rows have no faults."""
+    """Return the C text of the log `rows` (N, columns) and its sizes; `states`: the number of estimated states,
+    `nominal_rows`: how many of the rows have no faults."""
     lines = ",\n".join("    {" + ", ".join(literal(v, real) for v in row) + "}" for row in rows.tolist())
     sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": nominal_rows}
     defined = f"enum {{ {', '.join(f'{name} = {value}' for name, value in sizes.items())} }};\n"  # no member is one
@@ -154,7 +157,8 @@ def literal(value: float, real: Real) -> str:
 
 
 def driver(step: Step) -> str:
-    """Return the C that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
+    """Return the C text that calls a step: the struct `memory`, the macro BEGIN, the functions `sample` and
+    `estimate`."""
     declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "measurement")]
     filled = [f"{struct}.{c_name(s.name)} = row[{column}];" for column, (struct, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
@@ -169,18 +173,20 @@ def driver(step: Step) -> str:
 
 
 def counting(called: str) -> str:
-    """Return the board's main file around the C of `driver`, or a similar text."""
+    """Return the text of the board's main C file, which counts instructions, around `called`, the C text of `driver` or
+    a similar one."""
     return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
 
 
 def _argument(parameter: Parameter) -> str:
-    """Return the argument in a function with a pointer `m` to state and parameters."""
+    """Return the C text that passes a parameter of a step in a function with a pointer `m` to state and parameters."""
     return f"&m->{parameter.name}" if parameter.name in ("s", "p") else f"&{parameter.name}"
 
 
 @dataclass(frozen=True)
 class Costs:
-    """The costs of a step, and the tools that measured them."""
+    """The measured costs of a step: instructions of a `nominal` and the `worst` call, bytes of `flash`, `ram` and
+    `stack`; and the tools that measured them."""
 
     nominal: Annotated[int, "instructions of a step, the mean of nominal samples"]
     worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
@@ -196,8 +202,8 @@ class Costs:
 
 
 def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real) -> Costs:
-    """Return the costs of a step's C, `files` of the target c99, over the rows (N, m + p) of its inputs and outputs;
-    the rows are repeated cyclically. A hostile log is derived from them.
+    """Return the costs of a step's C in an emulated board, `files` of the target c99, over the rows (N, m + p) of its
+    inputs and outputs; the rows are repeated cyclically. A log with faults is derived from them.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -237,7 +243,7 @@ _ROWS = (
 
 
 def digest(source: str) -> str:
-    """Return the digest that identifies the source of costs."""
+    """Return the digest of a C source, which identifies the source of costs."""
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 

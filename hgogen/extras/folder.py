@@ -50,8 +50,8 @@ class Text(Template):
 
 @dataclass(frozen=True)
 class Ecosystem:
-    """An ecosystem of firmware projects. `files`: the template of each path; `use`: how a project includes the folder;
-    `reserved`: names that a step may not have."""
+    """An ecosystem of firmware projects, such as Arduino. `files`: the template of each path; `use`: how a project
+    includes the folder; `reserved`: names that a step may not have."""
 
     name: str
     files: Mapping[str, str]
@@ -62,7 +62,7 @@ class Ecosystem:
 
 @cache
 def _table() -> Mapping[str, Ecosystem]:
-    """Return all ecosystems by name, and `common`, the files of every folder."""
+    """Return all ecosystems of firmware projects by name, and under `common` the files of every folder."""
     rows = tomllib.loads(files("hgogen.extras").joinpath("ecosystems.toml").read_text(encoding="utf-8"))
     return {name: Ecosystem(name, **{**row, "reserved": tuple(row.get("reserved", ()))}) for name, row in rows.items()}
 
@@ -75,17 +75,17 @@ def template(name: str) -> Text:
 
 
 def common() -> Ecosystem:
-    """Return the files of every folder."""
+    """Return as an ecosystem the files that every folder has."""
     return _table()["common"]
 
 
 def known() -> list[str]:
-    """Return the names of all ecosystems."""
+    """Return the names of all ecosystems of firmware projects."""
     return [name for name in _table() if name != "common"]
 
 
 def chosen(words: str, name: str) -> tuple[Ecosystem, ...]:
-    """Return the ecosystems of a list with commas, or of "all", for a folder of this name.
+    """Return the ecosystems of firmware projects in `words`, a list with commas or "all", for a folder of this name.
 
     Raises: `UnknownEcosystem`, `ReservedName`.
     """
@@ -124,8 +124,8 @@ def folder(
     real: Real = "float",
     costs: Mapping[str, Any] | None = None,
 ) -> Files:
-    """Return the files of the folder by their paths; `sources`: those of the targets c99 and markdown; `costs`: as
-    `hgogen cost` writes them, ignored if they are of another source."""
+    """Return the files of a step's folder for projects of the ecosystems, by path; `sources`: the files of the targets
+    c99 and markdown; `costs`: as `hgogen cost` writes them, ignored if they are of another source."""
     ecosystems = tuple(ecosystems)
     values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
     values["uses"] = "\n".join(f"## {each.title}\n\n{Text(each.use).substitute(values)}" for each in ecosystems)
@@ -185,7 +185,8 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
 
 
 def _clock(seconds_: float) -> dict[str, str]:
-    """Return the clock with which a sketch counts its period: 32 bits of microseconds wrap around after an hour."""
+    """Return the texts of the clock with which a sketch waits for its period, by placeholder of the template: 32 bits
+    of microseconds wrap around after an hour."""
     clock, rate = ("micros", 1e6) if seconds_ < 1000 else ("millis", 1e3)
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 

@@ -37,7 +37,8 @@ SETTLED_SHARE = 0.01  # of the initial error
 
 @dataclass(frozen=True)
 class Tried:
-    """A theta on the trial; `settling`: the wanted settling time that gives this theta."""
+    """The results on a trial of a step with the gain theta; `settling`: the wanted settling time that gives this
+    theta."""
 
     json_keys = "theta settled noise"
 
@@ -49,8 +50,8 @@ class Tried:
 
 @dataclass(frozen=True)
 class Advised:
-    """Gains of an observer; `first`: its form and step; `tried`: the values of theta on the trial, with its own.
-    Without theta there is one entry, without a trial none."""
+    """Proposed gains of an observer; `first`: its form and step; `tried`: the results of several theta on the trial,
+    its own among them. Without theta there is one entry, without a trial none."""
 
     name: Annotated[str, "name of the tuning"]
     first: First
@@ -61,7 +62,7 @@ class Advised:
 
     @property
     def table(self) -> Mapping[str, Any]:
-        """The tuning that makes the same step."""
+        """The tuning, as a model file holds it, that gives the step of `first` again."""
         return self.first.table(self.name)
 
     @property
@@ -77,7 +78,8 @@ class Advised:
 
     @property
     def sentence(self) -> str:
-        """A sentence that compares its theta with the certified and the settling ones; empty without theta."""
+        """Return a sentence that compares the proposed theta with the certified and the settling theta; empty without
+        theta."""
         if self.theta is None:
             return ""
         parts = []
@@ -148,18 +150,20 @@ class _Problem:
 
     @property
     def usable(self) -> list[tuple[Row, Form]]:
-        """The forms whose checks are not refuted for the plant."""
+        """The candidate rows with their forms, without forms that have a refuted check for the plant."""
         return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
 
     def scale(self, form: Form) -> Scale:
-        """Return the numbers of a form from which rules compute gains. Raises: `BadGain`."""
+        """Return the numbers of a form (theta, period, noise) from which observers' rules compute gains. Raises:
+        `BadGain`."""
         base = scale(form, self.dt, self.noise)
         if self.settling is None:
             return base
         return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
 
     def of(self, name: str) -> tuple[str, Advised | str]:
-        """Return the name, and the advice on the first form that admits the observer, or the reason why none does."""
+        """Return the name of an observer, and its proposed gains on the first form that admits it, or the reason why no
+        form does."""
         refusals = ["the plant is in none of its forms"]
         for row, form in self.usable:
             base = self.scale(form)
@@ -193,7 +197,8 @@ class _Problem:
     def _on(
         self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
     ) -> tuple[float | None, dict[str, float]]:
-        """Return the settling time, and the RMS of the estimate due to noise alone, by state."""
+        """Return the settling time of a step on the trial, None for never, and the RMS of the estimate due to noise
+        alone, by state; `noise`: the standard deviation of a sample by output."""
         if step.dt not in self.truths:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)

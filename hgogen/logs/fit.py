@@ -53,7 +53,8 @@ NONE = 1e-6  # component of a direction: less is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """The structural identifiability of parameters, lags and offsets from the outputs."""
+    """The structural identifiability of parameters, lags and offsets: whether any log of these outputs could determine
+    them."""
 
     rank: Annotated[int, "how many sums of them the outputs tell at most"]
     count: Annotated[int, "number of parameters, lags and offsets"]
@@ -81,7 +82,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class SearchEnd:
-    """The end of a search."""
+    """The end of a search by IPOPT: its least cost, status and number of iterations."""
 
     cost: Annotated[float, "cost without the pull"]
     status: Annotated[str, "how IPOPT ended"]
@@ -243,7 +244,8 @@ class Fit(Encoded):
 
 
 def above(by: str, cost: float, best: float) -> float:
-    """Return the excess of a cost over the best: relative for squares, a difference for logarithms."""
+    """Return by how much a `cost` exceeds the `best`: relative for a sum of squares, a difference for a log likelihood;
+    `by`: "simulation" or "prediction"."""
     if by == "prediction":
         return cost - best
     return cost / best - 1 if best else 0.0
@@ -256,8 +258,8 @@ _HIGHER: Mapping[str, Callable[[float], str]] = {
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
-    """Return what no log of these outputs determines about the parameters and offsets, as opposed to these logs; None
-    if derivatives of the outputs are undefined.
+    """Return what no log of these outputs determines about the parameters `free` and the outputs' offsets, as opposed
+    to the given logs; None if derivatives of the outputs are undefined.
 
         rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
 
@@ -290,8 +292,8 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
 
 
 def parted(V: Array, hidden: Array) -> Array:
-    """Return the directions V (q, k), orthonormal, rotated so that as many as possible involve the `hidden` (q)
-    alone."""
+    """Return the orthonormal directions V (q, k), rotated within their span so that as many as possible involve only
+    the parameters in the mask `hidden` (q)."""
     if hidden.all() or not hidden.any():
         return V
     turned = V @ np.linalg.svd(V[~hidden])[2].T
@@ -317,9 +319,9 @@ class CannotFit(BadLog):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The problem of a fit. `given`: the plant; `plant`: the same with states for the lags of its sensors; `chosen`:
-    the fitted parameters besides the `lags`; `by`: one of `BY`; `corner`: of the loss of each output, None for
-    squares."""
+    """The problem of a fit. `given`: the plant; `plant`: the plant with states for the lags of its sensors; `chosen`:
+    the fitted parameters besides the `lags`; `by`: one of `BY`; `corner`: the corner c of each output's pseudo-Huber
+    loss, None for squares."""
 
     given: System
     plant: System
@@ -342,13 +344,13 @@ class Task:
         return np.asarray(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0))
 
     def corners(self, unknowns: Array) -> Array:
-        """Return the corner of the loss of each output, from its residuals at the unknowns."""
+        """Return the corner c of the pseudo-Huber loss of each output (p), from its residuals at the `unknowns` (v)."""
         return np.array([corner(e) for e in self.problem.residuals(unknowns)])
 
     @cached_property
     def problem(self) -> Problem:
-        """The optimisation problem, with the Runge-Kutta steps a sample that the fastest mode requires. Raises:
-        `CannotFit`."""
+        """The optimisation problem of the fit, with as many Runge-Kutta steps per sample as the fastest mode requires.
+        Raises: `CannotFit`."""
         period = max(record.dt for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
@@ -360,7 +362,8 @@ class Task:
         return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """Return the problem in segments in which errors grow by at most exp(GROWN); `growing`: their log growth in a
+        """Return the multiple-shooting problem with segments in which errors grow by at most exp(GROWN); `growing`: the
+        logarithm of their growth in a sample; `scale` (p): divisors of residuals; `steps`: Runge-Kutta steps a
         sample."""
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / growing))) if growing else length
@@ -369,7 +372,7 @@ class Task:
 
     @cached_property
     def solver(self) -> Solver:
-        """The solver with bounds and units of the unknowns, from the ranges."""
+        """The solver of the problem, with bounds and units of the unknowns from the declared ranges."""
         segments = sum(self.problem.segments)
         ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
         ends += [x.interval for x in self.plant.states] * segments
@@ -446,7 +449,8 @@ class Task:
         self, known: Information, together: float, unknowns: Array
     ) -> tuple[Array, tuple[dict[str, float], ...], Structure | None]:
         """Return the standard errors of parameters and offsets, in their units; the directions that the logs do not
-        determine, in units of the ranges; and the structural identifiability if there are such directions.
+        determine, in units of the ranges; and the structural identifiability if there are such directions. `together`:
+        how many residuals have the information of an independent one.
 
         The unit of a parameter without a range is the larger of its nominal and fitted values. A parameter at an end of
         its range is fixed there and has no standard error.
@@ -477,8 +481,8 @@ class Task:
         return deviations, tuple(_parts(names, v) for v in parted(V[:, ~sure], hidden).T), joint
 
     def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
-        """Yield the parameters, lags and offsets from starts with the same cost that differ from the best by more than
-        a standard error."""
+        """Yield the parameters, lags and offsets of other minima: from starts with the best cost whose values differ
+        from the best by more than a standard error."""
         names = [
             *map(str, self.chosen),
             *(f"lag of {y}" for y in self._lagging),
@@ -566,8 +570,8 @@ def fit(
 
 
 def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: float) -> tuple[System, list[Signal]]:
-    """Return the plant with a state for the sensor of each of these outputs, and the lags tau as parameters, in the
-    order of the outputs.
+    """Return the plant with a state for the first-order lag of each of these outputs' sensors, and the time constants
+    tau as parameters, in the order of the outputs.
 
     `period`, `duration`: of a sample and of the shortest log, in the plant's time.
     """
@@ -587,8 +591,8 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
-    """Return the fit from the best start. A robust fit continues from there with `passes` passes, since the residuals
-    of least squares include those of outliers. Raises: `CannotFit`."""
+    """Return the fit from the best of `starts` starts; `draw`: the random numbers. A robust fit continues from there
+    with `passes` passes, since the residuals of least squares include those of outliers. Raises: `CannotFit`."""
     ended: tuple[Solution, ...] = ()
     for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
         ended = searches.solved(task.solver, begin, ended)
@@ -603,8 +607,8 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
-    """Return the search of the least cost among those that settled, else among the others; the first of equal ones.
-    None if no cost is finite."""
+    """Return the search of least cost among those that converged, else among the others; the first of equal ones. None
+    if no cost is finite. `by`: "simulation" or "prediction"."""
     finite = [one for one in ended if np.isfinite(one.cost)]
     settled = [one for one in finite if one.settled] or finite
     least = min((one.cost for one in settled), default=0.0)
@@ -635,7 +639,8 @@ def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) 
 
 
 def _parts(names: Sequence[str], direction: Array) -> dict[str, float]:
-    """Return the components of a direction above `PART`, with the largest one positive."""
+    """Return by name the components above `PART` of a direction in the space of parameters, with the sign that makes
+    the largest positive."""
     signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return {name: float(part) for name, part in zip(names, signed, strict=True) if abs(part) > PART}
 
@@ -652,6 +657,6 @@ def _bounds(p: Signal) -> tuple[float, float]:
 
 
 def _unit(s: Signal) -> float:
-    """The size of a signal: the width of its range, else its nominal value, else 1."""
+    """Return the size of a signal: the width of its range, else its nominal value, else 1."""
     low, high = s.interval
     return high - low if s.bounded else abs(s.nominal or 0.0) or 1.0

@@ -61,7 +61,8 @@ def judged(
     ahead: Iterable[int],
     engine: Engine,
 ) -> tuple[Judged, ...]:
-    """Return the errors of the tuned rows, of `others` by name, and of the predictors without a model."""
+    """Return the errors of the tuned rows, of the steps `others` by name, and of predictors without a model, on the
+    validation rows of the logs; `ahead`: prediction horizons in samples."""
     horizons = tuple(sorted(set(ahead)))
     records = [replace(record, log=readable(plant, record.log, k)) for k, record in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
@@ -155,7 +156,8 @@ def _rms(parts: Sequence[Array]) -> list[float]:
 
 
 def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
-    """Return the verdicts on a calibration and its validation errors, by default on the validation rows."""
+    """Return sentences that judge a calibration by its validation errors `rows`; `where`: the words for the rows of the
+    logs, by default the validation rows."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
@@ -216,7 +218,8 @@ def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: 
 
 
 def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], tuned_on: Sequence[str]) -> Iterator[str]:
-    """Yield what the measured truth says of the choice of gains, which used only that of the states `tuned_on`."""
+    """Yield the sentences on the estimation errors of hidden states whose truth was measured but not used by the choice
+    of gains, which used that of the states `tuned_on`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
         differenced = others.pop(DIFFERENCING, None)

@@ -39,8 +39,9 @@ AT_ONCE = 50  # samples between checkpoints of CasADi's reverse mode
 
 
 def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
-    """Return the names of the states with process noise of their own, or of all if there would be none. A state whose
-    rate is by definition another one (x_i' = +-x_j) has none, since noise would contradict the definition."""
+    """Return the names of the states with process noise of their own, or of all states if there would be none; `flow`:
+    their rates. A state whose rate is by definition another state (x_i' = +-x_j) has none, since noise would contradict
+    the definition."""
     by_definition = {*states, *(-x for x in states)}
     noisy = [name for name, row in zip(names, flow, strict=True) if row.expand() not in by_definition]
     return tuple(noisy or names)
@@ -65,8 +66,8 @@ class Innovations:
         return int(self.move.size1_in(0))
 
     def along(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
-        """Return the cost (1, N) of a log's samples, their e and s (p, N); `memory`: x- and P- at the first sample,
-        which corrects only if `first`."""
+        """Return the cost (1, N) of a log's samples, their innovations e (p, N) and variances s (p, N); `memory`: the
+        predicted state x- and covariance P- at the first sample, which corrects only if `first`."""
         N = len(record.y)
         there = np.isfinite(record.y)
         y, valid = np.where(there, record.y, 0.0), there.astype(float)
@@ -78,7 +79,8 @@ class Innovations:
 
     @cached_property
     def _step(self) -> Any:
-        """The function (x- and P-, u now, u then, y, valid, theta) -> (x- and P- at the next sample, cost, e, s)."""
+        """The CasADi function (x- and P-, u now, u then, y, valid, theta) -> (x- and P- at the next sample, cost, e, s)
+        of the filter."""
         n, memory, theta = self.n, ca.SX.sym("memory", self.n * (self.n + 1)), ca.SX.sym("theta", *self.move.size_in(3))
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
@@ -92,7 +94,8 @@ class Innovations:
         return ca.Function("filter", list(entries), [ca.vertcat(advanced, ca.vec(P)), *outputs])
 
     def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
-        """Return the corrected x and P, the cost, e and s."""
+        """Return of a filter's correction by the sample `y`: the corrected x and P, the cost, and the innovation e with
+        its variance s. `valid` (p): 1 for an output with a sample, else 0."""
         predicted, r, x, cost = self.read(before, u, theta), self.sensor(theta), before, ca.SX(0)
         H, errors, variances = ca.jacobian(predicted, before), [], []
         for j in range(predicted.numel()):
@@ -142,8 +145,8 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of logs on a form; `scale`: the units; `between`: inputs between samples, "line" or "hold";
-    `steps`: Runge-Kutta steps a sample."""
+    """The likelihood of logs on a form, as a function of process and sensor noise; `scale`: the units; `between`:
+    inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample."""
 
     form: Form
     records: Sequence[Log]
@@ -152,7 +155,7 @@ class Likelihood:
     steps: int
 
     def ended(self, number: int) -> Ended:
-        """Return the end of the search from a start, by its number in `STARTS`."""
+        """Return where the search for a maximum ended that began from start `number` of `STARTS`."""
         process, sample = STARTS[number]
         start = [process] * len(self._noisy) + [sample] * len(self.form.output)
         end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
@@ -170,7 +173,8 @@ class Likelihood:
         return tuple(maxima)
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
-        """Return e (N - 1, p) and its variances s, NaN for missing samples."""
+        """Return the innovations e (N - 1, p) of a filter with this noise along a log, and their variances s, NaN for
+        missing samples."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
         _, e, s = self._filter.along(record, self._start(record), ca.DM(logs), first=False)
@@ -186,13 +190,13 @@ class Likelihood:
 
     @cached_property
     def _noisy(self) -> dict[str, float]:
-        """The coordinates with process noise of their own, with its unit S^2/D."""
+        """The coordinates with process noise of their own, each with the unit of its noise density, size^2/time."""
         names = states_with_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 
     @cached_property
     def _filter(self) -> Innovations:
-        """The filter on the form, as a function of the logarithms."""
+        """The extended Kalman filter on the form, as a function of the logarithms of the noise."""
         n, p = self.form.n, len(self.form.output)
         model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
         z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)
@@ -211,8 +215,8 @@ class Likelihood:
         )
 
     def _start(self, record: Log) -> Array:
-        """Return z and P at the first sample, which therefore corrects nothing: z from the outputs that are states of
-        the plant, the others at rest."""
+        """Return z and P at the first sample: z from the outputs that are states of the plant, the others at their resting values. The
+        first sample therefore corrects nothing."""
         system = self.form.system
         measured = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]

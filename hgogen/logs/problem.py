@@ -55,9 +55,9 @@ SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """The information `M` (q, q) on the parameters and offsets in their units, as above with sigma = 1; `residuals` (N,
-    p) of each log, in the units of the outputs, NaN for missing samples; `tell`: the residuals of each output weighted
-    by the loss, log after log, in the units of M."""
+    """The Fisher information `M` (q, q) of the parameters and offsets in their units, for residuals of standard
+    deviation 1; `residuals` (N, p) of each log, in the units of the outputs, NaN for missing samples; `tell`: the
+    residuals of each output weighted by the loss, log after log, in the units of M."""
 
     M: Array
     residuals: tuple[Array, ...]
@@ -71,7 +71,8 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class _OnRecords:
-    """The common part of both fitting problems of a plant on logs.
+    """The problem of fitting a plant to logs; multiple shooting (`Shooting`) and prediction error (`Predicting`) extend
+    it.
 
     `free`: the fitted parameters, the others are at their nominal values; `scale` (p): the divisor of each output's
     residuals; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: inputs between samples,
@@ -91,7 +92,7 @@ class _OnRecords:
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """The start and the bounds of the unknowns that only one of the problems has."""
+        """The start and the bounds (start, low, high) of the unknown noise levels; none here."""
         return ()
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
@@ -101,7 +102,7 @@ class _OnRecords:
 
     @cached_property
     def step(self) -> Any:
-        """The function (x, p, u now, u then, dt) -> x at the next sample."""
+        """The CasADi function (x, p, u now, u then, dt) -> x at the next sample of the plant x' = f(x, u; p)."""
         x, p, h = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("dt")
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
 
@@ -114,7 +115,7 @@ class _OnRecords:
 
     @cached_property
     def reading(self) -> Any:
-        """The function (x, p, offsets, u) -> y."""
+        """The CasADi function (x, p, offsets, u) -> y of the outputs."""
         x, p, o = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("o", len(self.offset))
         u = ca.SX.sym("u", len(self.plant.inputs))
         added = [o[self.offset.index(y)] if y in self.offset else 0 for y in self.plant.outputs]
@@ -122,11 +123,11 @@ class _OnRecords:
 
     @cached_property
     def output(self) -> Array:
-        """The number of the output of each residual."""
+        """The index of the output of each residual, in the order of the residuals."""
         return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
 
     def by_output(self, values: Array) -> tuple[Array, ...]:
-        """Return the values of each output, log after log."""
+        """Return values in the order of the residuals as one array for each output, log after log."""
         return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
 
     @property
@@ -167,7 +168,8 @@ class _OnRecords:
 
 
 def eliminated(F: Any, A: Any, q: int) -> Array:
-    """Return M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
+    """Return the information M (q, q) on the first q unknowns when the others are optimal: the Schur complement of the
+    Hessian F (v, v) under the constraints A dx = 0; F and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
     A_p, A_s = A[:, :q], A[:, q:]
     F_regular = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
@@ -178,7 +180,8 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
-    """Return the values of each output where it was measured, log after log, as tables (N, p) of the logs."""
+    """Return tables (N, p) of the logs, NaN for missing samples, from the values of each output where it was measured,
+    log after log."""
     arrays = [np.full(record.y.shape, np.nan) for record in records]
     for j, values in enumerate(outputs):
         begin = 0
@@ -191,8 +194,8 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
-    """Return the Runge-Kutta steps a sample that the fastest mode requires, and the growth rate of errors. Raises:
-    `BadLog` for samples too slow for the plant."""
+    """Return the Runge-Kutta steps a sample that the plant's fastest mode requires, and the growth rate of errors;
+    `period`: of a sample. Raises: `BadLog` for samples too slow for the plant."""
     fastest, growing = rates(plant)
     steps = max(1, math.ceil(fastest * period / FOLLOWED))
     if steps > MOST_STEPS:
@@ -242,7 +245,7 @@ class Shooting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, the cost, and the gaps between segments."""
+        """The unknowns, the cost, and the gaps between segments, which are 0 at a solution, as CasADi graphs."""
         v, errors, gaps = self.followed
         if self.corner is None:
             return v, ca.sumsqr(errors) / 2, gaps
@@ -262,7 +265,8 @@ class Shooting(_OnRecords):
         return v, ca.vertcat(*errors), ca.vertcat(*gaps)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Return the residuals of each output where it was measured, log after log, over their scale."""
+        """Return the residuals of each output where it was measured, log after log, over the output's scale, at the
+        `unknowns` (v)."""
         v, errors, _ = self.followed
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
@@ -279,8 +283,9 @@ class Shooting(_OnRecords):
         return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
-        """Return the residuals of a log and the gaps between its segments. One map computes all segments; the last one
-        is padded with samples that do not count."""
+        """Return the residuals of a log and the gaps between its segments; `nodes`: the initial states of segments,
+        `p`: parameters, `o`: offsets. One map computes all segments; the last one is padded with samples that do not
+        count."""
         L, count, N = self.length, nodes.shape[1], len(record.y)
         u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
         now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
@@ -296,8 +301,9 @@ class Shooting(_OnRecords):
         return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
 
     def _stretch(self, samples: int) -> Any:
-        """Return the function (x, p, offsets, the samples' u, and then, dt) -> their y, x after them, as one graph of
-        scalars. Its second derivatives are twice as fast in CasADi as along a graph of the samples."""
+        """Return the function (x, p, offsets, u and the next u of `samples` samples, dt) -> (y at the samples, x after
+        them), as one graph of scalars. Its second derivatives are twice as fast in CasADi as along a graph of the
+        samples."""
         x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
         now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
         at, dt, read = x, ca.SX.sym("dt"), []
@@ -341,8 +347,8 @@ class Predicting(_OnRecords):
         return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Return Q_i by state, negligible for one without noise of its own, and the deviation of a sample, by
-        output."""
+        """Return the density Q_i of process noise by state, negligible for a state without noise of its own, and the
+        deviation of a sample, by output, at the `unknowns` (v)."""
         logs = np.asarray(unknowns)[self.size - len(self.levels) :]
         process = self._density(ca.DM(logs)).full().ravel()
         samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
@@ -352,12 +358,12 @@ class Predicting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, -log of the likelihood, and an empty column of constraints."""
+        """The unknowns, -log of the likelihood, and an empty column of constraints, as CasADi graphs."""
         v, cost, _, _ = self._series
         return v, cost, ca.MX(0, 1)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Return the innovations over their deviations."""
+        """Return the innovations of each output over their standard deviations, at the `unknowns` (v)."""
         return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
@@ -399,7 +405,8 @@ class Predicting(_OnRecords):
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
     def _filter(self, dt: float) -> Innovations:
-        """Return the filter at a period, with theta of the parameters, offsets and levels."""
+        """Return the extended Kalman filter at the period `dt`, whose theta are parameters, offsets and the logarithms
+        of the noise."""
         a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
@@ -415,7 +422,7 @@ class Predicting(_OnRecords):
         )
 
     def _density(self, levels: Any) -> Any:
-        """Return Q (n) from the logarithms; negligible for a state without noise of its own."""
+        """Return Q (n) from the logarithms `levels` of noise; negligible for a state without noise of its own."""
         duration = max(len(record.y) * record.dt for record in self.records)
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
@@ -426,7 +433,8 @@ Problem = Shooting | Predicting
 
 
 def gathered(Phi: Any, Q: Any) -> Any:
-    """Return the covariance that noise with Q (n, n) in a sample adds over the sample."""
+    """Return by Simpson's rule the covariance that white noise of the density Q (n, n) adds over a sample with the
+    transition matrix Phi: integral of Phi(t) Q Phi(t)'."""
     eye = ca.DM.eye(Phi.shape[0])
     D = Phi - eye
     half = eye + D / 2 - D @ D / 8
@@ -455,7 +463,8 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """IPOPT on a problem: `low`, `high` (v): bounds of the unknowns, which may be infinite; `unit` (v): their sizes."""
+    """IPOPT on the problem of a fit: `low`, `high` (v): bounds of the unknowns, which may be infinite; `unit` (v):
+    their sizes."""
 
     problem: Problem
     low: Array
@@ -465,8 +474,8 @@ class Solver:
     def solve(
         self, start: Array, at: Array | None = None, each: Callable[[int, Array], None] = lambda k, last: None
     ) -> Solution:
-        """Return the solution from the unknowns `start` (v), to which the penalty pulls parameters and offsets, or
-        continued from the unknowns `at`. `each(k, last)` is called after iteration k with its unknowns."""
+        """Return the solution of a search from the unknowns `start` (v), to which a penalty pulls parameters and
+        offsets, or continued from the unknowns `at`. `each(k, last)` is called after iteration k with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
         watch, solver = self._watched if at is None else self._callback_and_solver(_OPTIONS | _CONTINUED)
         watch.begin(lambda k, w: each(k, w * self.unit))
@@ -521,15 +530,17 @@ class _Watch(ca.Callback):
         self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
 
     def get_n_in(self) -> int:
-        """Return the number of values that a solver returns."""
+        """Return the number of values that a CasADi solver passes to its callback."""
         return int(ca.nlpsol_n_out())
 
     def get_sparsity_in(self, i: int) -> Any:
-        """Return the shape of value i: a column, empty if it is not needed."""
+        """Return the shape of value `i` that a CasADi solver passes to its callback: a column, empty if the value is
+        not needed."""
         return ca.Sparsity.dense(self.sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, entries: Any) -> list[int]:
-        """Report the iterate, and stop after a Ctrl-C or an error, which CasADi would replace by its own."""
+        """Report the iterate. Return 0 to go on, a positive number to stop after a Ctrl-C or an error, which CasADi
+        would replace by its own."""
         try:
             self.each(self.count, entries[ca.nlpsol_out().index("x")].full().ravel())
         except Exception as error:
@@ -559,7 +570,7 @@ class Progress(Encoded):
 
 
 def progress_of(table: Mapping[str, Any]) -> Progress:
-    """Return the progress that `as_dict` encoded. Raises: `CannotGoOn`."""
+    """Return the progress of a fit from the `table` that `as_dict` returned. Raises: `CannotGoOn`."""
     try:
         ended = []
         for one in table["ended"]:
@@ -592,8 +603,8 @@ def _digest(*parts: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Searches:
-    """The searches of a fit one after the other; those in `resumed` are not repeated. `each` is called after every
-    iteration."""
+    """The searches of a fit one after the other; searches that the progress `resumed` has are not repeated. `each` is
+    called after every iteration."""
 
     task: Mapping[str, str]
     each: Callable[[Progress], None]
@@ -607,7 +618,7 @@ class Searches:
             raise CannotGoOn("the stopped fit", f"{reason}; give it what it was begun with, or fit anew")
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:
-        """Return the searches that `ended`, and one more, from the unknowns `begin`."""
+        """Return the searches `ended`, and one more, which `solver` begins from the unknowns `begin`."""
         resumed = self.resumed
         if resumed is not None and len(ended) < resumed.start:
             return (*ended, resumed.ended[len(ended)])

@@ -56,7 +56,8 @@ class Log:
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
-    """Return the log as numeric tables; a missing input repeats the last value. Raises: `BadLog`, `BadShape`."""
+    """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value.
+    Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
     u = table("u", record.u, plant.inputs, len(y))
     name = f"record {number}"
@@ -130,8 +131,8 @@ BEGIN = 0.05  # share of a log at its beginning, in which an estimate may conver
 
 @dataclass(frozen=True)
 class Ahead:
-    """The criterion of prediction errors, `samples` ahead, relative to copying the last value. An error is NaN without
-    a sample to compare, infinite if the estimate diverged."""
+    """The criterion by which gains are judged: errors of predictions `samples` samples ahead, relative to those of
+    copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged."""
 
     samples: int
 
@@ -146,15 +147,16 @@ class Ahead:
         return rival_squares
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the errors (N, p) of a run of a step along log number k: e_j(k+h|k) where the step used a sample."""
+        """Return the errors e_j(k+h|k) (N, p) of predictions h samples ahead, from the run of a step along a log, log
+        number `k`, at samples that the step used."""
         one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
         return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """The criterion of estimation errors of hidden states, relative to their mean; `truth` (N) of each log by state,
-    NaN for missing samples."""
+    """The criterion by which gains are judged: estimation errors of hidden states, relative to the deviations from
+    their mean; `truth` (N) of each log by state, NaN for missing samples."""
 
     truth: tuple[Mapping[str, Array], ...]
 
@@ -165,14 +167,15 @@ class Hidden:
         return [(table - means) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the errors of the estimate along log number k."""
+        """Return the estimation errors of the hidden states (N, number of them) in a run of a step along a log, log
+        number `k`."""
         return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
 
 
 @dataclass(frozen=True)
 class Judge:
-    """The data for judging steps: `records`, a criterion `yardstick`, the number of `segments` in a log of mean length,
-    the `engine` that runs the steps."""
+    """The data by which steps are judged: the logs `records`, the criterion `yardstick` (errors of predictions or of
+    hidden states), the number of `segments` in a log of mean length, the `engine` that runs the steps."""
 
     records: Sequence[Log]
     yardstick: Ahead | Hidden
@@ -180,7 +183,11 @@ class Judge:
     engine: Engine
 
     def errors(self, step: CallableStep) -> Array:
-        """Return E_s of all comparable segments of all logs, infinite if the estimate diverged."""
+        """Return for each comparable segment s of all logs the relative mean square error of a step, infinite if the
+        estimate diverged:
+
+            E_s = mean over j of the mean over segment s of (e_j/c_j)^2
+        """
         errors = []
         with np.errstate(all="ignore"):
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
@@ -198,13 +205,13 @@ class Judge:
 
     @property
     def most(self) -> int:
-        """The largest number of segments in a log of mean length such that none is empty."""
+        """Return the largest number of segments in a log of mean length such that no segment is empty."""
         lengths = list(map(len, self._rival_squares))
         return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
     @property
     def count(self) -> int:
-        """The number of comparable segments."""
+        """The number of segments of all logs that have samples to compare."""
         return sum(map(len, self._parts))
 
     @cached_property
@@ -213,16 +220,16 @@ class Judge:
 
     @cached_property
     def _scales(self) -> list[Array]:
-        """The scales c_j^2 (q) over all logs, for each log; NaN for a signal that is constant there or never
-        compared."""
+        """The mean squares c_j^2 (q) over all logs of the errors without a model (copying the last value, or the mean),
+        once for each log; NaN for a signal that is constant in the log or never compared."""
         whole = np.array([_mean(column) for column in np.concatenate(self._rival_squares).T])
         moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._rival_squares]
         return [np.where(moving_signals, whole, np.nan) for moving_signals in moving]
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
-        """The sample numbers of each log's comparable segments. A log has segments in proportion to its length, at
-        least one."""
+        """The numbers of the samples in each segment that has samples to compare, by log. A log has segments in
+        proportion to its length, at least one."""
         every, mean = [], sum(map(len, self._rival_squares)) / len(self._rival_squares)
         for squares, scale in zip(self._rival_squares, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)
@@ -239,8 +246,8 @@ def _mean(values: Array) -> float:
 
 
 def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
-    """Return the candidate with the least error over all segments; and for each segment the error of the candidate that
-    the other segments choose."""
+    """Return the candidate whose mean of `errors` (squared, by segment) is least, and for each segment the error of the
+    candidate that is best on the other segments (cross-validation)."""
     keys, table = list(errors), np.array(list(errors.values()))
     segments = range(table.shape[1])
     judged = [table[int(np.argmin(np.delete(table, s, axis=1).sum(axis=1))), s] for s in segments]
@@ -248,18 +255,18 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 
 def as_good(errors: Array, best: Array) -> bool:
-    """Return whether the errors by segment exceed the best by at most one standard error (the rule of Breiman,
-    Friedman, Olshen, Stone, Classification and Regression Trees, 1984). The standard error is that of their difference
-    or that of the best, whichever is less, so that a candidate with scattered errors is not preferred. Differences by
-    rounding are ignored."""
+    """Return whether the squared `errors` by segment exceed the `best` by at most one standard error (the rule of
+    Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984). The standard error is that of their
+    difference or that of the best, whichever is less, so that a candidate with scattered errors is not preferred.
+    Differences by rounding are ignored."""
     difference = errors - best
     scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
     return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))
 
 
 def readable(plant: System, record: Log, number: int) -> Log:
-    """Return a log without the samples that a step rejects: those beyond an output's range by more than its width, as
-    `plausible` of the guards does. Raises: `BadLog`, `BadShape`."""
+    """Return the log number `number` without the samples that a step rejects: those beyond an output's range by more
+    than its width, as `plausible` of the guards does. Raises: `BadLog`, `BadShape`."""
     ranges = np.array(readings(forms.original(plant)))
     width = np.diff(ranges, axis=1).T
     low, high = np.maximum(ranges[:, 0] - width, -HUGE), np.minimum(ranges[:, 1] + width, HUGE)

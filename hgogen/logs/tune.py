@@ -71,12 +71,12 @@ class Tuned:
 
     @property
     def table(self) -> Mapping[str, Any]:
-        """The tuning that makes the same step."""
+        """The tuning, as a model file holds it, that gives the step of `first` again."""
         return {**self.first.table(self.name), **self.sampling}
 
     def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
-        """Return the innovations over their deviations, e/sqrt(s), by output, for the rows of each log from its cut on;
-        empty without noise."""
+        """Return the innovations over their standard deviations, e/sqrt(s), by output; `records`: pairs of a log and
+        the row from which on they are returned. Empty without fitted noise."""
         if self.noise is None or self.likelihood is None:
             return {}
         scaled = []
@@ -94,7 +94,8 @@ class Tuned:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The problem of a tuning: `judge` observers on the forms of `rows`, in their order, by the logs."""
+    """The problem of tuning observers on logs: `judge` gives the errors of a step, `rows` are the candidate forms in
+    order, `sampling` the method and its options."""
 
     records: tuple[Log, ...]
     judge: Judge
@@ -108,7 +109,7 @@ class Task:
         return self.records[0].dt
 
     def likelihood(self, row: int) -> Likelihood:
-        """Return the likelihood on the form of a row, which all observers share."""
+        """Return the likelihood of the logs on the form number `row`; all observers share it."""
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None
@@ -119,12 +120,13 @@ class Task:
         return self._likelihoods[row]
 
     def make_step(self, name: str, row: Row, gains: Gains) -> First:
-        """Return an observer's step on a form at the period of the logs. Raises: as the observer and `sample` do."""
+        """Return the step of the observer `name` on the form of a row with these gains, at the period of the logs.
+        Raises: as the observer and `sample` do."""
         return first_of(name, row, gains, self.dt, self.sampling)
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
-        """Return an observer's step on the form of a row with the gains from its rule, or the reason why there is
-        none."""
+        """Return the step of the observer `name` on the form number `row` with the gains that its rule computes from
+        `numbers`, or the reason why there is no step."""
         gains = gains_of(getattr(every, name), numbers)
         if isinstance(gains, str):
             return gains
@@ -136,27 +138,28 @@ class Task:
 
 @dataclass(frozen=True)
 class Start:
-    """The search for a maximum of the likelihood on the form of a row, from start `number`."""
+    """A search for a maximum of the likelihood of the logs on the form number `row`, from start `number`; `label`: for
+    progress."""
 
     row: int
     number: int
     label: ClassVar[str] = "likelihood"
 
     def result(self, task: Task) -> Ended:
-        """Return the end of the search."""
+        """Return where the search for a maximum of the likelihood ended."""
         return task.likelihood(self.row).ended(self.number)
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A trial of the observer `label` on the form of a row with the gains from `numbers`."""
+    """A trial of the observer `label` on the form number `row` with the gains that its rule computes from `numbers`."""
 
     row: int
     label: str
     numbers: Scale
 
     def result(self, task: Task) -> Array | str:
-        """Return E_s of its step, or the reason why there is none."""
+        """Return the squared errors E_s of the step by segment s of the logs, or the reason why there is no step."""
         first = task.first(self.label, self.row, self.numbers)
         return first if isinstance(first, str) else task.judge.errors(first.step)
 
@@ -168,8 +171,8 @@ Asking = Generator[list[Piece], list[Any], Result]  # yields pieces of work, rec
 def together(
     searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]]
 ) -> Iterator[tuple[str, Result]]:
-    """Yield the result of each search, as it ends. The requests of all searches are computed at once, equal ones only
-    once."""
+    """Yield the name and result of each search as it ends. A search asks for pieces of work; `work` computes the pieces
+    of all searches at once, equal ones only once."""
     answers: dict[str, Any] = dict.fromkeys(searches)
     while answers:
         requests = {}
@@ -205,8 +208,9 @@ def reasons(refused: Mapping[str, object]) -> str:
 
 
 def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
-    """Return an observer's step on the form of a row with the gains of a tuning, and `method`, `between` and `real` of
-    `sampling`. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer and `sample` do."""
+    """Return an observer's step on the form of a row with these gains at the period `dt`; `sampling`: `method`,
+    `between` and `real`, as in a tuning. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer
+    and `sample` do."""
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
@@ -218,13 +222,14 @@ def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping
 
 
 def thetas(theta: float, dt: float) -> list[float]:
-    """Return a grid from a thirtieth of a theta to the largest that steps of dt admit."""
+    """Return a grid of gains theta, from a thirtieth of the given theta to the largest that steps of `dt` admit."""
     least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
     return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
 def tuned(task: Task, name: str) -> Asking[Tuned | str]:
-    """Search the gains of an observer on the first form that admits it; return why there are none otherwise."""
+    """Search the gains of the observer `name` on the first form that admits it; return why there are no gains
+    otherwise."""
     refusals = ["the plant is in none of its forms"]
     for number, row in enumerate(task.rows):
         if row.form is None or refuted(row.form.checks):
@@ -241,7 +246,8 @@ def tuned(task: Task, name: str) -> Asking[Tuned | str]:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The search for an observer's gains on the form of a row: the scales tried, from the scale `base` on."""
+    """A search for an observer's gains on the form of a row: the numbers (`Scale`) from which its rule computes gains
+    are varied from `base` on; `scales`: those tried, `refusals`: why some gave no step."""
 
     task: Task
     name: str
@@ -251,7 +257,8 @@ class Search:
     refusals: list[str] = field(default_factory=list)
 
     def search(self) -> Asking[Tuned | None]:
-        """Return the best scale of the grid and of those between it and its neighbours; None if none makes a step."""
+        """Return the tuned gains: the best `Scale` (numbers that the rule reads) of a grid, and of those between it and
+        its neighbours; None if none gives a step."""
         noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
         maxima: tuple[Noise, ...] = ()
         if self._reads(noise=noisier):
@@ -274,7 +281,8 @@ class Search:
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
-        """Return E_s by the number of each scale whose step works and does not diverge."""
+        """Return the squared errors E_s by segment, by the number of each `Scale` whose gains give a step that does not
+        diverge."""
         new = list(scales)
         results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
         self.refusals.extend(one for one in results if isinstance(one, str))
@@ -283,7 +291,8 @@ class Search:
         return {k: e for k, e in known.items() if np.isfinite(e).all()}
 
     def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
-        """Return the scales that vary the numbers which the rule reads."""
+        """Return a grid of `Scale`: theta, the longest time and the noise vary where the observer's rule reads them;
+        `maxima`: noise that maximises the likelihood."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
             values = thetas(self.base.theta, self.task.dt)
@@ -294,7 +303,8 @@ class Search:
         return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Yield the scales half way from the best theta, and the best longest time, to their neighbours."""
+        """Yield the scales half way from the theta, and the longest time, of scale number `best` to their neighbours
+        among those `tried`."""
         middle = self.scales[best]
         varied: dict[str, Callable[[float], Scale]] = {
             "theta": lambda value: replace(middle, theta=value),
@@ -306,7 +316,7 @@ class Search:
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
 
     def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Yield scales with other shapes of poles and filters than the best one's, and with a larger theta."""
+        """Yield scales with other shapes of poles and filters than scale number `best`, and with a larger theta."""
         middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
         every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
         for name, values in SHAPES.items():
@@ -315,15 +325,16 @@ class Search:
                 yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
     def _reads(self, **values: Any) -> bool:
-        """Return whether the gains depend on these numbers."""
+        """Return whether the rule's gains depend on these numbers of a `Scale`; `values`: other values of them."""
         observer = getattr(every, self.name)
         return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The result of `tune`: `rows` of observers, the best first; `refused`: why others have none, by observer. They
-    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log."""
+    """The result of `tune`: `rows` of tuned observers, the best first; `refused`: by observer why others have no gains.
+    Gains were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each
+    log."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
@@ -414,7 +425,7 @@ def tune(
 
 
 def _common_period(records: Sequence[Log]) -> float:
-    """Return the period that all records share. Raises: `CannotTune`."""
+    """Return the sampling period that all logs share. Raises: `CannotTune`."""
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     dts = [record.dt for record in records]
@@ -456,7 +467,8 @@ def _truth(
 
 
 def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what: None) -> Tuned | str:
-    """Return the tuned filter with an adaptive theta, from logs without faults, or the reason why there is none.
+    """Return the tuned filter `plain` with an adaptive theta, from logs without faults, or the reason why there is
+    none.
 
         d = T/4, a whole number of samples for each of 4 predictors,   T = 2 n/theta: the time to cross a range
         gamma_0 = 1.1 max of I_d along the log with theta = 1,   gamma_1 = 2 gamma_0
@@ -504,7 +516,8 @@ def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:
-    """Return I_d along the logs without their beginnings."""
+    """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, along the logs without their
+    beginnings."""
     parts = []
     for record in task.records:
         first.step.reset()
