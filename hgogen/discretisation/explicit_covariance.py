@@ -145,7 +145,8 @@ Search = Generator[Request, Lost, Limit]
 
 @dataclass(frozen=True)
 class _Transients:
-    """Simulations of the covariance equation, in the coordinates Delta z at theta_max, where theta starts at `idle`."""
+    """Simulations of the covariance equation X' = L X + X L' + W - X V X of P, or of P^-1 (`representation`), in the
+    coordinates Delta z of theta_max, where theta rises from `idle` by the law `rise`."""
 
     riccati: FrozenRiccati
     idle: float
@@ -239,7 +240,8 @@ def _definite(X: Array) -> Flags:
 
 
 def _transient_limit(starts: _Starts, most: float) -> Search:
-    """Search the largest dt, up to `most`, below which no start loses definiteness; return `NOTHING` if none does."""
+    """Search the largest dt, up to `most`, below which the covariance stays definite from all `starts`; return it, or
+    `NOTHING` where it always does, as a `Limit`."""
     good = bad = min(most, 1e9)
     while lost := (yield starts, (good,))[1]:
         first, good, bad = lost, good / 8.0, good

@@ -178,8 +178,7 @@ def _halved(size: int) -> Graph:
 
 @cache
 def _squared(n: int) -> Graph:
-    """Return the function of (doublings, phi_0, phi_1, phi_2) of X to these of 2 X, 4 X, .. until no doubling
-    remains."""
+    """Return the function of (doublings, phi_0, phi_1, phi_2) of X to these of 2 X, 4 X, .. after all doublings."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2

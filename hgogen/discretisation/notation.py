@@ -20,7 +20,7 @@ FixedMatrix = list[float]
 
 
 class Column(Protocol):
-    """A column v of a matrix, as a kernel accesses it: a member of a struct in emitted code."""
+    """A column of a matrix, as a kernel accesses it: a struct with the vector v as its only member in emitted code."""
 
     v: Vector
 

@@ -37,7 +37,8 @@ Values = Mapping[str, Graph]
 
 @dataclass(frozen=True)
 class Argument:
-    """A column vector that a routine reads, by name and size; `place`: its address in the step's memory, else None."""
+    """A column vector that a routine reads, by name and size; `place`: its place in the step's memory, if it is read
+    there."""
 
     name: str
     size: int
@@ -45,7 +46,7 @@ class Argument:
 
     @property
     def label(self) -> str:
-        """The name in emitted code."""
+        """Return the column's name in emitted code: that of its place in the step's memory, if it has one."""
         return self.place.name if self.place else self.name
 
     def local(self, element: int) -> str:
@@ -163,8 +164,7 @@ class _Result:
 
 @dataclass(frozen=True)
 class Tableau:
-    """The Butcher tableau of k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i; `a`: rows below the
-    diagonal."""
+    """The Butcher tableau of k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i; `a`: below the diagonal."""
 
     name: str
     a: tuple[tuple[float, ...], ...]

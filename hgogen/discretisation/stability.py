@@ -191,8 +191,7 @@ class FrozenRiccati:
         return np.block([[transposed(F), -N], [-Q, -F]])
 
     def decay_rates(self, theta: float) -> Array:
-        """Return the decay rates (k, n) of the error under the steady P, slowest first; 0 where a mode is
-        unobservable."""
+        """Return the decay rates (k, n) of the error under the steady P, slowest first; 0 for an unobservable mode."""
         spectra = np.abs(np.linalg.eigvals(self.hamiltonian(theta)).real)
         return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
 

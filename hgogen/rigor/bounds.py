@@ -167,12 +167,12 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
 
 
 def contains_zero(interval: Interval) -> bool:
-    """Whether zero lies in the closed interval."""
+    """Return whether zero lies in the closed interval (low, high)."""
     return interval[0] <= 0 <= interval[1]
 
 
 def finite(interval: Interval) -> bool:
-    """Whether both ends are finite."""
+    """Return whether both ends of an interval are finite."""
     return abs(interval[0]) != math.inf and abs(interval[1]) != math.inf
 
 
@@ -556,7 +556,7 @@ _FIRST = 500  # boxes before the search for a pole
 
 @dataclass(frozen=True)
 class Attained:
-    """A point of the box, and there an upper bound `value` of a small value, or a lower bound of a large one."""
+    """A point of the box, and an upper bound `value` of an expression there if small, a lower bound if large."""
 
     value: float
     point: Mapping[sp.Symbol, Fraction] = field(hash=False)
@@ -585,7 +585,7 @@ class Range(Encoded):
 
     @property
     def finite(self) -> bool:
-        """Whether both ends are finite."""
+        """Return whether both ends of the range are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     def __str__(self) -> str:
@@ -632,7 +632,8 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression on a box, with exact numbers; its equal forms are the outputs of the tape `program`."""
+    """An expression on a box, with exact numbers; its equal forms are the outputs of `program`, a straight-line
+    program."""
 
     expression: sp.Expr
     sides: Sides
@@ -697,7 +698,7 @@ _GLANCE = 60  # boxes before the search for a zero
 
 
 class Cause(Enum):
-    """The reason why an expression has no constant sign, at the witness."""
+    """The reason why an expression has no constant sign, at a point of the box or next to it."""
 
     ZERO = "vanishes"
     UNDEFINED = "is not a finite real number"

@@ -109,7 +109,7 @@ def _digits(value: sp.Expr) -> str:
 
 
 def _is_noise(value: sp.Expr) -> bool:
-    """Whether no digit of a number is certain, to which SymPy gives the precision 1."""
+    """Return whether no digit of SymPy's number is certain, as its precision of 1 says."""
     return bool(value.is_Float and value._prec == 1)
 
 
@@ -128,7 +128,7 @@ def _near_an_edge(node: sp.Expr) -> bool:
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
-    """The expression with values for symbols; None where SymPy then has to compare complex numbers."""
+    """Return the expression with `values` for symbols; None where SymPy then has to compare complex numbers."""
     try:
         return expression.xreplace(dict(values))
     except (ValueError, TypeError):
@@ -136,7 +136,7 @@ def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
 
 
 def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
-    """The expression with symbols at their values, but for symbols of which a root, an inverse or a logarithm would
+    """Return the expression with `values` for symbols, except symbols of which a root, an inverse or a logarithm would
     then not be a finite real number: SymPy would continue with complex values, and |log(-1)| would be pi."""
     nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
     stay = {s for node in nodes if not _is_real_at(node, values) for s in node.free_symbols}
@@ -153,12 +153,13 @@ def _is_real_at(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
 
 
 def witness(point: RationalPoint) -> dict[str, float]:
-    """The point as floats by name, for a report."""
+    """Return the coordinates of a point as floats by the symbols' names, for a report."""
     return {s.name: float(value) for s, value in point.items()}
 
 
 def exact(expression: sp.Expr) -> sp.Expr:
-    """The expression with each float as the rational of its shortest decimal, or its own rational beyond 53 bits."""
+    """Return the expression with each float as the rational of its shortest decimal, or its own rational beyond 53
+    bits."""
     rationals = {}
     for written in expression.atoms(sp.Float):
         nearest = float(written)
@@ -168,7 +169,8 @@ def exact(expression: sp.Expr) -> sp.Expr:
 
 
 def _range_of(signal: Ranged) -> tuple[sp.Rational, sp.Rational]:
-    """The range of a signal, or a range around its nominal value, for a signal without one may have any value."""
+    """Return the range of a signal, or for a signal without one, which may have any value, one around its nominal
+    value."""
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
     centre = sp.Rational(str(signal.nominal or 0.0))
@@ -184,7 +186,7 @@ EVERYTHING = (-math.inf, math.inf)
 
 @dataclass(eq=False)
 class EmptyBox(HgogenError):
-    """A range whose ends are NaN or in the wrong order."""
+    """The error that the range [low, high] of a signal has ends that are NaN or in the wrong order."""
 
     name: str
     low: End
@@ -258,7 +260,7 @@ class Sides:
             yield {s: _inside(e, t) for s, e, t in zip(self.symbols, self.ends, shares, strict=True)}
 
     def contains(self, point: Point) -> bool:
-        """Whether an exact point of these symbols lies in the box."""
+        """Return whether an exact point, a number for each symbol, lies in the box."""
         return all(low <= point[s] <= high for s, (low, high) in self.box.items())
 
 

@@ -86,8 +86,7 @@ def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
 
 
 def arctangent(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
-    """Return the range of atan2(y, x), whether it is defined, and whether it is continuous: off the cut y = 0, x <=
-    0."""
+    """Return the range of atan2(y, x), flags where it is defined, and where continuous: off the cut y = 0, x <= 0."""
     at_origin = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0) & (x[1] >= 0)
     cut = (y[0] < 0) & (y[1] >= 0) & (x[0] <= 0)
     corners = [_each(_arctangent_at, end, other) for end in y for other in x]
@@ -229,7 +228,7 @@ def _pair(ends: tuple[float, float], like: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """The enclosure of an expression on each of k boxes.
+    """Proved bounds of an expression and its slopes on each of k boxes.
 
     `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
     on the whole closed box; `continuous` there; `slope`: (low, high), a row for each requested symbol, k each; `fixed`:
@@ -244,8 +243,8 @@ class Enclosure:
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
-    """Return the enclosure of each output of a tape on k boxes low <= x <= high (m x k); `slopes`: also of the partial
-    derivatives by all symbols, or by those of the given indices."""
+    """Return the enclosure of each output of a tape, a straight-line program, on k boxes low <= x <= high (m x k);
+    `slopes`: also of the partial derivatives by all symbols, or by those of the given indices."""
     by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
     shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
     everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()
@@ -327,7 +326,7 @@ def _power(a: Enclosure, n: int) -> Enclosure:
 
 
 def _root(a: Enclosure, r: Fraction) -> Enclosure:
-    """The power a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
+    """Return the power a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
     clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
     factor = number(r)
     slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
@@ -345,7 +344,7 @@ def _fractional(a: Pair, r: Fraction) -> Pair:
 
 
 def _raise(args: list[Enclosure]) -> Enclosure:
-    """The power a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
+    """Return the power a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
     a, b = args
     logarithm, _ = elementary("log", (np.maximum(a.value[0], 0.0), a.value[1]))
     value, _ = elementary("exp", multiply(b.value, logarithm))

@@ -81,7 +81,7 @@ class Work:
     remaining: list[int]
 
     def times(self, a: Any, b: Any) -> Any:
-        """The product a b. Raises: `TooLarge`."""
+        """Return the product a b of polynomials, charged to the budget. Raises: `TooLarge`."""
         self.spend(len(a) * len(b))
         return a * b
 
@@ -524,7 +524,7 @@ def degrees(field: Field, polynomial: Any) -> dict[int, int]:
 
 
 def even_degrees(degree: Mapping[int, int]) -> bool:
-    """Whether every degree is even."""
+    """Return whether the degree in tan(m/2) is even for every angle m."""
     return not any(k % 2 for k in degree.values())
 
 

@@ -53,13 +53,13 @@ _HYPERBOLIC = (sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch)
 
 @dataclass(eq=False)
 class TooLarge(HgogenError):
-    """An expression that exact algebra would need too long for."""
+    """The error that exact algebra would need too long for an expression (`what`)."""
 
     what: str
 
     @property
     def reason(self) -> Reason:
-        """The reason why it is not computed."""
+        """Return the reason in words, why the expression is not computed."""
         return because("{what} is too large for exact algebra; write it in fewer or simpler terms", what=self.what)
 
     def __str__(self) -> str:
@@ -215,11 +215,11 @@ class Writer:
 
 
 class Exp(sp.Function):  # type: ignore[misc]
-    """exp(g m), unevaluated."""
+    """The SymPy function of (m, g) for exp(g m), unevaluated."""
 
 
 class Half(sp.Function):  # type: ignore[misc]
-    """tan(g m/2), unevaluated."""
+    """The SymPy function of (m, g) for tan(g m/2), unevaluated."""
 
 
 def _kind(node: sp.Basic) -> str:
@@ -322,14 +322,14 @@ def partial(value: Quotient, generator: int) -> Quotient:
 
 
 def times(a: Any, b: Any) -> Any:
-    """The product of two polynomials. Raises: `TooLarge`."""
+    """Return the product a b of two polynomials. Raises: `TooLarge`."""
     if len(a) * len(b) > _TERMS:
         raise TooLarge("a product")
     return a * b
 
 
 def power(base: Any, exponent: int) -> Any:
-    """A whole power of a polynomial. Raises: `TooLarge`."""
+    """Return the power base^exponent of a polynomial. Raises: `TooLarge`."""
     if len(base) > 1:  # a bound on the number of terms, before the power is formed
         terms = comb(len(base) + exponent - 1, exponent) if exponent < _TERMS else _TERMS + 1
         if terms > _TERMS or terms * exponent > _DIGITS:
@@ -574,7 +574,7 @@ def dependence(
 
 
 def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
-    """The symbols, in their order, on which the value of the expression depends or may depend."""
+    """Return those of the symbols, in their order, on which the expression's value depends or may depend on the box."""
     symbols = tuple(symbols)
     relevant = {s for part in dependence(expression, symbols, box) for s in part}
     return tuple(s for s in symbols if s in relevant)

@@ -184,7 +184,7 @@ class Axis:
         return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
 
     def _before(self, end: Number) -> int:
-        """The number of breakpoints below a number; a float is compared with the breakpoints rounded down."""
+        """Return the number of breakpoints below a number; a float is compared with breakpoints rounded down."""
         return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
 
     def _until(self, end: Number) -> int:
@@ -451,7 +451,7 @@ class Table(sp.Function):  # type: ignore[misc]
         return None if exact is None else sp.Rational(exact)
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
-        """The derivative by argument number `argindex`, from 1."""
+        """Return the partial derivative by argument number `argindex`, from 1, as a `Table` at the same arguments."""
         return applied(self.cells, self.args, next_order(self.order, argindex - 1))
 
     def _eval_evalf(self, prec: int) -> sp.Expr | None:
@@ -503,7 +503,7 @@ def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
 
 
 def all_clamped(expression: sp.Expr) -> sp.Expr:
-    """The expression with every table clamped along all axes, for arguments that may leave the breakpoints."""
+    """Return the expression with every table constant beyond its breakpoints, for arguments that may leave these."""
     return replaced(expression, lambda node: node.cells.clamping())
 
 

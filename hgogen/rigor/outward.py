@@ -55,7 +55,7 @@ def up(x: Array) -> Array:
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """The sum a + b."""
+    """Return the sum a + b of intervals, rounded outward."""
     return add_down(a[0], b[0]), add_up(a[1], b[1])
 
 
@@ -70,7 +70,7 @@ def add_up(x: Array, y: Array) -> Array:
 
 
 def negate(a: Pair) -> Pair:
-    """The interval -a."""
+    """Return the interval -a."""
     return -a[1], -a[0]
 
 
@@ -101,7 +101,7 @@ def scale(a: Pair, b: Pair) -> Pair:
 
 
 def _ends(products: list[Array]) -> Pair:
-    """The smallest and the largest of four products."""
+    """Return the smallest and the largest of four arrays of products, entry by entry."""
     a, b, c, d = products
     return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
 
@@ -144,32 +144,32 @@ def power(a: Pair, n: int) -> Pair:
 
 
 def power_down(x: Array, n: int) -> Array:
-    """A float below x^n or equal, x >= 0."""
+    """Return a float <= x^n for each x >= 0."""
     return _repeated(x, n, _below)
 
 
 def power_up(x: Array, n: int) -> Array:
-    """A float above x^n or equal, x >= 0."""
+    """Return a float >= x^n for each x >= 0."""
     return _repeated(x, n, _above)
 
 
 def square_root(a: Pair) -> Pair:
-    """The square root of the part of a that is not negative."""
+    """Return the square root of the part of the interval a that is not negative."""
     return root_down(a[0]), root_up(a[1])
 
 
 def root_down(x: Array) -> Array:
-    """A float below the square root or equal; 0 for a negative number."""
+    """Return a float <= sqrt(x) for each x; 0 for a negative number."""
     return np.maximum(_below(*_root(np.maximum(x, 0.0))), 0.0)
 
 
 def root_up(x: Array) -> Array:
-    """A float above the square root or equal; 0 for a negative number."""
+    """Return a float >= sqrt(x) for each x; 0 for a negative number."""
     return np.maximum(_above(*_root(np.maximum(x, 0.0))), 0.0)
 
 
 def absolute(a: Pair) -> Pair:
-    """The absolute value |a|."""
+    """Return the interval of |a|."""
     sizes = np.abs(a[0]), np.abs(a[1])
     across = (a[0] <= 0) & (a[1] >= 0)
     return np.where(across, 0.0, np.minimum(*sizes)), np.maximum(*sizes)
@@ -253,7 +253,7 @@ def _split(x: Array) -> Pair:
 
 
 def _residual(x: Array, y: Array, product: Array) -> Array:
-    """The exact residual x y - product."""
+    """Return the exact residual x y - product of a rounded product."""
     x_high, x_low = _split(x)
     y_high, y_low = (x_high, x_low) if y is x else _split(y)
     return ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low

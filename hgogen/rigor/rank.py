@@ -90,7 +90,7 @@ class Reached:
 
     @property
     def branching(self) -> bool:
-        """Whether there is more than one branch."""
+        """Return whether there is more than one branch."""
         return len(self.branches) + self.more > 1
 
 
@@ -209,8 +209,8 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Search a point with the `wanted` signs of tests (index -> sign), along the sides from one with all but the
-        last."""
+        """Search a point with the `wanted` signs of tests (index -> sign), from one with all but the last along the
+        sides."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -255,7 +255,7 @@ class _Search:
 
 
 def _ordered(node: sp.Expr) -> list[sp.Expr]:
-    """The arguments of a minimum or maximum in a reproducible order."""
+    """Return the arguments of a minimum or maximum in a reproducible order."""
     return sorted(node.args, key=sp.default_sort_key)
 
 
@@ -617,7 +617,7 @@ def plant_of(
 
 
 def exact_numbers(plant: Plant) -> bool:
-    """Whether the plant can be evaluated modulo a prime: with + - * / only, and without both pi and e."""
+    """Return whether the plant can be evaluated modulo a prime: with + - * / only, and without both pi and e."""
     constants = {i.value for i in plant.tape.instructions if i.op == "constant"}
     return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
 

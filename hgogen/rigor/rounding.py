@@ -52,7 +52,7 @@ class Computed:
 
     @property
     def size(self) -> Any:
-        """An upper bound of |v| and |v~|."""
+        """Return an upper bound of |v| and |v~|, the exact and the computed number."""
         return (abs(self.value) + self.error).upper()
 
     @property
@@ -86,12 +86,12 @@ class Rounding:
 
     @property
     def tiny(self) -> Any:
-        """The smallest normal number: the error of an underflow, also where it is flushed to 0."""
+        """Return the smallest normal number: the error of an underflow, also where it is flushed to 0."""
         return arb(2) ** (-126 if self.real == "float" else -1022)
 
     @property
     def largest(self) -> Any:
-        """A power of two below the largest number."""
+        """Return a power of two below the largest number of the precision."""
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def parameter(self, number: float) -> Computed:

@@ -61,18 +61,17 @@ def draws(seed: int, name: str) -> random.Random:
 
 @dataclass(frozen=True)
 class Balls:
-    """The arithmetic of power series in t of balls, in `flint.ctx`'s precision; `seed`: for the range of random
-    points."""
+    """The arithmetic of power series in t of balls, in `flint.ctx`'s precision; `seed` selects random points."""
 
     seed: int
 
     def draw(self, source: random.Random) -> Any:
-        """A random number in the range of the seed."""
+        """Return a random number, as a ball, from the range that the seed selects."""
         low, high = _SCALES[self.seed % len(_SCALES)]
         return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
 
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
-        """The series c_0 + c_1 t + ... , known below t^order."""
+        """Return the series c_0 + c_1 t + .. of the coefficients, known below t^order."""
         return arb_series(list(coefficients[:order]), prec=order)
 
     def number(self, value: Fraction, order: int) -> Any:
@@ -161,7 +160,7 @@ class Balls:
         raise Undecided
 
     def coefficients(self, a: Any, order: int) -> list[Any]:
-        """The first `order` coefficients of a series, padded with zeros."""
+        """Return the first `order` coefficients of a series, padded with zeros. Raises: `Undecided` if not finite."""
         coefficients: list[Any] = a.coeffs()[:order]
         if not all(c.is_finite() for c in coefficients):
             raise Undecided
@@ -442,11 +441,11 @@ class Modular:
     seed: int
 
     def draw(self, source: random.Random) -> int:
-        """A random number, not zero modulo the prime."""
+        """Return a random number from 1 to prime - 1."""
         return source.randrange(1, self.prime)
 
     def series(self, coefficients: Sequence[int], order: int) -> Any:
-        """The series c_0 + c_1 t + ... , known below t^order."""
+        """Return the series c_0 + c_1 t + .. of the coefficients, known below t^order."""
         return flint.nmod_poly(list(coefficients[:order]), self.modulus)
 
     def number(self, value: Fraction, order: int) -> Any:
@@ -480,7 +479,7 @@ class Modular:
         return less.mul_low(a, order), value * less
 
     def coefficients(self, a: Any, order: int) -> list[int]:
-        """The first `order` coefficients of a series, padded with zeros."""
+        """Return the first `order` coefficients of a series, padded with zeros."""
         coefficients = [int(c) for c in a.coeffs()[:order]]
         return coefficients + [0] * (order - len(coefficients))
 
@@ -498,7 +497,7 @@ class Modular:
         return (int(shifted) - int(base)) % self.modulus // self.prime
 
     def reduced(self, a: Any) -> int:
-        """The number modulo the prime."""
+        """Return the number a modulo the prime."""
         return int(a) % self.prime
 
 
@@ -528,7 +527,7 @@ class Plant:
 
     @property
     def outputs(self) -> int:
-        """The number of outputs."""
+        """Return the number of outputs y of the plant."""
         return len(self.tape.outputs) - self.n
 
 

@@ -50,15 +50,14 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition under which a part is smooth: a `relation`, such as "{of} != 0", with {of} for the expression
-    `of`."""
+    """A condition under which a part is smooth: a `relation`, such as "{of} != 0", and its expression `of`."""
 
     relation: str
     of: sp.Expr
 
     @property
     def reason(self) -> Reason:
-        """The condition in words."""
+        """Return the condition in words, such as "u != 0"."""
         return because(self.relation, of=self.of)
 
     def __str__(self) -> str:
@@ -95,7 +94,7 @@ def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Conditio
 
 
 def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
-    """The conditions in words."""
+    """Return each condition in words, such as "u != 0"."""
     return tuple(each.reason for each in conditions)
 
 
@@ -226,7 +225,7 @@ def _tangent(x: Any) -> Any:
 
 
 class _NoSeries(Exception):
-    """An expression without a power series with rational coefficients at 0."""
+    """The error that an expression has no power series with rational coefficients at 0."""
 
 
 class Resolved(sp.Piecewise):  # type: ignore[misc]
@@ -262,8 +261,7 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient without its singularity at 0: the coefficients of a polynomial for |x| < `radius`, and the form
-    `beyond`."""
+    """A quotient without its singularity at 0: a polynomial's coefficients for |x| < `radius`, else `beyond`."""
 
     coefficients: tuple[sp.Rational, ...]
     radius: sp.Rational
@@ -283,7 +281,7 @@ class _Regular:
 
 
 def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
-    """The polynomial c_0 + x (c_1 + x (..))."""
+    """Return the polynomial c_0 + x (c_1 + x (..)) at x."""
     total: sp.Expr = sp.S.Zero
     for c in reversed(coefficients):
         total = c + x * total
@@ -393,8 +391,7 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """Return the sum of h(x)/x^m without its singularity at 0; None if it is not removable, or no radius is
-    suitable."""
+    """Return the sum of h(x)/x^m without its singularity at 0; None if not removable, or without a suitable radius."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -505,8 +502,7 @@ def with_limits(expression: sp.Expr) -> sp.Expr:
 
 
 def bounded_logs(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with b^p log(c b), p > 0, replaced by an expression that is finite wherever its limit
-    is."""
+    """Return the expression with b^p log(c b), p > 0, replaced by an expression that is finite where its limit is."""
     return _logs(expression, lambda product, log, argument: product.xreplace({log: argument.bounded}))
 
 
@@ -533,8 +529,7 @@ def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp
 
 
 def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
-    """Return the factor log(c b) of a product with b^p, p > 0, and the description of its argument; None without
-    one."""
+    """Return the factor log(c b) of a product with b^p, p > 0, and its argument's description; None without one."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
@@ -692,19 +687,19 @@ def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
 
 
 def _constant(e: sp.Expr, box: Box) -> int:
-    """The strict sign of e on the box where e is proved to be defined, else 0."""
+    """Return the sign 1 or -1 of e if e > 0 or e < 0 is proved, and e is proved defined, on the whole box, else 0."""
     way = _strict(e, box)
     return way if way and is_defined(e, box) else 0
 
 
 def _side(e: sp.Expr, box: Box) -> int:
-    """The weak sign of e on the box: 1 if e >= 0 is proved, else -1 if e <= 0 is, else 0."""
+    """Return the weak sign of e on the box: 1 if e >= 0 is proved, else -1 if e <= 0 is, else 0."""
     low, high = rational(e, box) if e.count_ops() <= _OPERATIONS and not e.has(*STRANGE) else EVERYTHING
     return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
 
 
 def _strict(e: sp.Expr, box: Box) -> int:
-    """The strict sign of e on the box: 1 if e > 0 is proved, -1 if e < 0 is, else 0."""
+    """Return the strict sign of e on the box: 1 if e > 0 is proved, -1 if e < 0 is, else 0."""
     if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
         return 0
     low, high = rational(e, box)

@@ -139,7 +139,7 @@ def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags)
 
 
 def _norm(matrix: Array) -> Array:
-    """Upper bounds of the spectral norms of interval matrices (2 x rows x columns x k)."""
+    """Return upper bounds (k) of the spectral norms of interval matrices (2 x rows x columns x k)."""
     (low, high), exponent = _scaled(matrix)
     size = np.maximum(np.abs(low), np.abs(high))
     plain = _frobenius(size)
@@ -170,7 +170,7 @@ def _scaled(matrix: Array) -> tuple[Array, Indices]:
 
 
 def _largest_sum(size: Array) -> Array:
-    """Upper bounds of the largest row sums of nonnegative matrices (rows x columns x k)."""
+    """Return upper bounds (k) of the largest row sums of nonnegative matrices (rows x columns x k)."""
     total = np.zeros((size.shape[0], size.shape[2]))
     for column in np.moveaxis(size, 1, 0):
         total = up(total + column)
@@ -178,12 +178,12 @@ def _largest_sum(size: Array) -> Array:
 
 
 def _frobenius(size: Array) -> Array:
-    """Upper bounds of the Frobenius norms of nonnegative matrices (rows x columns x k)."""
+    """Return upper bounds (k) of the Frobenius norms of nonnegative matrices (rows x columns x k)."""
     return outward.root_up(reduce(outward.add_up, outward.power_up(size, 2).reshape(-1, *size.shape[2:])))
 
 
 def _point_norm(matrix: Array) -> Array:
-    """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
+    """Return upper bounds (k) of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
     matrix, exponent = _scaled(matrix)
     largest = np.abs(matrix).max(axis=(0, 1))
     transposed = np.swapaxes(matrix, 0, 1)
@@ -392,7 +392,7 @@ def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
-    """Whether |slope| tends to infinity towards the point along a line in the box: by its limit and at samples."""
+    """Return whether |slope| tends to infinity towards the point along a line in the box, by limits and samples."""
     t = sp.Dummy("t", positive=True)
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
     for target in islice(around.spread(), 6):  # exponents are constant: powers to long fractions are expensive
@@ -462,8 +462,7 @@ class SecondOrder:
     """The claim that S(e, x) = `value` is < 0 for all x of `box` and all e (the symbols `errors`) of the box `around`
     but 0.
 
-    `matrix`: N(c, x) with S <= - e'N e for e'N e the average over copies c of e; `copies`: each c, a tuple of symbols
-    (n).
+    `matrix`: N(c, x), whose average over the `copies` c of e, each a tuple of symbols (n), satisfies S <= - e'N e.
     """
 
     value: sp.Expr
@@ -480,8 +479,9 @@ class Answer:
     """The answer to the claim S(e, x) < 0, with its `reason`: PROVED with the proofs, REFUTED with an exact point and S
     = `value` there, or UNKNOWN.
 
-    `share`: the share of the box of errors on which N(c, x) with S <= - e'N e is proved definite, with T = `basis`, for
-    which T'N T is nearly the unit matrix. The first proof is that of N, the others those of the slabs around.
+    `share`: the share of the box of e on which the matrix N in S <= - e'N e is proved definite, with T = `basis`, for
+    which T'N T is nearly the unit matrix. The first proof is that of N, the others are those of S < 0 on the slabs
+    outside.
     """
 
     verdict: Verdict
@@ -676,8 +676,8 @@ def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.
 
 
 def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """Return N and the box of its symbols, with every copy c in a `share` of the box of e. If N contains x and c by x -
-    c only, the difference is one symbol."""
+    """Return the matrix N(c, x) and the box of its symbols, with each copy c of e in a `share` of the box of e. If N
+    contains x and c by x - c only, the difference is one symbol."""
     box, matrix = dict(claim.box), claim.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
@@ -751,7 +751,7 @@ class _Eigenvalues:
 
     @property
     def least(self) -> float:
-        """The smallest eigenvalue, -inf where the matrix is not finite."""
+        """Return the smallest eigenvalue at the sample points, -inf where the matrix is not finite."""
         return float(self.spectra[:, 0].min())
 
     @property
@@ -777,7 +777,7 @@ class _Eigenvalues:
 
 
 def _spectrum(matrices: np.ndarray) -> np.ndarray:
-    """Eigenvalues (k, n) of matrices (k, n, n), -inf for a matrix that is not finite."""
+    """Return the eigenvalues (k, n) of matrices (k, n, n), -inf for a matrix that is not finite."""
     good = np.isfinite(matrices).all(axis=(1, 2))
     values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
     return np.where(good[:, None], values, -np.inf)

@@ -317,8 +317,7 @@ def shared(expression: sp.Expr) -> sp.Expr:
 
 
 def _introduced(node: sp.Expr) -> set[sp.Expr]:
-    """Return the norms that a kink adds, for a Piecewise also those of its conditions even if its branches have
-    them."""
+    """Return the norms that a kink adds, for a Piecewise also those of its conditions if its branches have them."""
     every = _norms([node])
     if not isinstance(node, sp.Piecewise):
         return every - _norms(node.args)
