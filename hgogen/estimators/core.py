@@ -32,8 +32,8 @@ from hgogen.reading.given import BadGain
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """The part x' = M x + B y of an estimator that is linear in its fields x and the measurement y: M (N, N) and B (N,
-    p) in SX; `x`: the symbols of the fields that are not frozen."""
+    """The part x' = M x + B y of an estimator that is linear in its stored variables x and the measurement y: M (N, N)
+    and B (N, p) in SX; `x`: the symbols of x, without frozen variables."""
 
     x: Graph
     M: Graph
@@ -41,9 +41,9 @@ class Core:
 
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
-    """Return M, B of the linear part x' = M x + B y of an estimator, in terms of parameters and gains, with frozen
-    fields at their values; None for a part without it. `valid` (p): 1 for an output whose sample is used, else 0; by
-    default every sample is used."""
+    """Return M, B of the linear part x' = M x + B y of an estimator, x its stored variables, in terms of parameters and
+    gains; None for an estimator without it. `valid` (p): 1 for an output whose sample is used, else 0; by default every
+    sample is used."""
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
@@ -116,8 +116,9 @@ class Saturating(Ode):
 
 
 def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Saturating:
-    """Return the estimator field' = lines(values, y - o(u), valid, saturate, c). saturate(value, i) clamps a value to
-    the range of w_i; c(w) are the chain's nonlinear terms (n)."""
+    """Return the estimator whose fields (stored variables) obey x' = lines(x, y - o(u), valid, saturate, c):
+    saturate(value, i) clamps a value to the range of w_i, and c(w) (n) are the nonlinear terms of the chain w_i' =
+    w_(i+1) + c_i(w, u)."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
@@ -157,7 +158,7 @@ def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
 
 
 def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
-    """Raise `BadGain` for one of the states `wanted` without a range at which to saturate its estimate."""
+    """Raise `BadGain` for one of the states with the indices `wanted` that has no range to saturate its estimate at."""
     for i in wanted:
         if not form.states[i].bounded:
             state = form.to_form[i]

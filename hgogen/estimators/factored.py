@@ -189,16 +189,16 @@ class Unrolled(FilterStep, ABC):
 
     @abstractmethod
     def scaled(self, scale: Graph) -> Writes:
-        """Return the writes of the factors of diag(s) P diag(s), with s = `scale` (n)."""
+        """Return the assignments of the factors of diag(s) P diag(s), with s = `scale` (n)."""
 
     @abstractmethod
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the writes of P's factors after y = c z, c = `row` (1, n), of variance `r`, and the gain K (n)."""
+        """Return assignments of P's factors after y = c z, c = `row` (1, n), of variance `r`, and the gain K (n)."""
 
     @abstractmethod
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the writes of the factors of growth Phi P Phi' + h Q_theta, Phi = `transition` (n, n) and growth = 1
-        for None, and the intermediate values that get a name in the code."""
+        """Return the assignments of the factors of growth Phi P Phi' + h Q_theta, Phi = `transition` (n, n) and growth
+        = 1 for None, and the intermediate values that get a name in the code."""
 
     def pieces(self) -> Pieces:
         """Return the memory fields and the statements of the filter: predict, then one scalar update for each
@@ -256,7 +256,7 @@ class Unrolled(FilterStep, ABC):
     def corrected(
         self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
     ) -> Program:
-        """Return the statements z <- z + gain error, `gain` (n), and the writes `factors` of P."""
+        """Return the statements z <- z + gain error, `gain` (n), and the assignments `factors` of P."""
         z = {Place("state", self.part.z.name): self.z + gain * error}
         return (Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))}),)
 
@@ -274,7 +274,7 @@ class UnitTriangular(Unrolled):
 
     @staticmethod
     def writes(L: Graph, d: Graph) -> Writes:
-        """Return the writes of L (n, n) and of the diagonal `d` (n) of D to the state."""
+        """Return the assignments of L (n, n) and of the diagonal `d` (n) of D to the state."""
         return ({Place("state", "L"): ca.densify(pack(L, 1))} if d.numel() > 1 else {}) | {Place("state", "D"): d}
 
     @property
@@ -300,18 +300,18 @@ class UnitTriangular(Unrolled):
         return [ca.dot(L[i, :].T ** 2, d) for i in range(self.part.dynamics.n)]
 
     def scaled(self, scale: Graph) -> Writes:
-        """Return the writes of L, D of diag(s) P diag(s), with s = `scale` (n)."""
+        """Return the assignments of L, D of diag(s) P diag(s), with s = `scale` (n)."""
         L, d = self.symbols
         return self.writes(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the writes of L, D after Bierman's update by y = c z, c = `row` (1, n), of variance `r`, and the
+        """Return L, D, as assignments, after Bierman's update by y = c z, c = `row` (1, n), of variance `r`, and the
         gain."""
         *factors, gain = measurement_update(*self.symbols, row, r)
         return self.writes(*factors), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the writes of L, D of growth Phi P Phi' + h Q_theta (Thornton), and intermediate values."""
+        """Return L, D, as assignments, of growth Phi P Phi' + h Q_theta (Thornton), and intermediate values."""
         L, d = self.symbols
         d = d if growth is None else growth * d
         L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
@@ -407,7 +407,7 @@ class Looped(FilterStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """Return `matrix` with symbols of the work array `name` for entries that are no constants, and their writes."""
+    """Return `matrix` with symbols of the array `name` for entries that are no constants, and their assignments."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:

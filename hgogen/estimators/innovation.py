@@ -113,8 +113,7 @@ class Predictor:
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def stepped(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """Return z (n) after a step `dt` of z' = f(z, u), before `clamped`; u is a function of the share of the
-        step."""
+        """Return z (n) after a step `dt` of z' = f(z, u), before `clamped`; u is a function of the step's share."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -271,11 +270,11 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """Return the write of the stored input as the previous one of the next simulated step; empty without inputs."""
+        """Return the assignment of the stored input as the previous one of the next step; empty without inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
-        """Return the writes of one simulated model step, and of the sum increased by its squared output error."""
+        """Return the assignments of one simulated model step, and of the sum increased by its squared output error."""
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         z = sym("work", "zw", self.n)
@@ -331,7 +330,7 @@ class _Copies:
 
     @property
     def period(self) -> int:
-        """Samples between two restarts."""
+        """The number of samples between two restarts of a copy of the model."""
         return self.count // self.shares
 
     @property
@@ -425,8 +424,8 @@ def _with(values: Graph, index: int, value: Graph) -> Graph:
 
 
 def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
-    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s), by default with Heun's
-    method.
+    """Innovation I_d = integral over [t-d, t] of |y - yhat|^2 by `predictors` + 1 copies of the model, restarted in
+    turn, over a window `d` (s), by default with Heun's method.
 
     `weights`: of each output's square, by name or in their order, 1 by default.
 

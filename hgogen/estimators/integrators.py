@@ -97,7 +97,7 @@ class Integrators:
         return w / self.scale
 
     def nonlinear(self, w: Graph, u: Graph) -> Graph:
-        """The nonlinear terms c(w, u) (n), their argument saturated to the declared box."""
+        """Return c (n) of w' = A w + c(w, u), the argument w saturated to the declared ranges."""
         return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
     def offset(self, u: Graph) -> Graph:
@@ -255,7 +255,7 @@ def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray
 
 
 def listed(K: np.ndarray) -> str:
-    """Return the text of gains for a banner, with all digits."""
+    """Return the text "(K_1, .., K_n)" with all digits."""
     return f"({', '.join(map(same, K))})"
 
 

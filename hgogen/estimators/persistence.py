@@ -394,7 +394,7 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 
 
 def _norm(M: Any) -> Any:
-    """Return the largest absolute row or column sum, a ball whose upper end bounds the spectral norm and each entry."""
+    """Return the largest absolute row or column sum of M, a ball whose upper end bounds |M| and each entry."""
     rows = [[abs(M[i, j]) for j in range(M.ncols())] for i in range(M.nrows())]
     sums = [sum(row, flint.arb(0)) for row in (*rows, *zip(*rows, strict=True))]
     total = sums[0]
@@ -501,8 +501,7 @@ def _period(inputs: Persistent) -> float | None:
 
 
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
-    """Return why an observer, which clamps inputs to their ranges, may change u(t) up to the time `end`, else
-    `NONE`."""
+    """Return why an observer, which clamps inputs to their ranges, may change u(t), t <= `end`; else `NONE`."""
     for u in form.system.inputs:
         if u.bounded and u.name in inputs.inputs:
             extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})

@@ -71,8 +71,9 @@ def cap(
 
 
 def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
-    """Return a diagonal (n) or a matrix (n, n) as a symmetric positive definite matrix, without rounding errors. A
-    diagonal may have zeros where its noise `reaches` every state. Raises: `BadGain`."""
+    """Return `value`, a diagonal (n) or a matrix (n, n), as a symmetric positive definite matrix, without rounding
+    errors. A diagonal may have zeros if `reaches` (matrix -> bool) holds: its noise reaches every state. Raises:
+    `BadGain`."""
     matrix = reals(name, value)
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
@@ -167,7 +168,7 @@ class Riccati(Part):
 
     @cached_property
     def scaling(self) -> Scaling:
-        """The scaling of Q_theta and R_theta by theta."""
+        """The powers of theta that scale Q_theta and R_theta."""
         return scaling(self.dynamics.form, self.theta.scaled)
 
     def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
@@ -229,24 +230,23 @@ class AtSamples(Around):
 
 
 def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
-    """Return the entries (i, j) of a lower triangle (n, n) by columns, from the diagonal or the `first` one below
-    it."""
+    """Return the entries (i, j) of a lower triangle (n, n) by columns, from the diagonal or `first` below it."""
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
 
 def pack(matrix: Graph, first: int = 0) -> Graph:
-    """Return the lower triangle of an SX matrix, column by column, in the order of `lower`."""
+    """Return the lower triangle of `matrix` as an SX column, by columns, in the order of `lower`."""
     return column(matrix[i, j] for i, j in lower(matrix.shape[0], first))
 
 
 def unpack(packed: Graph, n: int) -> Graph:
-    """The symmetric SX matrix (n, n) of its packed lower triangle."""
+    """Return the symmetric SX matrix (n, n) whose lower triangle, by columns, is `packed`."""
     matrix = unpack_lower(packed, n)
     return ca.tril(matrix) + ca.tril(matrix, False).T
 
 
 def unpack_lower(packed: Graph, n: int, first: int = 0) -> Graph:
-    """Return the lower triangular SX matrix (n, n) of its packed triangle; the diagonal of a strict triangle is 1."""
+    """Return the lower triangular SX matrix (n, n) of `packed`, by columns; for `first` = 1 its diagonal is 1."""
     matrix = ca.SX.eye(n) if first else ca.SX(n, n)
     for k, (i, j) in enumerate(lower(n, first)):
         matrix[i, j] = packed[k]
@@ -259,7 +259,8 @@ Ends = tuple[float, ...]
 def packed_triangle(
     name: str, matrix: np.ndarray, meaning: str, first: int = 0, low: Ends = (), high: Ends = ()
 ) -> Field:
-    """Return the field of a packed lower triangle, with that of the matrix as initial value; `low`, `high`: its box."""
+    """Return the memory field of a lower triangle, stored by columns, with that of `matrix` as initial value; `low`,
+    `high`: its limits."""
     pairs = lower(len(matrix), first)
     start, entries = tuple(float(matrix[i, j]) for i, j in pairs), tuple((i + 1, j + 1) for i, j in pairs)
     return Field(name, start, entries=entries, meaning=f"{meaning} by columns", low=low, high=high)
@@ -335,7 +336,7 @@ def solve(S: Graph, right: Graph) -> Graph:
 def time_update(
     L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph
 ) -> tuple[Graph, Graph, dict[str, Graph]]:
-    """Return the factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the intermediate
+    """Return L, d of Phi L diag(d) L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the intermediate
     values that get a name.
 
     Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
@@ -358,7 +359,8 @@ def time_update(
 
 
 def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph, Graph]:
-    """Return the factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
+    """Return L, d of P = L diag(d) L' after one scalar measurement with row c (1, n) and variance r (Bierman), and the
+    gain K (n).
 
     The recursion runs from the last state to the first because L is lower triangular; where c = (c_1, 0, ..., 0) it
     reduces to alpha = r + c_1^2 d_1, K = c_1 d_1 L[:,1]/alpha, d_1 <- d_1 r/alpha, L unchanged.

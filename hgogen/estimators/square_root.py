@@ -117,7 +117,7 @@ class SquareRoot(Unrolled):
 
     @staticmethod
     def writes(S: Graph) -> Writes:
-        """The write of S to the state."""
+        """Return the assignment of S (n, n) to the state."""
         return {Place("state", "root"): pack(S)}
 
     @property
@@ -143,16 +143,17 @@ class SquareRoot(Unrolled):
         return [ca.dot(S[i, :], S[i, :]) for i in range(self.part.dynamics.n)]
 
     def scaled(self, scale: Graph) -> Writes:
-        """Return the write of S of diag(s) P diag(s), with s = `scale` (n)."""
+        """Return the assignment of S of diag(s) P diag(s), with s = `scale` (n)."""
         return self.writes(ca.diag(scale) @ self.root)
 
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
-        """Return the write of S after Carlson's update by y = c z, c = `row` (1, n), of variance `r`, and the gain."""
+        """Return S, as an assignment, after Carlson's update by y = c z, c = `row` (1, n), of variance `r`, and K
+        (n)."""
         S, gain = carlson(self.root, self.root.T @ row.T, r)
         return self.writes(S), gain
 
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the write of S of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and intermediate values."""
+        """Return S, as an assignment, of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and intermediate values."""
         S = self.root if growth is None else ca.sqrt(growth) * self.root
         S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
         return self.writes(S), names
@@ -242,7 +243,7 @@ class Unscented(SquareRoot):
 
 @dataclass(frozen=True)
 class Iterated(SquareRoot):
-    """A Kalman filter with `passes` Gauss-Newton passes, at least 1, at each sample."""
+    """An iterated extended Kalman filter on P = S S', with `passes` >= 1 Gauss-Newton passes at each sample."""
 
     passes: int
     rule = RULE

@@ -319,7 +319,7 @@ def _fastest(M: Array) -> float:
 @dataclass(frozen=True, eq=False)
 class Loops:
     """The closed loops F - P N of a filter at k points: F, N = C'R^-1 C, Q and the prior rho S_0 (k, n, n), in
-    coordinates in which the steady P of h -> 0 is 1.
+    coordinates in which the steady P of the continuous filter is 1.
 
     `starts` (s, k, n, n): the initial values of P. With L = `back` (k, n, n), L P L' is the covariance in units of the
     state, `cap` (n) its cap, possibly inf. `most` (k): the admissible growth of an error relative to continuous
@@ -456,7 +456,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
 
 
 def together(every: Sequence[Loops]) -> Loops:
-    """Return the closed loops of several `Loops` with the same rho and caps."""
+    """Return several `Loops` of one rho and one cap as one, with all their points."""
     F, N, Q, prior, back, most = (
         np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
     )
@@ -497,8 +497,8 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loop
 
 
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
-    """Return the steady P (k, n, n) of the Riccati equation P' = F P + P F' + rho (P - P S_0 P) + Q_theta - P C'
-    R_theta^-1 C P at each F, C."""
+    """Return the steady P (k, n, n) of 0 = F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P at each F,
+    C."""
     (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
     if rho:
         C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))

@@ -306,7 +306,7 @@ class Theta(ABC):
 
     @property
     def error_free(self) -> float | None:
-        """The value that theta tends to at error 0, if theta can rise from there to its peak again, else None."""
+        """The value that theta tends to without errors, if theta can rise from there to its peak again, else None."""
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
@@ -316,7 +316,7 @@ class Theta(ABC):
     @property
     @abstractmethod
     def gains(self) -> tuple[Field, ...]:
-        """The tunable gains of theta."""
+        """The tunable gains of the law of theta."""
 
     @abstractmethod
     def law(self, unit: str) -> str:
@@ -334,7 +334,7 @@ class Theta(ABC):
 
 @dataclass(frozen=True)
 class Constant(Theta):
-    """A constant theta."""
+    """A constant theta, 1 for the extended Kalman filter; `scaled`: the noises that theta scales."""
 
     theta: float
     scaled: Scaled = "both"

@@ -46,7 +46,7 @@ class Cholesky:
         return SquareRoot(part, clock).pieces()
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return no lengths: `ode` refuses the part."""
+        """Return no step lengths: the method refuses a part without a covariance."""
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:

@@ -130,16 +130,16 @@ def adaptive_lmi(
     with constant a_i). Its gain gamma rises by gamma' = alpha gamma while |y - w_1| > d, else falls by gamma' = -sigma
     gamma^2.
 
-    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (inequality (54) of the module on K, P, sigma), `.convergence`
-    (a bound on gamma_inf is proved), `.theta` (gamma_inf is above it), `.attenuation` (of a disturbance);
-    `adaptive_lmi.lipschitz` in coordinates other than the plant's states.
+    Checks: `adaptive_lmi.definite` (P > 0), `.decay` ((A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0 for
+    a lambda > 0), `.shrink` (D P + P D >= 0), `.convergence` (a bound on gamma_inf is proved), `.theta` (gamma_inf is
+    above it), `.attenuation` (of a disturbance); `.lipschitz` in coordinates other than the plant's states.
 
     Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, with gamma(0) = gamma_inf; `K` (n), `P` (n, n),
     `sigma` > 0 of `hgogen.design`, for a chain of n integrators; `rise` alpha (1/s) > 0; `threshold` d > 0 in the unit
     of y, above the noise; `disturbance` (G_1 (n, m), G_2 (m)) of m disturbances of w' and y; `initial` the plant's
     state; `accept` ids of refuted checks to ignore.
 
-    Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
+    Raises: `Refuted`, also for a P that one of the first three checks refutes; `NotHurwitz`; `BadGain`.
     """
     accept = demand_form("adaptive_lmi", form, accept, deferred=DESIGN_CHECKS, requires=integrators)
     chain, ends = integrators("adaptive_lmi", form), reals("gamma", gamma)

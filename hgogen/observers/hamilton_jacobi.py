@@ -57,7 +57,7 @@ LIMITED = Bit(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return the inverses of the starting gains of a Kalman filter."""
+    """Return starting weights: the inverses of the covariances Q, P0, R that a Kalman filter starts with."""
     return {"Q": scale.density(-1), "P0": scale.start(-1), "R": scale.variance(-1)}
 
 

@@ -291,8 +291,8 @@ def _started(w: Field, chain: Integrators, start: Any) -> Field:
 
 
 def _unmodelled(form: Form) -> Form:
-    """Return the form with b = 0, and without the inputs that only b reads. Raises: `BadGain` where a row of b other
-    than the last is not 0."""
+    """Return the form z' = A z with b = 0, and without the inputs that only b reads. Raises: `BadGain` where a row of b
+    other than the last is not 0."""
     if any(row != 0 for row in form.b[:-1]):
         reason = "takes a form with b in its last row only where it has no model: take the form phase, or model=True"
         raise BadGain("lambda_tracking", reason)

@@ -120,7 +120,7 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 
 
 def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Check:
-    """Return the check `riccati.convergence`: proved for a linear plant, else unknown."""
+    """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         obstacle = settles(plant, Q, theta.theta)

@@ -167,8 +167,9 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """The sections of the plain step, which read the input and the samples of a period from the state. The status
-        bits for missing samples are raised by the caller's updates, those for a wrong order cannot occur."""
+        """The sections of the step without delays, with the input and the samples of a stored period in place of the
+        caller's. The status bits for missing samples are raised by the caller's updates, those for a wrong order cannot
+        occur."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]
@@ -331,7 +332,7 @@ def _signals(name: str, signals: tuple[Signal, ...], signal: str) -> Field:
 
 
 def _copies(source: str, target: str, fields: Iterable[Field]) -> Program:
-    """Return the blocks that copy the fields of one struct to another; counters have a separate block."""
+    """Return the blocks that copy these fields from struct `source` to `target`; counters have a separate block."""
     blocks = []
     for kind, title in (("real", "memory"), ("index", "counters")):
         writes = {Place(target, f.name): sym(source, f.name, f.size) for f in fields if f.kind == kind}

@@ -197,7 +197,7 @@ def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
 
 
 def implausible(reading: tuple[float, float]) -> str:
-    """Return the text of when a sample is implausible, for the sensor's range `reading`."""
+    """Return the text "outside a .. b, .." of implausible samples, for the sensor's range `reading`."""
     low, high = reading
     width = high - low
     place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
@@ -440,8 +440,9 @@ def word(bits: Sequence[Bit]) -> np.dtype:
 def possible_bits(
     outputs: Iterable[Signal], inputs: Iterable[Signal], rates: Iterable[Signal], beyond: Mapping[Signal, str]
 ) -> list[Bit]:
-    """Return the bits that a status may have, in the order of the word: for each output, each state whose rate may have
-    a fallback, each input, and the step; `beyond`: the text of when a sample of an output is implausible."""
+    """Return the bits that a status may have, in the order of the word: for each output, each state in `rates` whose
+    rate may have no finite value, each input, and the step; `beyond`: the text of when a sample of an output is
+    implausible."""
     bits = []
     for signals, kinds in ((outputs, OUTPUT_BITS), (rates, RATE_BITS), (inputs, INPUT_BITS)):
         for signal in signals:
@@ -463,7 +464,7 @@ def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Con
 
 
 def shortage(names: Sequence[str]) -> str:
-    """Return the message for a status with too many bits, with the bits by source and a remedy; "" where they fit."""
+    """Return the message for too many status bits, `names`, their number by kind and a remedy; "" where they fit."""
     most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *RATE_BITS, *INPUT_BITS)
     if len(names) <= most:
         return ""

@@ -40,7 +40,7 @@ class Substitution:
     groups: Mapping[str, str]
 
     def program(self, program: Iterable[Statement]) -> Program:
-        """Return every statement with its places replaced."""
+        """Return the statements with every place replaced by its image under the map."""
         return tuple(self._statement(statement) for statement in program)
 
     def place(self, place: Place) -> Place:
@@ -114,7 +114,7 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
 
 
 def joined(pieces: Iterable[Pieces]) -> Pieces:
-    """Return several pieces in sequence as one."""
+    """Return the memory and statements of several parts in sequence as one `Pieces`."""
     pieces = tuple(pieces)
     correcting = [piece for piece in pieces if piece.update]
     outputs = range(len(correcting[0].update) if correcting else 0)

@@ -72,7 +72,7 @@ class Parallel(Part):
 
     @property
     def published(self) -> set[str]:
-        """Names of the fields of the selected member that the step outputs: its estimate, notices and traces."""
+        """The names of the fields of the selected copy that the step outputs: its estimate, notices and traces."""
         notices = (value for block in self.member.notices for value in block.writes.values())
         return read_fields([self.member.z, *notices]) | set(self.member.traces)
 

@@ -94,7 +94,7 @@ def clamped_or(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
-    """Return the writes of the SX column `value` to the fields in sequence."""
+    """Return the assignments of the SX column `value` to the fields in sequence."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in fields)]).tolist())
     return {Place("state", field.name): part for field, part in zip(fields, parts, strict=True)}
 
@@ -108,7 +108,7 @@ def weights(fields: tuple[Field, ...]) -> Graph:
 
 
 def _range_ends(observer: Observer, fields: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
-    """Return the declared range of each x_i that is a state z_k, else its outer box."""
+    """Return, for each x_i, the declared range of the state z_k that it equals, else its outer box."""
     limits = [end for field in fields for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
         equal = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]

@@ -220,7 +220,7 @@ class Sign:
 
     @property
     def longest(self) -> float:
-        """The longest time between two restarts by this sign."""
+        """The longest time between two restarts due to this sign, in the model's unit."""
         return self.time * self.most / self.wait / 2
 
     @property
@@ -429,7 +429,7 @@ class Recovery:
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the writes of the change of |c| at these samples, and of a value with the sign of the new count c."""
+        """Return the assignments of the change of |c| at these samples, and of a value with the sign of the new c."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well

@@ -69,7 +69,7 @@ AT = Place("argument", "at")  # the number of a sample's measurement period
 
 
 class BadRate(BadArgument):
-    """A sensor's period that is not admissible."""
+    """A sensor's sampling period that is no whole multiple of dt, or for an unknown output."""
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
