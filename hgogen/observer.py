@@ -282,14 +282,13 @@ def _never(name: str, form: Form, requires: Callable[[str, Form], Any] | None, k
 
 
 def state_field(form: Form, initial: Values | None, peak: float) -> Field:
-    """Return the field `z` (n) of an estimate in the form's coordinates.
+    """Return the field `z` (n) of an estimate in the form's coordinates, with its initial value and its outer box.
 
-    Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
-    overshoots by that factor; with several chains, the power of theta in Delta^-1), and at least three times the
-    declared one's. A state that `initial` does not name begins as without `initial`: at its nominal value, else at 0 or
-    the end of its range nearest to it. `initial` may also give inputs by name. The form's coordinates are then
-    evaluated at these inputs in place of the resting ones; where they depend on inputs, the estimate is that state for
-    these inputs only.
+    The outer box has the centre of the declared box, and a half-width larger by peak^(i-1) for state i, by which a
+    high-gain observer overshoots (with several chains, peak to the power of theta in Delta^-1), and at least by 3.
+    `initial`: the plant's states, by name or in order; a state that it does not name is at its nominal value, else at 0
+    or the end of its range nearest to 0. It may also name inputs, at which z(x, u) is then evaluated in place of their
+    resting values; where z depends on u, the estimate is x for these inputs only.
 
     Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """

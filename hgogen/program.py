@@ -388,7 +388,7 @@ def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
 
 
 def read(program: Sequence[Statement]) -> set[Place]:
-    """Return every place whose value some statement needs."""
+    """Return every place whose value some statement of the program uses."""
     return {place for statement in walk(program) for place, _ in statement.reads}
 
 

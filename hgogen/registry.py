@@ -92,7 +92,7 @@ class NotInstalled(HgogenError):
 
 
 def library(name: str, what: str, extra: str = "logs") -> Any:
-    """Return the module of that name, which `what` needs. Raises: `NotInstalled`."""
+    """Return the imported module `name`; `what`: the purpose, `extra`: its extra. Raises: `NotInstalled`."""
     try:
         return import_module(name)
     except ImportError:

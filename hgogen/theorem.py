@@ -76,7 +76,8 @@ class Theorem:
         return replace(self, hypotheses=(*self.hypotheses, *more))
 
     def with_chains(self) -> "Theorem":
-        """Return the theorem for several outputs, each with its chain."""
+        """Return the theorem for several outputs: its hypotheses about one chain are about one chain for each
+        output."""
         instead = dict(zip(FORM, CHAINS, strict=False))
         return replace(self, hypotheses=tuple(instead.get(each, each) for each in self.hypotheses))
 

@@ -25,7 +25,7 @@ NOT_TRIED = because("not asked, may take seconds; ask with --deep, or survey(pla
 
 
 def asking(name: str) -> Asking:
-    """Return the settings by which the form of that name is tried, by default those of `Asking()`."""
+    """Return the settings by which a survey tries the form `name`, by default `Asking()`."""
     return getattr(getattr(forms, name, None), "asking", Asking())
 
 
@@ -98,7 +98,7 @@ class Survey:
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
-        """Return the rows as plain data for JSON."""
+        """Return the verdict on each form as plain data for JSON."""
         rows: list[dict[str, Any]] = encoded(self.rows)
         return rows
 

@@ -302,7 +302,7 @@ class FullRank:
     """The evidence that det dPhi/dx has no zero on the plant's box."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the range of the determinant on the plant's box."""
+        """Return the range of det dPhi/dx on the plant's box."""
         J = _jacobian(form)
         return None if J is None else _enclosed(form, determinant(J.tolist()).value)
 

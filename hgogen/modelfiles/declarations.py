@@ -71,7 +71,7 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
 
 
 class NoBounds(BadArgument):
-    """An invalid entry of bounds."""
+    """An invalid entry of the bounds on noise and the like in a model file."""
 
     text = "in bounds, {what} is none; {reason}"
 

@@ -74,7 +74,7 @@ class Column:
         return int(np.count_nonzero(np.isnan(self.values))) - self.empty
 
     def select_rows(self, rows: np.ndarray) -> "Column":
-        """Return the column in these rows only."""
+        """Return the column in the given rows (N,), a mask or indices, only."""
         return replace(self, values=self.values[rows], blank=self.blank[rows])
 
 
@@ -96,7 +96,7 @@ class Table:
         return len(self.columns[0])
 
     def column(self, name: str) -> Column:
-        """Return the column of that name; a missing value is an empty cell. Raises: `BadRecord`."""
+        """Return the column `name` as numbers; a missing value is an empty cell. Raises: `BadRecord`."""
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self.no_column(name))
         array, kind = self._column_and_kind(name)
@@ -106,7 +106,7 @@ class Table:
         return Column(name, np.where(np.isfinite(values), values, np.nan), np.isnan(values), "")
 
     def cells(self, name: str) -> Sequence[str]:
-        """Return the cells of the column of that name as text, "" for a missing value."""
+        """Return the cells of the column `name` as text, "" for a missing value."""
         array, kind = self._column_and_kind(name)
         if kind == "M":
             return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
@@ -115,12 +115,12 @@ class Table:
         return ["" if one is None or one != one else str(one) for one in array.tolist()]
 
     def _column_and_kind(self, name: str) -> tuple[Any, str]:
-        """Return the column of that name and its numpy kind, "O" for text cells."""
+        """Return the column `name` as it is, and its numpy kind, "O" for text cells."""
         column = self.columns[self.header.index(name)]
         return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
     def no_column(self, name: str) -> str:
-        """Return the reason why no single column has that name, with the names of the columns."""
+        """Return a sentence why no single column is called `name`, with the names of the columns."""
         named = [column for column in self.header if column]
         if name in named:
             return f"has {named.count(name)} columns named {name!r}; rename all but one"

@@ -344,7 +344,7 @@ _BITS = 160
 
 
 class BadEntry(BadArgument):
-    """An unreadable model of a library."""
+    """A model in the file of a library of models that cannot be read."""
 
     text = "model {what!r}: {reason}"
 
