@@ -229,8 +229,8 @@ class CallableStep(Step):
         self._clock[0] = 0
 
     def started(self, initial: Initial) -> "CallableStep":
-        """Return a step of the same observer from `initial`: the plant's state by name, or a function of its form that
-        returns it. Raises: `BadGain`."""
+        """Return a step of an equal observer that starts from `initial`: the plant's state by name, or a function of
+        the observer's form that returns it. Raises: `BadGain`."""
         return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
 
     def rebuilt(
@@ -262,7 +262,7 @@ class CallableStep(Step):
 
     @cached_property
     def undelayed(self) -> "CallableStep":
-        """A step of the same observer for samples without delay; the step itself without delays."""
+        """A step of an equal observer for samples without delay; the step itself if it has no delays."""
         plain = replace(self.observer, delays=())
         return _quietly(plain, self.method, self.dt, self._options) if self.ages else self
 

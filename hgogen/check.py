@@ -51,7 +51,8 @@ class ClaimId(str):
 
 @dataclass(frozen=True)
 class Claims:
-    """The set of claims of a `maker` about a `fact`, where "" matches any; a user's own name is in no such set."""
+    """The set of claims by `maker` about `fact`, where "" matches any; a claim with a user's own name is in no such
+    set."""
 
     maker: str = ""
     fact: str = ""

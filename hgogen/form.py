@@ -34,8 +34,7 @@ class OneOutput(NoForm):
 
 
 def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> None:
-    """Raise `error` for a plant that has not exactly one output. `advice`: the end of its sentence, what to use
-    instead."""
+    """Raise `error` for a plant that has not exactly one output; `advice`: the end of its sentence, a remedy."""
     if len(plant.outputs) != 1:
         names = ", ".join(y.name for y in plant.outputs)
         raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{advice}")
@@ -66,7 +65,7 @@ class Asking:
         return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
 
     def __call__(self, form: Make) -> Make:
-        """Attach these settings to a form, as a decorator."""
+        """Attach the settings to `form`, a function of `hg.forms`, as a decorator, and return it."""
         vars(form)["asking"] = self
         return form
 

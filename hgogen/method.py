@@ -127,8 +127,7 @@ class OnErrors(Protocol):
         ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Return the method's step of length h for the error system `e`, e' = M e + .. with slopes in [-1, 1]; its
-        limit for h = 0."""
+        """Return the method's step of length h for the error system `e`, e' = M e + ..; its limit for h = 0."""
         ...
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
@@ -415,8 +414,7 @@ class Realising:
         return realised(self.realisation, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """Return the local error of the plant's solution, given at both ends of a step with its terms r, at the gain
-        theta."""
+        """Return the local error at theta of the plant's solution, given at both ends of a step with its r(x)."""
         return CoreDeviation(plant, error, theta).error_input(self.realisation, self.local_error)
 
 
@@ -495,8 +493,9 @@ def _named(pattern: Pattern) -> tuple[str, str]:
 
 
 def balanced(X: Graph) -> tuple[Program, int]:
-    """Return the program for S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`, and its size. C has no
-    arrays of one element here, so that a scalar X gets a row and a column of zeros."""
+    """Return a program that writes S^-1 X S, X an SX matrix (N, N), to `work.core` and the diagonal of S to
+    `work.scale`, and the size of S, at least 2: the emitted C has no arrays of one element, so a scalar X gets a row
+    and a column of zeros."""
     size = max(2, X.shape[0])
     wide = ca.SX(size, size)
     wide[: X.shape[0], : X.shape[0]] = X

@@ -84,11 +84,10 @@ class Observer:
         )
 
     def started(self, initial: Initial) -> "Observer":
-        """Return the observer, or one around the same member, rebuilt with the start `initial`: the plant's state by
-        name, or a function of the form that returns it.
+        """Return the observer rebuilt with the start `initial`, also of a member in it: the plant's state by name, or a
+        function of the form that returns it.
 
-        Raises: `BadGain` for a start that its form does not accept, or for an observer that is not from
-        `hg.observers`.
+        Raises: `BadGain` for a start that its form does not accept, or for an observer that is not from `hg.observers`.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):
@@ -108,7 +107,7 @@ class Observer:
         return dict(initial if isinstance(initial, Mapping) else zip(names, initial, strict=True))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """Return the observer, or one around the same member, rebuilt on another form of its plant. Raises: as the
+        """Return the observer rebuilt on another form of its plant, or around its member so rebuilt. Raises: as the
         observer does for that form; `BadGain` for an observer that is not from `hg.observers`."""
         make, base, gains = self._making
         if isinstance(base, Observer):

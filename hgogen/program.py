@@ -349,7 +349,7 @@ class Kernel(_Statement):
 
 @dataclass(frozen=True, eq=False)
 class Call(_Statement):
-    """Run a section of the same step, with its own work values."""
+    """Run another section of the step, with work values of its own."""
 
     section: "Section"
 

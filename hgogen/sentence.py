@@ -27,8 +27,8 @@ MOST = 17  # digits in which any two floats differ
 
 
 def up(value: float | Fraction, digits: int = 4, below: float | Fraction = math.inf) -> str:
-    """Return the least number of so many significant digits that is not below the value. A value that is `below`
-    another has as many more digits as its text needs to stay below, up to `MOST`."""
+    """Return the least number of `digits` significant digits, as text, that is not below the value. A value below the
+    number `below` has as many more digits as the text needs to stay below that, up to `MOST`."""
     while True:
         text = _rounded(value, digits, ROUND_CEILING)
         if digits >= MOST or not value < below or Decimal(text) < Decimal(same(float(below))):
@@ -37,7 +37,7 @@ def up(value: float | Fraction, digits: int = 4, below: float | Fraction = math.
 
 
 def down(value: float | Fraction, digits: int = 4) -> str:
-    """Return the largest number of so many significant digits that is not above the value."""
+    """Return the largest number of `digits` significant digits, as text, that is not above the value."""
     return _rounded(value, digits, ROUND_FLOOR)
 
 
@@ -96,7 +96,7 @@ class Sentence:
         return cls(pattern, tuple((name, _frozen(value)) for name, value in values.items()))
 
     def part(self, name: str) -> Any:
-        """Return the value of that name."""
+        """Return the value called `name` in the sentence."""
         return dict(self.values)[name]
 
     def __bool__(self) -> bool:
@@ -139,7 +139,7 @@ def point(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:
 
 
 def plain(value: Any) -> str:
-    """Return a value as text; a float reads back as the same float."""
+    """Return a value as text; the text of a float reads back as an equal float."""
     return same(value) if isinstance(value, float) else str(value)
 
 

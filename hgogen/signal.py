@@ -38,7 +38,7 @@ class BadName(HgogenError):
 
     @property
     def hint(self) -> str:
-        """A valid name similar to this one."""
+        """A valid name similar to the invalid one."""
         cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
         named = cleaned if cleaned[:1].isalpha() else f"x_{cleaned or 1}"
         named = named[: LONGEST // 2].rstrip("_") if len(named) > LONGEST else named
@@ -248,7 +248,7 @@ def seconds(time: str) -> float | None:
 
 
 def plural(time: str) -> str:
-    """Return the unit in a sentence: "seconds" for "s"; an unknown unit as it is."""
+    """Return a unit of time in plural for a sentence, "seconds" for "s"; an unknown unit unchanged."""
     return _PLURAL.get(time, time)
 
 

@@ -243,12 +243,12 @@ def _pace(plant: System) -> Pace:
 
 
 def evenly(count: int) -> list[float]:
-    """Return so many exponents from -1/2 to 1/2; for one alone 0."""
+    """Return `count` evenly spaced numbers from -1/2 to 1/2; [0] for one."""
     return [k / (count - 1) - 0.5 if count > 1 else 0.0 for k in range(count)]
 
 
 def whole(value: float) -> float:
-    """Return a number, as an int if it is a whole one."""
+    """Return `value`, as an int if it is a whole number."""
     return int(value) if value == int(value) else value
 
 

@@ -105,12 +105,13 @@ class System:
 
     @property
     def declared(self) -> "System":
-        """The plant as first declared: this one, or the one that it was recast from."""
+        """The plant as first declared: the plant itself, or for a recast plant the original one."""
         return self if self.origin is None else self.origin.plant
 
     @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
-        """The reported estimates: each state of the plant as first declared, in terms of the states here."""
+        """The reported estimates: each state of the plant as first declared, as an expression of this plant's
+        states."""
         if self.origin is None:
             return tuple((s, s) for s in self.states)
         return tuple(zip(self.origin.plant.states, self.origin.backward, strict=True))
@@ -132,7 +133,8 @@ class System:
         return box(self.signals, self.nominal)
 
     def box_with(self, states: Iterable[Signal]) -> dict[sp.Symbol, tuple[End, End]]:
-        """Return the box of these states, the inputs and the parameters; constants are at their values."""
+        """Return the box of `states`, the plant's inputs and parameters; parameters without a range are at their
+        values."""
         return box((*states, *self.inputs, *self.parameters), self.nominal)
 
     @property

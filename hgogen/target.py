@@ -172,8 +172,8 @@ def _locked(stream: IO[bytes] | int) -> bool | None:
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
-    """Return the paths at which `write` would put files of these names, without writing. Raises: `CannotWrite` where it
-    would refuse one of them."""
+    """Return the paths at which `write` would put files with these names, without writing. Raises: `CannotWrite` where
+    `write` would refuse a file."""
     if not isinstance(folder, str | os.PathLike):
         raise CannotWrite(quoted(folder), "it is no path", "give that of a folder")
     names, root = list(names), Path(folder)

@@ -84,7 +84,7 @@ class OrnsteinUhlenbeck:
 
 @dataclass(frozen=True)
 class Sine:
-    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad per time), the same for every seed."""
+    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad per time), equal for every seed."""
 
     amplitude: float
     omega: float
@@ -354,8 +354,8 @@ def try_out(
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
-    """Return the memory of a step at a trial's start: its estimate is the trial's, else its own. Raises: `BadGain` for
-    an estimate that the observer cannot start from."""
+    """Return the memory of a step at a trial's start, with the trial's first estimate if it has one, else the step's
+    own. Raises: `BadGain` for an estimate that the observer cannot start from."""
     if trial.estimate:
         return step.started(trial.first_estimate).save()
     step.reset()

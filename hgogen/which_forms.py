@@ -91,8 +91,7 @@ class Survey:
 
     @property
     def best(self) -> Form:
-        """The plant in the first proved form, else in the first whose structure it has, else in any, else
-        `original`."""
+        """The plant in the first proved form, else the first whose structure it has, else any, else `original`."""
         answering = [row for row in self.answered if asking(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)

@@ -284,7 +284,7 @@ def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
 
 
 def twice(links: Iterable[Link]) -> Reason:
-    """Return the reason that names the first two links with the same state; `NONE` if there are none."""
+    """Return a reason that names two links with an equal `state`, the first such pair; `NONE` without such a pair."""
     by_state: dict[sp.Symbol, Link] = {}
     for later in links:
         first = by_state.setdefault(later.state, later)

@@ -49,7 +49,7 @@ def spelled(expression: sp.Expr, names: set[str]) -> str:
 
 
 def exactly(form: Form, value: Any) -> Any:
-    """Return a number or an expression as an exact text, or a list or a mapping of them; a text, or None, as it is."""
+    """Return a number or expression as an exact text; also in lists and mappings; a text, or None, unchanged."""
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, Mapping):

@@ -49,8 +49,7 @@ _OF_PRODUCTS = 500  # mu need not be the least
 
 @dataclass(frozen=True)
 class Gain:
-    """The gain a_i of z_(i-1)' = a_i z_i + .. by its indices `at`: (i) in a single chain, (i, j) of a_(i,j) in chain
-    i."""
+    """The gain a_i of z_(i-1)' = a_i z_i + .. by its indices `at`: (i) in a single chain, (i, j) in chain i."""
 
     at: tuple[int, ...]
 

@@ -173,7 +173,7 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
 
 
 def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
-    """Return an expression that is 0 where f = value, with f inverted; None for an f without an inverse here."""
+    """Return an expression that is 0 where f = value: g - log(value) for f = exp(g); None without an inverse."""
     if isinstance(f, sp.Pow):
         return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
     back = _BACK.get(type(f))

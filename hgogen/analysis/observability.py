@@ -390,7 +390,7 @@ class Answer(Encoded):
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
-        """The unknowns that the other branches hide, in words, for the first of these branches."""
+        """The unknowns that are hidden on other branches of the plant, in words, by the first such branch."""
         sentences = [one for answer in self.elsewhere for one in answer.unseen]
         more = because("so on {more} other branches", more=len(sentences) - _BRANCHES)
         return (*sentences[:_BRANCHES], *((more,) if len(sentences) > _BRANCHES else ()))
@@ -429,7 +429,7 @@ class Observability(Encoded):
 
     @property
     def rank(self) -> int:
-        """Generic rank with known parameters, on the branch where it is largest."""
+        """Generic rank of d(y, y', ..)/dx with known parameters, on the branch where the rank is largest."""
         return self.known.rank.rank
 
     @property
@@ -468,8 +468,8 @@ class Observability(Encoded):
 @requires_plant
 @cached
 def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
-    """Return the generic observability of a plant. `unknown`: the parameters of the joint question, by default those
-    with a range; the others have their nominal values.
+    """Return the generic observability of a plant's states, and jointly of its parameters `unknown`, by default those
+    with a range. The other parameters have their nominal values.
 
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.

@@ -222,8 +222,7 @@ class _Derived:
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
     def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
-        """Return the plant's rates in the derivatives y_j^(k) of (j, k) in `rows`: poles of rates may cancel in
-        them."""
+        """Return the plant's rates in the derivatives y_j^(k), (j, k) in `rows`, whose poles may cancel there."""
         expressions = [e for j, order in rows for e in self.chains[j][:order]]
         read = set[sp.Symbol]().union(*(e.free_symbols for e in expressions))
         return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)
@@ -379,8 +378,7 @@ def singular_set(
 
 
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
-    """Return choices of n derivatives (output, order) with independent gradients at a random point: by order, by
-    output."""
+    """Return choices of n (output, order of derivative) with independent gradients at a random point."""
     plant, _ = plant_of(flow, output, states, ())
     n = len(states)
     by_order = [(j, k) for k in range(n) for j in range(len(output))]

@@ -248,7 +248,7 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
-    """Return a part of the plant as it is written that is not proved to be finite and real on the box, or None."""
+    """Return a part of the plant's equations, as written, that may be infinite or not real on the box, or None."""
     return next(iter(doubtful(written(plant), plant.box)), None)
 
 

@@ -54,7 +54,8 @@ def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
 
 
 def table_of(path: Path, writer: str) -> dict[str, Any]:
-    """Return the object in the file; `writer`: the command that writes such files. Raises: `BadFile`."""
+    """Return the JSON object in the file; `writer`: the command that writes such files, for errors. Raises:
+    `BadFile`."""
     try:
         table = json.loads(content_of(path, LARGEST))
     except Unread as error:

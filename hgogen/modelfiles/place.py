@@ -44,14 +44,15 @@ def listed(folder: Path = FOLDER) -> tuple[str, ...]:
 
 
 def shipped(package: Path = PACKAGE) -> dict[str, Path]:
-    """Return the model files that come with hgogen, by name: those in the package, else those next to it in a clone."""
+    """Return the model files that come with hgogen, by name: in the package, else in the folder next to it in a
+    clone."""
     inside, in_clone = package / FOLDER, package.parent / FOLDER
     return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else in_clone))}
 
 
 def available() -> dict[str, str]:
-    """Return the path of each name that `load` accepts: of the files here their paths, and of the shipped ones their
-    bare names, unless a file here has it."""
+    """Return the path of each model file by the name that `load` accepts: of the files in `models` here their path, of
+    the shipped ones their bare name, unless a file here has that name."""
     here = listed()
     names = {Path(path).stem for path in here}
     return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
@@ -127,7 +128,7 @@ def new_model(name: str, folder: Path) -> dict[str, str]:
 
 
 def sentence(error: Exception) -> str:
-    """Return the text of an error, after its type if it is none of hgogen's."""
+    """Return the text of an error, preceded by its type if it is no error of hgogen."""
     return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
 
 
@@ -139,7 +140,7 @@ def ends_python(error: BaseException) -> str:
 
 
 def _text(error: BaseException) -> str:
-    """Return the text of an error; empty if its own `__str__` fails, which may be the model's code."""
+    """Return the text of an error; "" if `str(error)` fails, which may run code of a model."""
     try:
         return str(error)
     except BaseException:

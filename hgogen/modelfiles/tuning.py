@@ -101,8 +101,8 @@ class Tuning:
         return self._refusals(where, lambda: sample(observer, method, period, **options))
 
     def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
-        """Return the observer of a tuning; `around`: the tunings of which it is a member; `start`: a function from its
-        form to `initial`, which replaces the tuning's own start. Raises: as `step`."""
+        """Return the observer of the tuning `name`. `around`: the tunings whose observers contain it as a member;
+        `start`: a function from its form to `initial`, which replaces the tuning's own start. Raises: as `step`."""
         where, table, gains = self.where(name), self.table(name), self.gains(name)
         make = self._case(f"{where}.kind", observers, table.get("kind", name))
         self._arguments(where, make, gains)
@@ -199,8 +199,7 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
     def _refusals(self, where: str, function: Callable[[], Result]) -> Result:
-        """Return function(); a `Refuted` in it gets the file and the key `where`, other errors become a
-        `BadModelFile`."""
+        """Return function(); a `Refuted` gets the file and the key `where`, other errors become a `BadModelFile`."""
         try:
             return function()
         except Refuted as error:
@@ -335,8 +334,8 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
-    """Return the first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting
-    gains."""
+    """Return the first step of the observer with this name, on the first of the forms in `rows` that admits it, at the
+    sampling period `dt`, by default that of its starting gains; or the reason why there is none."""
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):

@@ -109,8 +109,7 @@ def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal
 
 
 def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
-    """Return a graph, or a list of scalar graphs, as one dense column; `what`: its name in errors. Raises:
-    `BadGraph`."""
+    """Return a graph, or a list of scalar ones, as a dense column; `what`: its name in errors. Raises: `BadGraph`."""
     try:
         graph = ca.vertcat(*rows) if isinstance(rows, tuple | list) else rows
     except NotImplementedError:

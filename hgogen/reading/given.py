@@ -102,7 +102,7 @@ def signals_named(
 
 
 def among(value: object, choices: Iterable[str | None]) -> bool:
-    """Return whether a value is a text, or None, and one of the choices; an array or a list is not."""
+    """Return whether `value` is None or a text, and one of the choices; an array or a list is not."""
     return (value is None or isinstance(value, str)) and value in choices
 
 

@@ -351,10 +351,11 @@ class BadEntry(BadArgument):
 
 @dataclass(frozen=True)
 class Entry:
-    """A model: x' = flow (n), y = output (p), in the symbols of `states`, `inputs`, `known` and `unknown` parameters.
+    """A model of a library: x' = flow (n), y = output (p), expressions of the symbols in `states`, `inputs`, `known`
+    and `unknown` (parameters).
 
-    `outer`, `inner`: the closed boxes, rounded outward and inward where an end is irrational; `inner` is None if it is
-    empty. `boxed`: whether any box is declared. `queries`: expressions whose ranges are requested.
+    `outer`, `inner`: the closed box of the ranges, rounded outward and inward where an end is irrational; `inner` is
+    None if it is empty. `boxed`: whether any range is declared. `queries`: expressions whose ranges are requested.
     """
 
     name: str
