@@ -116,7 +116,7 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """Return the exact (Im mu)^2/(-Re mu), Re mu < 0: alpha^2 Re mu + beta (Im mu)^2 < 0 for alpha^2/beta above."""
+    """Return the exact (Im mu)^2/(-Re mu): alpha^2 Re mu + beta (Im mu)^2 < 0 where alpha^2/beta is above it."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 

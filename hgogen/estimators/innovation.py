@@ -57,7 +57,7 @@ STAGGERED = Hypothesis(
 
 @dataclass(eq=False)
 class BadWindow(HgogenError):
-    """A window that is no whole number of samples."""
+    """A window `d` (s) of the innovation that is no whole number of samples dt, or of shares by `predictors`."""
 
     d: float
     dt: float
@@ -190,7 +190,7 @@ class Window:
     hypothesis: Hypothesis = WINDOW
 
     def part(self, dynamics: Dynamics, z: Field) -> Predictors:
-        """Return the part that stores the last d/dt + 1 samples in a ring buffer, and simulates the model over them."""
+        """Return the observer's part that stores the last d/dt + 1 samples, and simulates the model over them."""
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:
@@ -303,7 +303,7 @@ class Staggered:
     hypothesis: Hypothesis = STAGGERED
 
     def part(self, dynamics: Dynamics, z: Field) -> Predictors:
-        """Return the part with M + 1 copies of the model in an array of structures."""
+        """Return the observer's part with M + 1 copies of the model, in C an array of structures."""
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:

@@ -148,7 +148,7 @@ def _periodic(
     C: sp.Matrix,
     period: Any,
 ) -> Check:
-    """Return the check, made by `answer`, for inputs u(t) that vary; A(t) (n, n), C(t) (p, n). Raises: `TooLarge`."""
+    """Return the check, built by `answer`, for inputs u(t) that vary; A(t) (n, n), C(t) (p, n). Raises: `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")

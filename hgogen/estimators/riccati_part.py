@@ -60,8 +60,8 @@ def cap(
     scaling: Scaling | None = None,
 ) -> np.ndarray:
     """Return the cap of each P_ii (n): the largest of the square of the outer box's half-width, 100 times the steady
-    variance at the largest theta at any point of the box that has one, and 4 P(0). For a state without a range it is
-    1e12 P(0)."""
+    variance at theta = `peak` at any point of the box that has one, and 4 P(0), P(0) = `start`. For a state without a
+    range it is 1e12 P(0). `noise` Q (n, n), `variances` R (p)."""
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = jacobians_on_box(dynamics, 12)
@@ -92,8 +92,8 @@ def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | N
 
 
 def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
-    """Return whether noise of this covariance reaches every state: (F, Q) is controllable at one of the F (k, n, n), by
-    the exact rank of Q, F Q, .., F^(n-1) Q."""
+    """Return whether noise of the covariance Q = `matrix` reaches every state: (F, Q) is controllable at one of the
+    `jacobians` F (k, n, n), by the exact rank of Q, F Q, .., F^(n-1) Q."""
     noise, n = definite.exact(definite.rationals(matrix)), len(matrix)
     for F in jacobians:
         rows, term, slopes = noise.transpose().tolist(), noise, definite.exact(definite.rationals(F))
@@ -132,7 +132,8 @@ def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
 def wide(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
-    """Return a gain of positive numbers that may be tuned by six decades either way; `labels` name the numbers."""
+    """Return a tunable gain of positive numbers, whose range is six decades to both sides; `labels` name the
+    numbers."""
     numbers = tuple(map(float, values))
     field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
     return replace(field, labels=labels)
@@ -140,7 +141,7 @@ def wide(
 
 @dataclass(frozen=True, eq=False)
 class Riccati(Part):
-    """The structure of a Riccati observer; S, P and L D L' are views of it, among which the method chooses.
+    """A Riccati observer, independent of the method, which stores S = P^-1, P or the factors of P = L D L'.
 
     z' = f(z, u, y) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
     Q_theta = theta^(1+g) Delta^-1 G diag(weights) G' Delta^-1, R_theta = theta^(g-1) delta R delta by `scaling`, where
@@ -189,8 +190,7 @@ class Riccati(Part):
         return jacobians_on_box(self.dynamics, samples, affine=self.measured_state is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: forgetting makes P grow like the
-        model."""
+        """Return F + rho/2 (k, n, n), rho the forgetting rate, and dh/dz (k, p, n) at points of the box."""
         F, C = self.slopes(samples)
         return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
 

@@ -218,7 +218,7 @@ class ErrorMap(Protocol):
         ...
 
     def __hash__(self) -> int:
-        """The key of the cache of limits, equal for equal methods."""
+        """Return a key of the cache of step lengths, equal for equal methods."""
         ...
 
 
@@ -412,7 +412,7 @@ class Loops:
         return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
 
     def _step(self, h: float) -> tuple[Array, Array, Array]:
-        """Return A, G, H (k, n, n) of the step h, P <- H + A' P (1 + G P)^-1 A, with P before a sample."""
+        """Return A, G, H (k, n, n) of a step h of the covariance, P <- H + A' P (1 + G P)^-1 A, P before a sample."""
         grown = math.exp(min(self.rho * h, 100.0))  # the exponent at which nothing of the past is left
         Phi = polynomial(h * self.F, HEUN.polynomial)
         return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q

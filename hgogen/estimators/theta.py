@@ -428,7 +428,7 @@ class Adaptive(Theta):
     traces: tuple[str, ...] = ("theta", "innovation")
 
     def law(self, unit: str) -> str:
-        """The differential equation of theta, mu and the innovation's window as text for the banner."""
+        """The equations of theta' and mu, and the innovation's window, as text for the banner."""
         return (
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "

@@ -32,7 +32,7 @@ _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
 class NoUniformChain(NoForm):
-    """The error for a plant not shown to have coordinates xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
+    """The error for a plant not proved to have coordinates xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
 
 
 @Asking(5, most=1, costly=True, slow=True)

@@ -218,6 +218,6 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
 
 
 def _wide(name: str, nominal: Any, meaning: str, unit: str) -> Field:
-    """Return a positive gain that is tunable by a factor of 1000 either way."""
+    """Return a tunable positive gain, whose range is a factor of 1000 to both sides of `nominal`."""
     value = positive(name, nominal)
     return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)

@@ -60,7 +60,8 @@ def bank(
     innovation: Innovation | None = None,
     hysteresis: float | None = None,
 ) -> Observer:
-    """`count` copies of `member`, of which the one with the smallest innovation gives the estimate.
+    """`count` copies of `member`, the oldest restarted every `period`; the estimate is that of the copy with the
+    smallest innovation, an integral of |y - yhat|^2, yhat predicted without correction.
 
     Args: `count` at least 2; `period` T (s), a whole number of samples; `innovation` of the selection "window", a value
     of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: the

@@ -191,7 +191,7 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
 
 
 def _least(dynamics: Dynamics, share: float) -> float | None:
-    """Return the |det dPhi/dx| up to which no correction is made, `share` of its largest; None if it has no zero."""
+    """Return the |det dPhi/dx| up to which the correction is 0, `share` of its largest; None if it has no zero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")

@@ -54,7 +54,8 @@ def iterated_ekf(
     covariance: Matrix | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The iterated extended Kalman filter of `form`, of up to 7 states.
+    """The iterated extended Kalman filter of `form`, of up to 7 states: at a sample, Gauss-Newton passes minimise |w|^2
+    + (y_j - h_j(z + S w))^2/r over w, P = S S', and z <- z + S w.
 
     Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for each sample of an
     output that is not linear in the state; `accept` ids of refuted checks to ignore.

@@ -71,7 +71,8 @@ def ukf(
     covariance: Matrix | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The unscented Kalman filter of `form`, of up to 7 states.
+    """The unscented Kalman filter of `form`, of up to 7 states: P = S S', and mean and covariance after the model from
+    its values at the sigma points z, z +- g s_i, s_i the columns of S.
 
     Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the scaled
     unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g = alpha

@@ -95,7 +95,7 @@ class CorrectsAtSamples(HgogenError):
 
 @dataclass(eq=False)
 class NoEquation(HgogenError):
-    """A request for the differential equation of an observer that has none."""
+    """The error for the differential equation of an observer that has none."""
 
     observer: str
     reason: str

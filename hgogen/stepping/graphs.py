@@ -147,7 +147,7 @@ def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]
 
 
 def distinct(entries: Iterable[Entry], names: Iterable[str], prefix: str) -> tuple[Entry, ...]:
-    """Return the entries, each of which gets the prefix if its array is among `names`."""
+    """Return the entries, each renamed to `prefix.name` if the name of its array is among `names`."""
     names = set(names)
     return tuple(
         replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in names else e for e in entries

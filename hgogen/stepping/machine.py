@@ -232,7 +232,7 @@ class Machine(Reading):
         self._run(self._estimate)
 
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the estimates (N, n), the traces (N, traces) and the statuses (N) for samples u (N, m), y (N, p)."""
+        """Return estimates (N, n), traces (N, traces) and statuses (N) of a call for each sample u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
         kinds = (("input", step.inputs), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]

@@ -36,7 +36,7 @@ SHARE, PREDICTORS = 0.3, 4  # the default window, of the restart period, and its
 
 @dataclass(eq=False)
 class BadPeriod(HgogenError):
-    """A restart period that is no whole number of samples."""
+    """A bank's restart period that is no whole number of samples dt."""
 
     period: float
     dt: float

@@ -188,7 +188,8 @@ class Sign:
 
     @property
     def counted(self) -> Block:
-        """The block that adds the work value `moves_NAME` to |c|, and gives the count c the sign of `side_NAME`.
+        """The block of code c <- s max(|c| + change, 0), at most M, with the temporaries `moves_NAME`, the change, and
+        `side_NAME` of the sign s.
 
         Count and limit were tested to be in their ranges, and stay there. A count at its maximum is at its limit as
         well, which a static analyser need not infer.
@@ -319,7 +320,7 @@ class Recovery:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The state's fields of the law: counts, limits, and a checksum of these."""
+        """The state's fields of fault counts c, their limits w, and a checksum of these."""
         fields = tuple(field for sign in self.signs for field in sign.fields)
         if not fields:
             return ()
