@@ -185,7 +185,8 @@ class _Transients:
         return answers
 
     def _fails(self, starts: _Starts, lengths: Array) -> Flags:
-        """Return flags (m) of the starts (m) that lose definiteness by steps of the `lengths` (m)."""
+        """Return flags (m) of the starts (m) from which a simulated covariance loses definiteness, by steps of
+        `lengths` (m)."""
         delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
         X: Array = starts.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X

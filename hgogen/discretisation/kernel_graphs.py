@@ -99,7 +99,8 @@ def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
 
 
 def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
-    """Apply the kernel `renew` as one measurement for each state, of variance 1/c_i^2; return whether it fails."""
+    """Apply the kernel `renew` as one measurement of each state with the variance 1/c_i^2; return whether sum
+    P_ii/caps_i is then above 1/2."""
     one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
     for i, each in enumerate(c):
         row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
@@ -267,7 +268,7 @@ def carried_out(program: Sequence[Statement]) -> Counter[int]:
 
 
 def written(program: Sequence[Statement]) -> int:
-    """Return the number of operations in the text of a program, where each statement is written out."""
+    """Return the number of operations in the text of a program, in which each statement occurs once."""
     kernels = sum(isinstance(statement, Kernel) for statement in walk(program))
     return sum(instructions_of(block.graph).total() for block in blocks(program)) + KERNEL * kernels
 

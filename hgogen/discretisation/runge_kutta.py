@@ -67,7 +67,7 @@ class Routine:
 
     @cached_property
     def key(self) -> str:
-        """Return a text that is equal for two routines with equal results for equal arguments."""
+        """Return a text, equal for two routines with equal results for equal arguments: the serialised function."""
         return str(self.function.serialize())
 
     @cached_property
@@ -289,7 +289,7 @@ class Rounds:
 
 
 def rounds(tableau: Tableau, h: float) -> Rounds:
-    """Return the loop of one step of length h with a `chained` tableau."""
+    """Return the step of length h of a `chained` tableau as a loop over its stages."""
     ahead = (*(h * row[-1] for row in tableau.a[1:]), 0.0)
     return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
 
@@ -345,7 +345,7 @@ def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
 
 
 def _nominal(form: Form, graph: Graph) -> Graph:
-    """Return the graph with tunable parameters at their nominal values."""
+    """Return the CasADi graph with each tunable parameter at its nominal value."""
     tunable = form.system.tunable
     if not tunable:
         return graph

@@ -330,8 +330,9 @@ class OpenLoopLimit:
 
 
 def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float]) -> OpenLoopLimit:
-    """Return the longest stable step of e' = F e, F (k, N, N) = slopes(points (k, n)), which may be NaN, over points of
-    the ranges; `polynomial`: that of stability, constant first."""
+    """Return the longest step that keeps decaying modes of e' = F e decaying, F (k, N, N) = slopes(points (k, n)),
+    which may be NaN, over points of the ranges; `polynomial`: the coefficients of R with e <- R(h F) e, constant
+    first."""
     shares, edge = _start_points(slopes, ranges)
     table = _exits(tuple(polynomial))
 
@@ -433,6 +434,7 @@ def _interpolated(F: Array, exits: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _exits(polynomial: tuple[float, ...]) -> Array:
-    """Return the first x with |R(x d)| > 1 along rays d from the imaginary axis to the negative real one."""
+    """Return the first x with |R(x d)| > 1, R the polynomial, along rays d from the imaginary axis to the negative real
+    one."""
     rays = np.exp(1j * np.linspace(np.pi / 2, np.pi, ANGLES))
     return np.array([spectral_limit(np.array([ray]), polynomial) for ray in rays])

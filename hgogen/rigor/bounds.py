@@ -632,8 +632,7 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression on a box, with exact numbers; its equal forms are the outputs of `program`, a straight-line
-    program."""
+    """An expression on a box, with exact numbers; its equal forms are the outputs of the tape `program`."""
 
     expression: sp.Expr
     sides: Sides

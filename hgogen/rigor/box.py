@@ -43,7 +43,7 @@ class Ranged(Protocol):
 
     @property
     def bounded(self) -> bool:
-        """Return whether it has a range."""
+        """Return whether the symbol has a declared range."""
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
@@ -158,8 +158,8 @@ def witness(point: RationalPoint) -> dict[str, float]:
 
 
 def exact(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with each float as the rational of its shortest decimal, or its own rational beyond 53
-    bits."""
+    """Return the expression with each float as the rational of its shortest decimal; beyond 53 bits as its own
+    rational."""
     rationals = {}
     for written in expression.atoms(sp.Float):
         nearest = float(written)

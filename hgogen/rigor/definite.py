@@ -194,8 +194,7 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Return whether all eigenvalues of a matrix (n, n) have a negative real part, an exact test for floats or
-    fractions."""
+    """Return whether all eigenvalues of a matrix (n, n) of floats or fractions have a negative real part, exactly."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]

@@ -77,9 +77,9 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """A translation of expressions to rational functions of generators: the `kernels` (function -> generator) and
-    `relations` in the order of first use; `units`: for each monomial m in an exponent or angle the g of exp(g m) or
-    tan(g m/2); `known`: the expressions written so far."""
+    """A translation of expressions to rational functions of generators, which are symbols, roots, exp(g m), tan(g m/2)
+    and other functions: the `kernels` (function -> generator) and the `relations` g^q = value of roots, in the order of
+    first use; `units`: the g of each monomial m; `known`: the expressions written so far."""
 
     kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
     relations: list[Relation] = attribute(default_factory=list)
@@ -98,7 +98,8 @@ class Writer:
                     self.measure(monomial)
 
     def write(self, node: sp.Expr) -> sp.Expr:
-        """Return an expression as a rational function of symbols and generators."""
+        """Return an expression as a rational function of symbols and generators (exp(g m), tan(g m/2), roots,
+        logarithms ..)."""
         if node.is_Rational or node.is_Symbol:
             return node
         if node not in self.known:
@@ -223,7 +224,7 @@ class Half(sp.Function):  # type: ignore[misc]
 
 
 def _kind(node: sp.Basic) -> str:
-    """Return "exp" for a function of exponentials, "turn" for one of an angle, else ""."""
+    """Return "exp" for a function of exponentials, such as sinh, "turn" for one of an angle, such as sin, else ""."""
     if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
         return "exp"
     return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
@@ -360,8 +361,8 @@ class Root:
 
 @dataclass(frozen=True)
 class Field:
-    """A field of quotients of polynomials: the `generators` of the `ring`, symbols and then functions, each with its
-    `meaning`, a function of the symbols.
+    """A field of quotients of polynomials: the `generators` of the `ring`, symbols and then functions such as roots,
+    each with its `meaning`, a function of the symbols.
 
     `angles`: the angle m of each generator tan(m/2); `exponents`: m of each generator exp(m); `roots`: the generators
     with an equation g^q = value, or that replace a symbol.

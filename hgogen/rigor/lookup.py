@@ -223,7 +223,7 @@ class Axis:
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """Return the polynomials (n + 1, powers, ..) of all cells for `values` (n, ..); `kind`: of the table."""
+        """Return the polynomials (n + 1, powers, ..) of all cells; `values` (n, ..); `kind`: "linear" or "monotone"."""
         inner = KINDS[kind](self.x, values)
         if self.clamped:
             outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
@@ -279,7 +279,8 @@ class Cells:
         return (0,) * len(self.axes)
 
     def clamping(self, *clamped: bool) -> "Cells":
-        """Return the table with a flag for each axis, whether it is constant beyond the breakpoints; by default so."""
+        """Return the table with a flag for each axis, whether it is constant beyond the breakpoints; without flags it
+        is."""
         return self._with("clamped", clamped or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
@@ -300,7 +301,8 @@ class Cells:
         return values.transpose(*range(0, 2 * count, 2), *range(1, 2 * count, 2))
 
     def of_order(self, order: Index) -> np.ndarray:
-        """Return the coefficients, as `pieces`, of the derivative with `order` derivatives by each argument."""
+        """Return the coefficients, laid out as in `pieces`, of the polynomials of a derivative of the table; `order`:
+        how many derivatives by each argument."""
         return _of_order(self, tuple(min(k, DEGREES[self.kind] + 1) for k in order))
 
     @property
@@ -329,13 +331,15 @@ class Cells:
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
 
     def least_smooth(self, spans: Spans) -> Index:
-        """Return, for each axis, the order of the first derivative that jumps between the cells of `spans`."""
+        """Return, for each axis, the order of the first derivative of the table that jumps between the cells `spans`
+        (first, last), `NEVER` where none does."""
         return tuple(
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
 
     def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
-        """Return for each axis whether the derivative of that `order` has no jump between the cells `spans`."""
+        """Return for each axis whether a derivative of the table has no jump between the cells `spans` (first, last);
+        `order`: how many derivatives by each argument."""
         return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
 
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
@@ -494,7 +498,7 @@ def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp
 
 
 def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
-    """Return the expression with each table's data replaced by `cells` of the table, at unchanged arguments."""
+    """Return the expression with each table f(arguments) replaced by the table cells(f) at these arguments."""
     if not expression.has(Table):
         return expression
     return expression.replace(
@@ -508,13 +512,14 @@ def all_clamped(expression: sp.Expr) -> sp.Expr:
 
 
 def next_order(order: Index, k: int) -> Index:
-    """Return the order (derivatives by each argument) after one more derivative by argument k, from 0."""
+    """Return the tuple `order` (how many derivatives by each argument) with one more by argument k, from 0."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
 
 
 @cache
 def function(cells: Cells, order: Index) -> FunctionClass:
-    """Return the SymPy function class, a `Table`, of a table's derivative of that order; one class for equal tables."""
+    """Return the SymPy function class, a `Table`, of a derivative of a table, one class for equal tables; `order`: how
+    many derivatives by each argument."""
     margin = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
     kind = Stepped if margin < 0 else Kinked if margin == 0 else Table
     members = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
@@ -526,7 +531,7 @@ def function(cells: Cells, order: Index) -> FunctionClass:
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
-    """Return a function of numpy arrays, one for each argument, to the table's derivative of that order."""
+    """Return a function of numpy arrays, one for each argument, to a table's derivative; `order`: by each argument."""
     breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
     starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
     coefficients = by_power(cells.of_order(order)).astype(float)
@@ -650,12 +655,12 @@ class Lookup:
         return _formula(self.coefficients.shape, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
     def slopes(self, *arguments: Graph) -> Graph:
-        """Return the row (1, number of arguments) of partial derivatives of the lookup at graphs of its arguments."""
+        """Return the row (1, number of arguments) of a table's partial derivatives at graphs of its arguments."""
         orders = (next_order(self.order, k) for k in range(len(arguments)))
         return ca.horzcat(*(Lookup(self.cells, order)(*arguments) for order in orders))
 
     def __call__(self, *arguments: Graph) -> Graph:
-        """Return the graph of the lookup's value at graphs of its arguments."""
+        """Return the table's value at CasADi graphs of its arguments, as a graph."""
         return self.graph(*arguments)
 
     @cached_property
@@ -776,7 +781,7 @@ def folded(
 
 @lru_cache(maxsize=256)  # a program is evaluated on many pieces of a plant's ranges
 def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
-    """Return for each instruction its operation, its inputs, its outputs, and the number or the called function."""
+    """Return for each instruction its code, its input and output places, and the number or the called function."""
     rows, texts = [], instructions(function)
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)

@@ -391,11 +391,11 @@ SURE_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as ze
 
 
 class Blurred(ArithmeticError):
-    """A matrix entry in balls whose precision does not decide whether the entry is zero."""
+    """The error that the precision of a ball does not decide whether a matrix entry is zero."""
 
 
 def believe_zeros(modulus: int) -> None:
-    """Raise `Blurred` for balls (`modulus` 0) of few bits: a deficient rank depends on entries that count as zero."""
+    """Raise `Blurred` for balls (`modulus` 0) of too few bits to believe that an entry which counts as zero is zero."""
     if not modulus and flint.ctx.prec < SURE_BITS:
         raise Blurred
 
@@ -580,7 +580,8 @@ def observability(
 
 
 def branches(plant: Plant) -> str:
-    """Return the names of a plant's functions with branches, "" for none: a result at a point holds on one only."""
+    """Return the names of a plant's functions with branches, such as abs, joined by commas, "" for none: a result at a
+    point holds on the point's branch only."""
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHING))
 
 
@@ -647,7 +648,7 @@ def somewhere(
 
 
 def modulus(numbers: Arithmetic) -> int:
-    """Return the prime of an arithmetic modulo a prime (or its power), 0 for balls."""
+    """Return the prime of an arithmetic modulo a prime or its power, 0 for balls (midpoint and radius)."""
     return numbers.prime if isinstance(numbers, Modular) else 0
 
 

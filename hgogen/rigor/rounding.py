@@ -69,7 +69,7 @@ class Computed:
 
 
 def exactly(value: Any) -> Computed:
-    """Return a number or a ball as a computed value without an error."""
+    """Return a number or a ball as a `Computed` with the error 0."""
     return Computed(arb(value))
 
 
@@ -95,7 +95,7 @@ class Rounding:
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def parameter(self, number: float) -> Computed:
-        """Return a gain or a parameter of the program as a value, with the rounding error of a constant."""
+        """Return a gain or parameter of the program with the error bound of a rounded constant."""
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
@@ -103,7 +103,7 @@ class Rounding:
         return body(columns)
 
     def constant(self, number: float) -> Computed:
-        """Return a constant of a graph as a value, with the error of its representation."""
+        """Return a constant of a CasADi graph with the bound of its rounding error."""
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
@@ -173,7 +173,7 @@ def _all(least: int, a: Computed, b: Computed) -> Computed:
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
-    """Return the value where the truth value `test` is true, else 0."""
+    """Return `value` where the truth value `test` is true, else 0, with an error bound for a wrong choice."""
     if test.known is False:
         return exactly(0)
     if test.known is True:

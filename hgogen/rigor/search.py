@@ -103,11 +103,11 @@ class Known:
     continuous: Flags
 
     def only(self, rows: Indices | Flags) -> "Known":
-        """Return the facts on some of the boxes, by their indices or flags."""
+        """Return the bounds and flags on some of the boxes, by the boxes' indices or flags."""
         return Known(*(getattr(self, each.name)[..., rows] for each in fields(self)))
 
     def with_more(self, other: "Known") -> "Known":
-        """Return the facts on these boxes, then on those of `other`."""
+        """Return the bounds and flags on these boxes, then on those of `other`."""
         pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
         return Known(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
@@ -141,8 +141,8 @@ class Cover:
 
     @property
     def tree(self) -> Tree:
-        """Return the tree of ("split", variable, left, right) and "leaf"; node 0 is the root, split j has 2j+1 and
-        2j+2."""
+        """Return the tree of ("split", variable, left, right) and "leaf"; node 0 is the root, 2j+1 and 2j+2 are of
+        split j."""
         subtrees: dict[int, Tree] = {}
         for j in range(len(self.splits) - 1, -1, -1):
             node, variable = self.splits[j]
@@ -449,7 +449,7 @@ _OVER_CENTRE = 1.25  # factor on the weight of a centre up to which a cell is no
 
 @dataclass(frozen=True)
 class _Cell(Generic[T]):
-    """A box with exact ends, the facts on it, if any, and their weight."""
+    """A box with exact ends, the result on it, None where there is none, and the weight by which boxes are cut."""
 
     box: Ranges
     known: T | None
@@ -458,7 +458,7 @@ class _Cell(Generic[T]):
 
 @dataclass(frozen=True)
 class Subdivision(Generic[T]):
-    """A box divided into cells: the facts on each of the `cells`, and the `tree` of cuts in prefix order: the name of
+    """A box divided into cells: the result on each of the `cells`, and the `tree` of cuts in prefix order: the name of
     the side that is cut in its middle, a dot for a cell."""
 
     cells: tuple[T, ...]

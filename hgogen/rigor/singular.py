@@ -132,8 +132,8 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
     """Return a power or function of `before` that is not proved to be a finite real number on the box, and that `after`
     lacks; or None.
 
-    `after` has a part if it contains it, or an expression that is undefined at the same points, as 1/x**2 for 1/x. A
-    part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0, is lacking.
+    `after` has a part if it contains it, or an expression that is undefined at the same points, as 1/x**2 for 1/x. It
+    lacks a part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0.
     """
     every = tuple(dict.fromkeys(part for row in before for part in parts(row)))
     rows = tuple(sides(exact(row), box)[0] for row in after)
@@ -598,9 +598,9 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
-    """Return the expression as programs compute it, with arguments clamped to the box: `one_sided`, so that a slope at
-    an end of the box is that inside; with tables that are not clamped where rounding alone leaves them; with one side
-    of kinks at one place; and with norms that have a slope at 0."""
+    """Return the expression as programs compute it, with arguments clamped to the box: without kinks whose side the box
+    decides, so that a slope at an end of the box is that inside; with tables that are not clamped where rounding alone
+    leaves them; with one side of kinks at one place; and with norms that have a slope at 0."""
     return _computed(expression, tuple(box.items())) if _has_kinks(expression) else expression
 
 

@@ -522,8 +522,8 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 def _on_slabs(
     claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
 ) -> Answer:
-    """Return the answer from the signs of S(e, x) on the slabs that cover the box of e but for the `share` on which N
-    is definite, with its proof and basis."""
+    """Return the answer whether S(e, x) < 0, from the `signs` of S on the slabs that cover the box of e outside the
+    `share` on which N is definite (S <= - e'N e); `definite`: the proof for N and its basis."""
     proof, basis = definite
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
         total = sum(sign.range.boxes for sign in signs)
@@ -617,7 +617,7 @@ class _Program:
 
 
 def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
-    """Return the column that random steps from `best`, whose rate is `most`, reach; only steps to a larger rate count.
+    """Return the column that random steps from `best`, of the rate `most`, reach; only steps to a larger rate count.
     `step_to(column, step)`: candidates, as columns; `rate`: their values."""
     for step in range(_ROUNDS):
         tried = step_to(best, step)
@@ -629,7 +629,7 @@ def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], 
 
 
 def _samples(program: _Program) -> Iterator[Point]:
-    """Yield the points of largest S/|e|^2 in a fixed random set, each improved by `_uphill`; e is also scaled down."""
+    """Yield the points of largest S(e, x)/|e|^2 in a fixed random set, each improved by random steps."""
     rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
@@ -647,7 +647,8 @@ def _samples(program: _Program) -> Iterator[Point]:
 
 
 def _along(program: _Program) -> Iterator[Point]:
-    """Yield points with short e along the eigenvector of N's smallest eigenvalue at e = 0, where it is least in x."""
+    """Yield points with short e along the eigenvector of the smallest eigenvalue at e = 0 of the matrix N in S <= - e'N
+    e, at the x where the eigenvalue is least."""
     claim, n = program.claim, len(program.claim.errors)
     eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
@@ -664,8 +665,8 @@ def _along(program: _Program) -> Iterator[Point]:
 
 
 def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
-    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which N is proved positive definite, and the proof
-    with its basis; None for the proof where there is none."""
+    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which the matrix N in S <= - e'N e is proved positive
+    definite, and the proof with its basis; None for the proof where there is none."""
     share, definite = Fraction(1), None
     if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
         for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
@@ -696,7 +697,8 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 
 
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
-    """Return the proof that N is positive definite on the whole box, and the T with T'N T nearly 1; or None."""
+    """Return the proof that a symmetric matrix is positive definite on the whole box, and a T with T'(matrix) T nearly
+    1, or None."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
         return None
