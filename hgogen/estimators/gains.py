@@ -70,9 +70,8 @@ class BadPoles(HgogenError):
 
 @dataclass(eq=False)
 class OutsideParabola(HgogenError):
-    """Poles mu of A - L C, `poles`, outside S = {alpha^2 Re mu + beta (Im mu)^2 < 0}, for which a filtered output
-    injection is unstable: `eigenvalue` is its worst, `ratio` is alpha^2/beta; any ratio above `least` admits the
-    poles."""
+    """Poles mu of A - L C, `poles`, with alpha^2 Re mu + beta (Im mu)^2 >= 0, for which a filtered output injection is
+    unstable: `eigenvalue` is its worst, `ratio` is alpha^2/beta; any ratio above `least` admits the poles."""
 
     poles: tuple[complex, ...]
     eigenvalue: complex

@@ -132,8 +132,7 @@ def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
 def wide(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
-    """Return a tunable gain of positive numbers, whose range is six decades to both sides; `labels` name the
-    numbers."""
+    """Return a tunable gain of positive numbers, its range six decades to both sides; `labels` name the numbers."""
     numbers = tuple(map(float, values))
     field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
     return replace(field, labels=labels)

@@ -210,7 +210,7 @@ class Unscented(SquareRoot):
         return Transformed(middle, slopes, curvatures, drift)
 
     def prediction(self) -> Program:
-        """Return the statements that advance each sigma point by a model step, then compute z and S."""
+        """Return the statements that advance each sigma point by a model step, then compute z and S from all points."""
         n, sides = self.part.dynamics.n, {"above": "z + g s_", "below": "z - g s_"}
         points = {"middle": ("z", self.z)}
         for (side, title), drawn in zip(sides.items(), self.points(), strict=True):

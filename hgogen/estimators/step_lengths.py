@@ -238,7 +238,7 @@ def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Li
 
 @lru_cache(maxsize=16)
 def _judged(part: Ode, observer: Observer) -> Frozen:
-    """Return the frozen errors at the points where M is stable, in coordinates that balance M."""
+    """Return the error matrices M of e' = M e at the points where M is stable, in coordinates that balance M."""
     errors = frozen(part, observer)
     decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])

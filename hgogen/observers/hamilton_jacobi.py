@@ -75,7 +75,7 @@ def hamilton_jacobi(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The minimum-energy estimator z' = f + Pi^-1 h_z'R (y - h), Pi' = -Pi f_z - f_z'Pi - Pi Q^-1 Pi + h_z'R h_z - s
-    sum_j R_j (y_j - h_j) d2h_j, on any form, of any number of outputs, linear in the state or not.
+    sum_j R_j (y_j - h_j) d2h_j/dz2, 0 <= s <= 1, on any form, of any number of outputs.
 
     Args: weights by the names of the form's coordinates, or in their order: `Q` of the model's error, diagonal (n) or
     symmetric positive definite (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise

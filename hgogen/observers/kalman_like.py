@@ -114,7 +114,8 @@ def kalman_like(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The observer z' = A(u, y) z + b(u, y) + P C' R^-1 (y - C z - d), P' = rho (P - P S_0 P) + A P + P A' - P C' R^-1
-    C P, of `forms.state_affine(plant)`, any number of outputs.
+    C P, of `forms.state_affine(plant)`, any number of outputs; S_0 = diag(1/l_i^2), l_i the half-widths of the outer
+    box.
 
     Args: `rho` > 0 (1/s), the forgetting rate; `R` positive, one for each output, unit y^2 s: that of the noise (for
     white noise of variance v per sample, v dt), so that P is distinct from S_0^-1; `inputs`, `period`: the future

@@ -223,7 +223,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Return the step lengths without the outputs' second derivatives, and 1/fastest, which limits every method."""
+    """Return the step lengths without the outputs' second derivatives, and 1/fastest, the limit due to these."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)

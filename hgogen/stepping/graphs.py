@@ -354,7 +354,7 @@ class Graphs:
         return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, values)
 
     def flow(self) -> Flow:
-        """Return the observer as a differential equation. Raises: `NoEquation`."""
+        """Return the observer as x' = f(x, u, y, p). Raises: `NoEquation` for one that has no differential equation."""
         if self.source.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
         elements = [field for ode in self._odes for field in ode.fields]

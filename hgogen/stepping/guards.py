@@ -147,8 +147,7 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Return the block that reports a plant's state that cannot be computed from the estimate z; empty if it always
-    can."""
+    """Return the block that reports a plant's state that cannot be computed from z; empty if it always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
