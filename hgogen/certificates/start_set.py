@@ -56,8 +56,8 @@ class StartSet:
 
 def start_set(step: Step) -> StartSet | Nothing:
     """Return the initial errors from which the estimate of a step that is proved to contract never reaches its limits,
-    without noise; or why they are unknown: no contraction, more than 8 states, states without ranges, or a chain whose
-    gains are no numbers. Raises: `NoSolver` without Clarabel; `NoStep`."""
+    and the largest errors after them, without noise; or why they are unknown: no contraction, more than 8 states,
+    states without ranges, or a chain whose gains contain parameters. Raises: `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "start_set")
     known = contraction(step)
     if known.proof is None:
@@ -67,8 +67,8 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of its state; `heads`:
-    the first state of each output's chain."""
+    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of the state that e_k
+    belongs to; `heads`: by output, the first state z_i of its chain and dy/dz_i."""
 
     step: Step
     proof: Contracts
@@ -242,7 +242,7 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def restart_calls(step: Step) -> int:
-    """Return the number of calls for which a sign of a lost estimate, such as large innovations, may last."""
+    """Return the number of calls that a sign of a lost estimate, such as large innovations, lasts until a restart."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 

@@ -141,9 +141,10 @@ _SLOPES = 12  # number of further gammas
 
 @dataclass(frozen=True)
 class Design:
-    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs. `gamma`: gamma_inf may be any
-    number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`, rounded up, else
-    (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54)."""
+    """A gain of the observer `adaptive_lmi` with its proofs: K (n), P (n, n) and sigma, as its arguments. `gamma`: the
+    lower limit gamma_inf may be any number >= `gamma`, (88) rounded up; `mu`: the L2 gain from the disturbance for
+    gamma_sup = `gamma`, rounded up, else mu (gamma_sup/gamma)^n; None without a disturbance. `checks`: P > 0, D P + P D
+    >= 0, D = diag(1, .., n), and (A - K C)'P + P (A - K C) + sigma (D P + P D) < 0 (54)."""
 
     K: tuple[float, ...]
     P: tuple[tuple[float, ...], ...]
@@ -282,9 +283,9 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
 
 
 def slope(form: Form, gamma: float = 1.0) -> float:
-    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded up.
-    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for a form
-    that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form."""
+    """Return a proved k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), for every g >= `gamma`, rounded up: c is the nonlinear
+    part of the form as a chain of integrators w. k falls as gamma grows; `adaptive_gain(form)` finds the gamma itself.
+    Raises: `BadGain` for a form that is no chain of integrators, or has no proved bound k; `Misfit` for no form."""
     if not isinstance(form, Form):
         raise Misfit("slope", form, _FORM)
     if not 1 <= real("gamma", gamma) < math.inf:

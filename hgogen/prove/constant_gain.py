@@ -135,9 +135,10 @@ def _scaled_gain(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
 def constant_gain(
     observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
 ) -> ConstantGain:
-    """Return the gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for
-    each. Raises: `BadGain`, `BadPoles`, `NotHurwitz`. Gains may be a matrix (n, q), with a column for the output of
-    each chain, the mean of outputs by their `weights` (p); `endless` as in `inclusion`."""
+    """Return the gain K of z' = A z + b + K (y - C z) on a form in chains, from the `poles` of A - K C or from its
+    entries `gains`: a sequence (n), for several outputs one for each, or a matrix (n, q), with a column for the output
+    of each chain; outputs that share a state count by `weights` (p). `endless`: whether slopes of b may have an
+    infinite end. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     make, numbers = (_from_poles, poles) if gains is None else (_from_gains, gains)

@@ -201,7 +201,8 @@ class Flow:
 
     @property
     def _most(self) -> Fraction:
-        """An upper bound of every alpha at theta."""
+        """An upper bound of every alpha with V' <= -alpha V at theta: -2 times the largest real part of an
+        eigenvalue."""
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
@@ -271,7 +272,7 @@ class Flow:
 
     @property
     def missing(self) -> Reason:
-        """The reason why there is no P at any theta."""
+        """The reason why no V = e'P e falls at any theta: there is no solver, or the linear part has none."""
         return no_solver(_WHAT) or because(
             "no norm is found in which the linear part of the error falls, whatever moves in it"
         )
@@ -319,8 +320,8 @@ class Flow:
         return (best.P, best.S) if best is not None and best.margin > 0 else None
 
     def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
-        """Return P and S with the largest margin of all forms, from programs with few of them: the first and last, then
-        those with less than half of the margin, until none is left. The chosen ones are kept for the next call."""
+        """Return P and S with the largest margin of all forms, from programs with few forms: the first and the last,
+        then also those above half of the margin, until none is. The chosen forms are kept for the next call."""
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
@@ -413,7 +414,7 @@ class OneSided(Flow):
 
     @property
     def missing(self) -> Reason:
-        """The reason why there is no proof at any theta."""
+        """The reason why no V = e'P e falls at any theta for all slopes with an infinite end."""
         return no_solver(_ONE_SIDED) or because(_NO_NORM)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:

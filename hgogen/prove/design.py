@@ -106,8 +106,9 @@ class Checks(tuple[Check, ...]):
 def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
-    """Return the checks of P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`,
-    in the notation of `varying_gain`: each proved, or refuted with the eigenvalue. Raises: `BadGain`."""
+    """Return the checks of P > 0, D P + P D >= 0, and (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0
+    (54), D = diag(1, .., n), lambda = `decay`, by default any above 0; with `alphas` also of (87), where P P/alpha_1 +
+    P K K'P/alpha_2 is added. Each is proved, or refuted with the eigenvalue. Raises: `BadGain`."""
     known = candidate(K, P, sigma)
     checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:
@@ -299,7 +300,8 @@ def _least(enough: Callable[[Fraction], bool]) -> float:
 
 
 def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candidate, Fraction]:
-    """Return K, P and sigma with a proof of (54) for lambda = `decay`, and lambda. Raises: `BadGain`."""
+    """Return K, P and sigma, demanded to satisfy (54) with lambda = `decay`, and lambda, by default the largest.
+    Raises: `BadGain`."""
     known = candidate(K, P, sigma)
     rate = None if decay is None else Fraction(positive("decay", decay))
     for check in facts("design", known):
@@ -311,7 +313,8 @@ def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candida
 
 
 def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
-    """Return the gains, P with A'P + P A <= -I and an upper bound of |P|. Raises: `BadGain`, `NotHurwitz`."""
+    """Return p, the `gains` (n), a P with A'P + P A <= -I, A their companion matrix, and an upper bound of |P|. Raises:
+    `BadGain`, `NotHurwitz`."""
     p = _column("gains", gains)
     exactly = np.array([Fraction(x) for x in p.tolist()], dtype=object)
     A = companion(exactly)

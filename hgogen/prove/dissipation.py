@@ -382,7 +382,7 @@ class Dissipates:
 
     @property
     def _names(self) -> set[str]:
-        """The names of the errors and of the signals of the error system."""
+        """The names of the errors and of all other symbols of the error system."""
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, origin: Injection | Equations) -> dict[str, Any]:

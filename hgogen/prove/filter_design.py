@@ -42,9 +42,9 @@ _LARGE = 1e6  # the logarithm of a missing bound
 
 @dataclass(frozen=True)
 class InjectionFilter:
-    """The matrices F (m, m), G (m) and H (n, m) for `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I.
-    `rate` (1/s): the errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at most 1,
-    proved in continuous time for all slopes in their ranges; `before`: that of the filter from which the search
+    """A filter of the observer `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I: F (m, m), G (m), H (n,
+    m). `rate` (1/s): errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at most 1,
+    proved in continuous time for all slopes in their ranges; `before`: this bound for the filter from which the search
     began."""
 
     theta: float
@@ -58,7 +58,7 @@ class InjectionFilter:
 
     @property
     def gains(self) -> dict[str, Any]:
-        """The arguments of the observer."""
+        """The arguments theta, F, G and H of `filtered_injection`, by name."""
         return {"theta": self.theta, "F": self.F, "G": self.G, "H": self.H}
 
     def __str__(self) -> str:

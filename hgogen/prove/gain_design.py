@@ -130,7 +130,7 @@ class Task:
 
     @cached_property
     def pace(self) -> float:
-        """The speed (1/time) in units of which the program's numbers are near 1; it grows with n, as long chains have
+        """The speed (1/time) in units of which the program's numbers are near 1; more for larger n, as long chains have
         fast poles."""
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
@@ -329,15 +329,16 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
 
 
 def _half(slope: Slope) -> Slope:
-    """Return the slope with half of its range: around its middle, or around 0 for an entry of a Jacobian."""
+    """Return a slope d in [low, high] with half of its range: around its middle, or around 0 where it is a
+    db_i/dz_j."""
     centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
     return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
 
 
 @dataclass(eq=False)
 class NoGain(HgogenError):
-    """The absence of a gain with which errors decay at the wanted `rate`. `reached`: the largest smaller rate with a
-    gain of those tried, 0.0 for none; `hindrance`: the reason."""
+    """The error that no gain is found with which errors decay at `rate` (1/time). `reached`: the largest smaller rate,
+    of those tried, for which there is one, 0.0 for none; `hindrance`: the reason, such as the slope in the way."""
 
     plant: str
     rate: float
@@ -422,8 +423,8 @@ class Gain:
         return {"theta": self.theta, "gains": self.K, **optional}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return the largest error of a state for noise of at most these sizes, by output. Raises: `KeyError` for a
-        state or an output that does not exist."""
+        """Return the largest error of a state of the form for noise of at most these sizes, by output: the sum of bound
+        times size. Raises: `KeyError` for a state or an output that does not exist."""
         return sum(self.bounds[state, output] * size for output, size in noise.items())
 
     def __str__(self) -> str:

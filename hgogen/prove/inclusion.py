@@ -89,7 +89,7 @@ class Slope:
 
     @cached_property
     def exactly(self) -> tuple[Array, Array, Array]:
-        """The arrays `onto`, `reads` and `takes`, of FLINT's rationals."""
+        """The arrays `onto` (N), `reads` (N) and `takes` (p) in FLINT's rationals."""
         return rational(self.onto), rational(self.reads), rational(self.takes)
 
     @property
@@ -214,8 +214,8 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return the factors (N) by which e_k = scale_k times the error of the form's state that it belongs to, at this
-        theta; None where one contains parameters."""
+        """Return the factors (N) with e_k = factor_k times the error of the form's state i(k), at this theta; None
+        where one contains parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
             return None
@@ -275,7 +275,7 @@ class Uncertain:
 
     @cached_property
     def floats(self) -> "Uncertain":
-        """The system in floats."""
+        """The error system with all its matrices in floats."""
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
 
     def with_constant_slopes(self, d: Array) -> "Uncertain":

@@ -235,7 +235,8 @@ class LimitedInjection(Flow):
 
     @cached_property
     def _weights_at_theta(self) -> Decay | None:
-        """The V that decreases at theta, preferably with a rate."""
+        """The proof in `decays` whose V falls at the declared theta, preferably V' <= -alpha V with alpha > 0; None for
+        none."""
         return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 
     @property

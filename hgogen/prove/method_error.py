@@ -211,7 +211,8 @@ class StageDeviation:
 
     @cached_property
     def _output_steepness(self) -> Rows:
-        """The Lipschitz constants of y' of each output in the states and inputs (p, n + m)."""
+        """The Lipschitz constants (p, n + m) of each output's y' in the n states and m inputs, 0 for outputs not
+        injected."""
         plant, outputs = self.plant, range(len(self.plant.form.output))
         return plant.steep(plant.rate(output) if output in self._used else sp.S(0) for output in outputs)
 
@@ -222,7 +223,8 @@ class StageDeviation:
 
     @cached_property
     def _line_weights(self) -> Rows:
-        """The weights c_i b_j - a_ij (s, s)."""
+        """The weights c_i b_j - a_ij (s, s) of h F(X_j) in the difference between the line through two samples and
+        stage i."""
         a, b, c = self._coefficients
         return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
 
@@ -461,7 +463,8 @@ class CoreDeviation:
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))
 
     def _demand_smooth(self) -> None:
-        """Demand that the rules of differentiation hold on the ranges. Raises: `Unbounded`."""
+        """Demand that the flow's derivatives exist on the ranges, also where it contains kinks or tables. Raises:
+        `Unbounded`."""
         if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
             return
         try:
@@ -503,7 +506,7 @@ EXPONENTIAL = LocalError(1, 2, by_matrix_exponential)
 
 
 def _integral(L: Array, h: Fraction, source: Array) -> Array:
-    """Return an upper bound of the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
+    """Return an upper bound (N, q) of the integral from 0 to h of s (h - s)/2 |exp(s L) source|, `source` (N, q)."""
     turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
     count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
     for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):

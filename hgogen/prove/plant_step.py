@@ -81,7 +81,7 @@ class PlantStep:
 
     @cached_property
     def stated_speeds(self) -> tuple[Fraction, ...]:
-        """The bounds of sup|F_i| (n) in a certificate: larger by 0.1 % than `speeds`, so that weaker arithmetic proves
+        """The bounds of sup|F_i| (n) in a certificate: up to 0.1 % above `speeds`, so that weaker arithmetic proves
         them."""
         return tuple(map(loose, self.flow, self.speeds))
 

@@ -45,7 +45,7 @@ class Quadratic:
     constant: Array | None = None
 
     def value(self, P: Array, S: Array) -> Array:
-        """Return the matrix (N, N) of the form at P (n, n) and S (k)."""
+        """Return the symmetric matrix (N, N) of the quadratic form at P (n, n) and the diagonal S (k)."""
         if P.dtype == object and not any(isinstance(value, arb) for value in self.pairs[0][1].flat):
             value = self._of_rationals(P, S)
         else:
@@ -162,7 +162,7 @@ class View:
 
     @cached_property
     def forms(self) -> list[Quadratic]:
-        """The forms in the coordinates x."""
+        """The quadratic forms in x, e = W x, and in multiplied inputs over g."""
         n, size = self.originals[0].pairs[0][0].shape
         whole, back, g, forms = np.eye(size), self._inverse, self.g[:, None], list[Quadratic]()
         whole[:n, :n] = self.W

@@ -69,7 +69,7 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 
 @dataclass(frozen=True)
 class InputBound:
-    """A proof that |c e| <= `bound` for ever, for inputs of at most 1: |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k
+    """A proof that |c e| <= `bound` in the end, for inputs of at most 1: |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k
     lambda_k v_k^2, sum_k lambda_k <= `alpha`; `weights`: P, and S, whose last entries are the lambda_k."""
 
     alpha: Fraction
@@ -113,7 +113,7 @@ def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound |
 
 
 def _search_shares(bound: Callable[[Fraction], float]) -> None:
-    """Evaluate `bound` at shares of the largest alpha, from 0.4 upwards while it falls, else downwards."""
+    """Evaluate `bound` at shares of the largest alpha, from 0.6 upwards while the bound falls, else downwards."""
     least = bound(_SHARES[_FIRST])
     for way in (_SHARES[_FIRST + 1 :], _SHARES[:_FIRST][::-1]):
         before = least
@@ -283,9 +283,9 @@ def theta_of(observer: Observer) -> Fraction:
 
 @asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
-    """Return, by (state, output), the largest error of a state of the form in the end, in continuous time, for noise of
-    at most 1 in the output, at the declared gains of an observer with a constant injection; or the reason why it is not
-    known. Raises: `NoSolver`."""
+    """Return, by (state, output), the largest error in the end of a state of the form, in continuous time, for noise of
+    at most 1 in the output, at the declared gains of an observer with a constant injection; or why there is no proof.
+    Raises: `NoSolver`."""
     error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error

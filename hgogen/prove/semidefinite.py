@@ -78,7 +78,7 @@ class Lyapunov:
 
 
 def verified(candidate: Lyapunov) -> bool:
-    """Return whether P > 0, peak I - P > 0 and -I - N'P - P N > 0, in exact arithmetic."""
+    """Return whether P > 0, peak I - P > 0 and -I - N'P - P N > 0 for a `candidate` P, peak, N, in exact arithmetic."""
     P, N, one = exact(candidate.P), exact(candidate.N), unit(len(candidate.P))
     gaps = (P, one * number(candidate.peak) - P, -one - (N.transpose() * P + P * N))
     return bool(P.transpose() == P) and all(map(positive, gaps))

@@ -177,11 +177,11 @@ class Candidate:
 
     @property
     def n(self) -> int:
-        """The number of states."""
+        """The number n of integrators."""
         return len(self.K)
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the matrix P."""
+        """Return P under the key "P" of a certificate."""
         return {"P": self.P}
 
     @cached_property
