@@ -238,7 +238,7 @@ class Explicit(Staged):
 
     @property
     def tableau(self) -> Tableau:
-        """The tableau of an explicit method."""
+        """The coefficients (Butcher tableau) of the explicit Runge-Kutta method."""
         return self.prediction
 
     @property

@@ -89,7 +89,7 @@ class Clock:
 
     @property
     def valid(self) -> Graph:
-        """The validity (p) of each sample, 1 or 0; without guards every sample is used."""
+        """The validity (p) of each output's sample, 1 or 0, as SX; without guards 1."""
         return sym("work", "valid", self.outputs) if self.guarded else ca.SX.ones(self.outputs)
 
     @property

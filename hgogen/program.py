@@ -84,7 +84,7 @@ class Field:
 
     @property
     def size(self) -> int:
-        """Number of elements."""
+        """Number of elements of the array."""
         return len(self.initial)
 
     @property
@@ -435,11 +435,11 @@ class Reader(Generic[T]):
     """
 
     def program(self, program: Iterable[Statement], *known: Any) -> T:
-        """Return the result of a program."""
+        """Return the reader's result for a program, from the results of its statements."""
         return self.joined(self.statement(statement, *known) for statement in program)
 
     def statement(self, statement: Statement, *known: Any) -> T:
-        """Return the result of a statement."""
+        """Return the reader's result for a statement, by the method for its kind."""
         result: T = getattr(self, f"_{type(statement).__name__.lower()}")(statement, *known)
         return result
 

@@ -50,7 +50,7 @@ class BadStep(BadArgument):
 
 
 class NoStep(BadArgument):
-    """A value that is no step."""
+    """An argument, of a target or a proof, that is no `Step`."""
 
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:

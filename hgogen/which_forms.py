@@ -62,7 +62,7 @@ class Survey:
     rows: Annotated[tuple[Row, ...], "each form in each variant, and the test of Gauthier and Bornard"]
 
     def __getitem__(self, name: str) -> Row:
-        """Return the verdict on the form of that name, such as "triangular" or "triangular, measured=True"."""
+        """Return the verdict on the form `name`, such as "triangular" or "triangular, measured=True"."""
         return {row.name: row for row in self.rows}[name]
 
     @property

@@ -170,8 +170,7 @@ class Chains:
         return tuple(map(len, self.links))
 
     def answer(self, shape: Shape) -> Answer:
-        """Return whether every link has the shape (CONSTANT, MEASURED or UNIFORM) and the chains hold all states, and
-        the reason."""
+        """Return whether all links have the shape (CONSTANT, ..) and the chains hold all states, and the reason."""
         unproved = NONE
         for links in self.links:
             for i, link in enumerate(links):

@@ -466,7 +466,7 @@ class Dynamics:
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
-        """The Jacobian dPhi/dx of a form that carries it."""
+        """The Jacobian dPhi/dx (n, n) of the form's map to chain coordinates, for a form that has one."""
         assert self.form.jacobian is not None
         return self.form.jacobian
 

@@ -591,7 +591,8 @@ class _Question:
         return somewhere(plant, answer)
 
     def direction(self, order: int) -> tuple[Any, Any]:
-        """Return an unobservable direction (largest entry 1) at a random real point, and the point; or nothing."""
+        """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx v = 0 at a random real point, and the point;
+        or ()."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:

@@ -175,7 +175,7 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
 
 
 def cut(form: Form) -> Reason:
-    """Return why the limits of an observer's b may change b on the box, although its argument is clamped, or `NONE`."""
+    """Return why b in an observer is not proved to equal b(sat(z), u) on the box, or `NONE`."""
     if not form.clamped:
         return because("without guards no argument of b is clamped, on which the proof rests")
     if form.free:
@@ -207,7 +207,7 @@ class NotInBox(BadArgument):
 
 
 class BadRange(BadArgument):
-    """A value in the place of a box, or of one of its ranges, that is no box or range."""
+    """A `where` that is no box (a mapping from symbols to ranges), or holds a value that is no range (low, high)."""
 
     text = "the box: {what} {reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
 

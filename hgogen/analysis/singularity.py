@@ -131,7 +131,7 @@ class Singularity(Encoded):
 
     @property
     def determinants(self) -> tuple[sp.Expr, ...]:
-        """The determinant of each jet, without abbreviations."""
+        """The determinant of each jet, written out without names for repeated parts."""
         return tuple(jet.text for jet in self.jets)
 
     @property
@@ -248,7 +248,7 @@ def _box(plant: System) -> dict[sp.Symbol, Interval]:
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Return the factors that may be 0 somewhere on the box."""
+    """Return those of the factors that may be 0 somewhere on the plant's box."""
     box = _box(plant)
     return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
 
@@ -271,12 +271,12 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
 
 
 def _triangle(plant: System) -> Jet | None:
-    """Return the generic jet of a chain without computing a derivative: y reads z_1 alone, the rate of z_i no state
-    beyond z_(i+1).
+    """Return det d(y, y', ..)/dz of a chain, as a jet, without computing a derivative: y depends on z_1 alone, the rate
+    of z_i on no state beyond z_(i+1).
 
-    Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
-    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). It is None for any other plant, for one
-    with kinks, and for one with roots, whose derivatives are singular where the root is not.
+    Then y^(k) depends on no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i =
+    dz_i'/dz_(i+1), and d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). The result is None for
+    any other plant, for one with kinks, and for one with roots, whose derivatives are singular where the root is not.
     """
     order: list[sp.Symbol] = []
     slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
@@ -411,7 +411,7 @@ def _brief(e: sp.Expr) -> sp.Expr:
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:
-    """Return the check number k, of a jet: proved, no zero on the box; where, perhaps a zero; unknown, no full rank."""
+    """Return the check of a jet, the `k`-th: its determinant is not 0. where: perhaps a zero; unknown: no full rank."""
     marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
     rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES

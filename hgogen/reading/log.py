@@ -399,7 +399,7 @@ class Conversion:
 
 
 class Inconvertible(ValueError):
-    """Two units of different kinds."""
+    """Two units of different kinds, such as m and s, that do not convert."""
 
 
 def named_unit(column: str) -> str:
