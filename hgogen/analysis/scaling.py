@@ -87,8 +87,8 @@ class Scaling:
 
 
 def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
-    """Return the powers of theta that scale a form's noise; all 0 for several outputs without aligned chains. `scaled`:
-    "both", Q and R, or "process", Q alone."""
+    """Return the powers of theta that scale a form's noise, for theta = 1 only if several outputs have no aligned
+    chains. `scaled`: "both", Q and R, or "process", Q alone."""
     longest, output_powers = max(form.blocks), [0] * len(form.output)
     if form.alignment == "end":
         output_powers = [longest - size for size in form.blocks]
