@@ -71,7 +71,7 @@ class Contraction:
 
     @property
     def proved(self) -> bool:
-        """Whether the step contracts at its dt and theta."""
+        """Whether |e+|_P <= sqrt(1 - alpha dt) |e|_P is proved at the step's dt and theta."""
         return self.rate is not None
 
     def __str__(self) -> str:
@@ -234,7 +234,7 @@ def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fractio
 
 @dataclass(frozen=True)
 class Admitted:
-    """The limits of a step's dt."""
+    """The limits of a step's dt: certified, advised and refused."""
 
     dt: Annotated[float, "the step's own dt"]
     time: Annotated[str, "unit of time"]

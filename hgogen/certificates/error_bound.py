@@ -418,7 +418,7 @@ def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
-    """Return the text that each state, or each of the names `known`, is known within a bound for ever."""
+    """Return the text of the claim that the error of each state, or of those in `known`, has a bound for ever."""
     subject = f"of the states {', '.join(known)}" if known else "every state"
     return f"{running(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
 

@@ -71,7 +71,8 @@ class Arithmetic(Protocol):
         """Return the result of one operation, `op` CasADi's number of it, on these values. Raises: `Unsure`."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
-        """Return the results of a `function` of the program at `columns`, which `body` computes. Raises: `Unsure`."""
+        """Return the result columns of a `function` of the program at argument `columns`; `body` computes them. Raises:
+        `Unsure`."""
 
 
 def after_call(

@@ -78,7 +78,7 @@ class Running:
 
     @property
     def error(self) -> Inclusion:
-        """The error e' = .. of the observer with its uncertain slopes."""
+        """The error of the observer, e' = M e + uncertain slopes in their ranges."""
         return self.proof.steps.error
 
     @property
@@ -96,7 +96,8 @@ class Running:
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
-        """Return, by index k, the largest error ever of the state of e_k from a `start`, as |e|_P never grows."""
+        """Return, by index k, the largest error ever of the state that e_k belongs to, from a `start`, as |e|_P never
+        grows."""
         rows = {k: state_row(self.scales, k) for k in fields}
         return peak_errors(rational(self.proof.weights.P), start.corners, rows)
 

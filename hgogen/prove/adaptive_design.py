@@ -70,7 +70,8 @@ class Task:
 
 @dataclass(frozen=True)
 class Optimum:
-    """A solution in floats: P (n, n), Y = P K (n, 1), the bound `gamma`, and `mu`, inf without a disturbance."""
+    """The solution of a program, in floats: P (n, n), Y = P K (n, 1), the least gain `gamma`, and the L2 gain `mu`, inf
+    without a disturbance."""
 
     P: np.ndarray
     Y: np.ndarray

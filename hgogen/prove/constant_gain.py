@@ -57,7 +57,8 @@ def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
 
 
 def numbers_in_place(form: Form) -> list[float]:
-    """Return the N (n) of `sample_in_place` as floats, at the nominal parameters."""
+    """Return N (n) = 1/a_1 at the first state of each chain, else 0, in floats at the nominal parameters: with N b(z +
+    N (y - C z)) reads the samples."""
     return [float(sp.sympify(entry).subs(form.system.nominal)) for entry in sample_in_place(form)]
 
 
@@ -108,7 +109,7 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
 
 
 def _number(value: Any, form: Form) -> Fraction | None:
-    """Return the value as a rational number; None where it contains an input or a parameter with a range."""
+    """Return the value as a `Fraction`; None where the expression contains an input or a parameter with a range."""
     known = sp.cancel(exact(sp.sympify(value).xreplace(fixed(form))))
     return Fraction(known.p, known.q) if known.is_Rational else None
 

@@ -140,7 +140,8 @@ class GainVariation:
     def forms(
         self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
     ) -> Iterator[Quadratic]:
-        """Yield the quadratic forms that prove V' <= -alpha V for the error system e at theta with this gain."""
+        """Yield the quadratic forms, for slopes in a `hull`, that prove V' <= -alpha V, V = e'P e, at theta for this
+        gain."""
         known = floats if e.M.dtype == float else np.asarray
         shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
@@ -217,7 +218,7 @@ class Flow:
 
     @cached_property
     def _weights_at_theta(self) -> Any:
-        """The P and S, in floats, with which V falls at theta; None for none."""
+        """The P and S, in floats, with which V = e'P e falls at the declared theta for all slopes; None for none."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
@@ -366,7 +367,8 @@ class Flow:
 
     @cached_property
     def _coordinates(self) -> Array | None:
-        """The matrix P^(-1/2) of `first`, or else of the linear part: in which a solver expects P near 1."""
+        """The matrix P^(-1/2) of `first`, or else of the linear part: coordinates in which a solver's P is near the
+        unit matrix."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
@@ -490,14 +492,14 @@ def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
 
 @dataclass(frozen=True)
 class FromTheta:
-    """A proof that the `error` converges at every theta above a bound, by a V that `falls` there."""
+    """A proof that the `error` e converges for every theta above a bound, by a V = e'P e that `falls` at the bound."""
 
     error: Inclusion
     falls: Falls
 
     @property
     def theta(self) -> Fraction:
-        """The bound, at which the error converges too."""
+        """The bound above which every theta converges."""
         return self.falls.theta
 
     def evidence(self, form: Form) -> Evidence | None:
@@ -508,12 +510,13 @@ class FromTheta:
 
 @dataclass(frozen=True)
 class AtTheta:
-    """A proof of the rate at which the error decays at the declared theta, by a V that `falls`."""
+    """A proof of V' <= -alpha V, V = e'P e, so that errors decay like exp(-alpha t/2), at the declared theta."""
 
     falls: Falls
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return alpha, P and S; the ranges of the slopes are in the evidence of `FromTheta`."""
+        """Return alpha, P and S under the keys of a certificate; the ranges of the slopes are in
+        `FromTheta.evidence`."""
         function = self.falls.written
         return None if function is None else {"alpha": self.falls.alpha, **function}
 

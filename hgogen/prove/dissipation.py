@@ -78,7 +78,7 @@ class Injection:
 
     @property
     def names(self) -> frozenset[sp.Symbol]:
-        """The symbols that occur in the three matrices."""
+        """The symbols that occur in `gain`, `G1` and `G2`."""
         return frozenset().union(*(M.free_symbols for M in (self.gain, self.G1, self.G2)))
 
 
@@ -142,7 +142,7 @@ class ErrorSystem:
 
     @property
     def plain(self) -> Box:
-        """The ranges of all symbols but the errors."""
+        """The ranges, by symbol, of states, inputs and parameters: `box` without the errors."""
         return {s: ends for s, ends in self.box.items() if s not in self.errors}
 
     @property
@@ -548,14 +548,15 @@ def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
 
 
 def _positive_function(system: ErrorSystem, V: sp.Expr, around: Box) -> SecondOrder:
-    """Return -V with half of V's Hessian, of which V = e'(average) e, for the proof that -V < 0."""
+    """Return -V with the matrix V_ee(c)/2, V_ee the Hessian: V(e) = e'(average of V_ee/2) e, for the proof of V > 0."""
     copy = _copies(system, "c")
     hessian = sp.hessian(V, system.errors).xreplace(dict(zip(system.errors, copy, strict=True))) / 2
     return SecondOrder(-V, hessian, (copy,), system.errors, around, {})
 
 
 def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -> SecondOrder:
-    """Return the left side of (38), with the matrix N(c, d) of which it is at most -e'(average) e."""
+    """Return the left side of dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38), with the matrix N(c, d) for which it
+    is at most -e'(average of N) e."""
     errors, G = system.errors, sp.Matrix(system.noise)
     here, there, c, d = sp.Matrix(errors), _copies(system, "e"), _copies(system, "c"), _copies(system, "d")
     F = sp.Matrix(system.flow)

@@ -373,7 +373,8 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
-    """Return the range of each q_k = s_k/F_k', and the evidence for that of 1/F_k'; or why one has none."""
+    """Return the range of each q_k = s_k/F_k', F_k' = dF_k/dz_(k+1), and the evidence for that of 1/F_k'; or why one
+    has none."""
     shares, ranges = Shares(), list[Evidence | None]()
     for k, dF in enumerate(slopes_on(form)):
         inverse, s = exact(sp.sympify(1 / dF)), Fraction(str(form.A[k, k + 1]))

@@ -147,7 +147,8 @@ class _Search:
         return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
-        """Return the proved bound of the state's error under noise at the wanted rate, or None."""
+        """Return the proof that errors decay at the wanted rate, with the bound of the state's error under noise, or
+        None."""
         query = self._query(filter_)
         return bound_at(*query) if query and bound_in_floats(*query) else None
 

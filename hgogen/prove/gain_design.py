@@ -163,7 +163,7 @@ class _Program:
             return symmetric(x[:of_P], n), x[of_P : of_P + of_Y].reshape(n, p)
 
         def limited(x: Array) -> list[Array]:
-            """Return the matrix [P, Y; Y', fastest^2 I]."""
+            """Return [P, Y; Y', fastest^2 I], which is >= 0 where K'P K <= fastest^2 I, Y = P K."""
             P, Y = norm(x)
             return [np.block([[P, Y], [Y.T, fastest**2 * np.eye(p)]])]
 
@@ -180,7 +180,7 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        """The systems with constant slopes at each corner, or a single one with multipliers."""
+        """The error systems with constant slopes at each corner, or a single one whose slopes have multipliers."""
         return ends(self.open.with_gain)
 
     @cached_property
@@ -191,7 +191,7 @@ class _Program:
 
     @cached_property
     def _size(self) -> int:
-        """The number of variables without t."""
+        """The number of variables: entries of P and of Y, multipliers and lambda_j, without t."""
         of_P, of_Y, k = self._sizes
         return of_P + of_Y + 2 * k + len(self.open.C)
 
@@ -254,7 +254,7 @@ class Search:
 
     @property
     def written(self) -> tuple[float, ...]:
-        """The entries of N for the declared theta, in as many digits as K."""
+        """The entries of N divided by their powers of theta, in six digits."""
         places = columns(self.form, len(self.argument)) if self.argument else ()
         return tuple(self._rounded(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
 

@@ -44,7 +44,7 @@ from hgogen.sentence import Reason, because
 
 @dataclass(frozen=True)
 class Nothing:
-    """The absence of a proof or of a bound, with the `reason`."""
+    """The result of a search that found no proof or no bound, with the `reason`."""
 
     reason: Reason
 
@@ -130,7 +130,7 @@ class Inclusion:
 
     @property
     def varying(self) -> tuple[Slope, ...]:
-        """The slopes with low < high."""
+        """The slopes d in [low, high] with low < high."""
         return tuple(slope for slope in self.slopes if slope.low < slope.high)
 
     @property

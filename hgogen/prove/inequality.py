@@ -149,7 +149,7 @@ class Inequality:
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
     def additive_input(self, onto: Array) -> Inputs:
-        """Return the `Inputs` of one input w that adds h w `onto` (N) to e+."""
+        """Return the `Inputs` of one input w that adds h w `onto`, a column (N), to e+."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
     def frozen(self, d: np.ndarray) -> np.ndarray:

@@ -273,7 +273,7 @@ class LimitedInjection(Flow):
         return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
-        """Return the P (n, n) of a V in the units of the error e."""
+        """Return the P (n, n) of V = e'P e + .. for the V of `one`, in the units of the error e."""
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 

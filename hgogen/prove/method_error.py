@@ -333,7 +333,7 @@ class Coefficients:
 
     @classmethod
     def largest(cls, each: Sequence["Coefficients"]) -> "Coefficients":
-        """Return the coefficients that bound those of several cells."""
+        """Return, entry by entry, the largest coefficients of several cells."""
         kinds = zip(*((one.flow, one.step, one.lines) for one in each), strict=True)
         grouped = (zip(*kind, strict=True) for kind in kinds)
         return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
@@ -345,7 +345,7 @@ class Coefficients:
         return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
 
     def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
-        """Return the largest ratio of the remainder's bound to `little` (n)."""
+        """Return the largest ratio, over the states, of the remainder's bound to its negligible size `little` (n)."""
         pairs = zip(self.rows(h), little, strict=True)
         return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
 

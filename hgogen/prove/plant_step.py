@@ -257,7 +257,7 @@ class PlantStep:
 
 
 class Unbounded(ArithmeticError):
-    """A quantity without a proved bound on the ranges; `args[0]` is the reason."""
+    """The error that a quantity has no proved bound on the declared ranges; `args[0]` is the reason."""
 
 
 def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
@@ -336,7 +336,7 @@ class Sizes:
         return max((*self.samples, *stages, *self.deviation, *self.fields), default=_ZERO)
 
     def over(self, size: Fraction) -> "Sizes":
-        """Return all sizes divided by `size` > 0."""
+        """Return the sizes divided by `size` > 0, in whose unit they are then."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         samples, deviation, fields = (
             tuple(x / size for x in each) for each in (self.samples, self.deviation, self.fields)

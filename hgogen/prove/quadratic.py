@@ -55,7 +55,8 @@ class Quadratic:
         return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
-        """Return the value at rational P and S, computed in integers over common denominators, ten times as fast."""
+        """Return the matrix (N, N) of the form at rational P and S, in integers over a common denominator, ten times
+        as fast."""
         parts = []
         for X, Y in self.pairs:
             half, below = _product(X.T, P, Y)
@@ -179,7 +180,7 @@ class View:
         return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
-        """Return P and S for e, from P and S for x."""
+        """Return the weights P and S in the coordinates e, from P and S in x, e = W x."""
         back = self._inverse.T @ P @ self._inverse
         return (back + back.T) / 2, S / self.g**2  # symmetric after rounding
 

@@ -153,7 +153,8 @@ def weights_in_floats(
     c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
-        """Return the solution in the coordinates e = W x, inputs in a unit in which x is near 1."""
+        """Return P and S with a small largest c P^-1 c', in the coordinates e = W x, inputs in a unit in which x is
+        near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
         view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
         return shortest(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
@@ -183,7 +184,8 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
     in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
 
     def sought_in(W: Array, margin: float) -> Solution | None:
-        """Return the solution in the coordinates e = W x, corners in a unit in which they are near 1."""
+        """Return P and S with a small largest c P^-1 c', in the coordinates e = W x, corners in a unit in which they
+        are near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = norm_limits(in_floats, begins / far)
@@ -269,7 +271,8 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 
 
 def error_inclusion(observer: Observer) -> Inclusion | Nothing:
-    """Return the error e' = .. of an observer with a constant injection, or `Nothing` for other observers."""
+    """Return the error of an observer with a constant injection, e' = M e + uncertain slopes; `Nothing` for other
+    observers."""
     known: Inclusion | Nothing | None = observer.error
     why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
     return Nothing(because(why)) if known is None else known

@@ -148,7 +148,7 @@ class VaryingGain:
 
     @property
     def _powers(self) -> Array:
-        """The matrix D = diag(1, .., n) of powers of gamma."""
+        """The matrix D = diag(1, .., n): e_i is the error of w_i over gamma^i."""
         return np.asarray(identity(len(self.plant)) * rational([p + 1 for p in self.error.layout.power]))
 
     def _systems(self) -> Iterator[Driven]:
@@ -253,7 +253,7 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Attenuating:
-    """The evidence of an L2 gain by (87), of a `candidate` K, P, sigma under the `assumptions`."""
+    """The evidence of an L2 gain mu from a disturbance, of a `candidate` K, P, sigma under the `assumptions`."""
 
     candidate: Candidate
     assumptions: Assumptions
@@ -344,7 +344,8 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
-    """Return the check that a symmetric matrix M > 0, or M >= 0 if not `strict`; its `claim` is about `sign` M."""
+    """Return the check that a symmetric matrix M is > 0, or >= 0 if not `strict`, with its extreme eigenvalue; the text
+    `claim` is about `sign` M, sign 1 or -1."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
     extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
     side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
@@ -396,7 +397,8 @@ def numbers(candidate: Candidate, assumptions: Assumptions) -> dict[str, Any]:
 
 
 def gain(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return a proved mu = sqrt(2 s) high^n, near the smallest by (87); None where (70) or (87) fails."""
+    """Return a proved bound mu of the L2 gain, sqrt(2 s) high^n, near the least by the paper's inequality (87); None
+    where (70) or (87) fails."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
