@@ -204,8 +204,7 @@ class _Tuned:
 
 
 def _line(one: First, model: Model) -> str:
-    """Return the line of code that makes the step with the starting gains `one`, in the language of the model's
-    file."""
+    """Return the code that makes the step with the starting gains `one`, in the language of the model's file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())

@@ -110,8 +110,7 @@ def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where:
 
 
 def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
-    """Return the image files by their paths in the folder of results, which depend on whether it is arranged for
-    ecosystems."""
+    """Return the image files by their paths in the folder of results, which `ecosystems` changes."""
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
@@ -258,8 +257,7 @@ def _run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, c
 
 def _emit(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
     """Return the emitted files of a step in the language `target` and the manual that their banner names. The precision
-    is float unless the setting has another; the banner holds the command that regenerates the files. Renamed signals
-    are noted."""
+    is float by default; the banner holds the command that regenerates the files. Renamed signals are noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += [f"--name {name}"] if name else []

@@ -259,8 +259,7 @@ def requested_forms(model: Model, deep: bool) -> tuple[Row, ...]:
 
 
 def _custom_forms(model: Model) -> Iterator[Row]:
-    """Yield the forms that the model's tunings compute by functions of their own, which the survey of forms does not
-    know."""
+    """Yield the forms that the model's tunings compute by their own functions, unknown to the survey."""
     visited: list[Any] = []
     for name, table in model.tuning.tables.items():
         function = table.get("form") if isinstance(table, Mapping) else None
@@ -273,8 +272,8 @@ def _custom_forms(model: Model) -> Iterator[Row]:
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
-    """Return the steps of the model's own tunings, by name, at the sampling period `dt` of the logs; note each tuning
-    without a step."""
+    """Return the steps of the model's own tunings, by name, at the sampling period `dt` of the logs; note those
+    without."""
     steps, refused = {}, {}
     model_at_dt = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in model_at_dt.tuning.tables:

@@ -176,7 +176,7 @@ def check_(
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
-    """Raise `BadParameter` if the certificate and the JSON are one file, or `CannotWrite` if one of the files cannot be
+    """Raise `BadParameter` if the certificate and the JSON are one file, or `CannotWrite` for one that cannot be
     written."""
     for option, file in (("--certificate", certificate), ("--json", json_file)):
         if file is not None and file.is_dir():
@@ -373,8 +373,8 @@ def _observed(observability: Observability, least: Sight | None) -> str:
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
-    """Yield the names of the forms in which the plant is proved to be, else of the nearest form; then of the observer's
-    form if it is another one."""
+    """Yield the names of the plant's proved forms, else of the nearest one; then of the observer's form if it is
+    another one."""
     proved = [row.kind for row in survey.proved]
     recast = claims.form.system.origin is not survey.plant.origin
     known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
@@ -405,8 +405,8 @@ def _names(checks: Iterable[Check]) -> str:
 
 
 def undefined_list(checks: Iterable[Check]) -> RenderableType:
-    """Return a line for each equation of the plant that has no finite value, or may have none, somewhere in the
-    declared ranges."""
+    """Return a line for each equation of the plant that has no finite value, or may have none, in the declared
+    ranges."""
     lines = []
     for check in checks:
         pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"

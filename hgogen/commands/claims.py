@@ -299,8 +299,7 @@ def few(names: Iterable[Any], most: int = 8) -> str:
 
 
 def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
-    """Return the table of the theorem's conclusion and the verdict on each of its hypotheses; empty without a
-    theorem."""
+    """Return the table of the theorem's conclusion and the verdict on each hypothesis; empty without a theorem."""
     if theorem is None:
         return Group()
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"

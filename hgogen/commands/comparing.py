@@ -187,8 +187,7 @@ def _tried(
     engine: Engine,
     seeds: int | None,
 ) -> tuple[ComparedTrial, ...]:
-    """Return the results of the `steps` (by trial and tuning) on each trial over `seeds` seeds, and note doubts about
-    them."""
+    """Return the results of the `steps` (by trial and tuning) on each trial over `seeds` seeds; note doubts."""
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in trials}
     known = _known(model, steps, trials)
     tried = []
@@ -253,8 +252,7 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
 
 
 def _names(model: Model, requested: str | None) -> list[str]:
-    """Return the names of the tunings in the text `requested`, each once; by default of all tunings. Raises:
-    `MissingPart`."""
+    """Return the names of the tunings in the text `requested`, by default of all. Raises: `MissingPart`."""
     if requested is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, f"it has no tuning, whose observers are compared; add {fix}")
@@ -268,8 +266,7 @@ def _names(model: Model, requested: str | None) -> list[str]:
 
 
 def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
-    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: that of the
-    plant's time."""
+    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: of time."""
     from hgogen.run import figures as figure
 
     first = each[0].first
@@ -305,8 +302,7 @@ def comparison_tables(
 
 
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
-    """Return the table of proved error bounds of the `states`, with the largest error of all seeds; empty if the model
-    requests no bounds."""
+    """Return the table of proved error bounds of the `states` and the largest errors; empty without bounds."""
     if not any(one.proved or one.unproved for one in each):
         return []
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
@@ -321,7 +317,7 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
-    """Yield the meanings of the columns of a comparison, and the observers' methods if there are several; `unit`: of
+    """Yield the meanings of a comparison's columns, and the observers' methods if there are several; `unit`: of
     time."""
     yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"

@@ -115,8 +115,8 @@ def truth_name(state: str) -> str:
 
 
 def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
-    """Yield a sentence on the prediction horizons in `ahead` for which the logs have no sample to compare; `compared`:
-    the horizons that have one."""
+    """Yield a sentence on horizons in `ahead`, in samples, that are not in `compared`, those with samples to
+    compare."""
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
         yield f"no sample is there to compare with predictions {far} samples ahead"

@@ -351,8 +351,7 @@ def _without_offset(result: Fit) -> Iterator[str]:
 
 
 def fit_tables(result: Fit, notes: Iterable[str]) -> RenderableType:
-    """Return the tables of the fitted parameters and of the residuals, with the notes on the fit; `notes`: those on the
-    logs."""
+    """Return the tables of fitted parameters and residuals, with the notes on the fit; `notes`: those on the logs."""
     parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)

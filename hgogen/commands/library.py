@@ -276,8 +276,7 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
-    """Return whether each output is proved to be c(u) z_1 with c nonzero, z_1 the first state of its chain of
-    integrators."""
+    """Return whether each output is proved to be c(u) z_1 with c nonzero, z_1 the head of its chain of integrators."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.offset, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
@@ -335,8 +334,8 @@ def _ranges(forms: _Forms) -> Iterator[Answer]:
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
-    """Return the ends of the range of |a| for a gain a, None if not finite; the lower end is positive if a is proved to
-    be nonzero."""
+    """Return the ends of the range of |a|, a gain, None if not finite; the lower one is positive if a is proved to be
+    nonzero."""
     enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
     if not enclosure.finite:
         return None
@@ -450,8 +449,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """A worker process, its pipe, the number of its task (None: not ready), and the time at which the task is
-    stopped."""
+    """A worker process, its pipe, the number of its task (None: not ready), and when the task is stopped."""
 
     process: BaseProcess
     pipe: Connection
@@ -500,8 +498,8 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
-    """Carry out tasks in a worker process, `limit` seconds of the processor for each. The process ignores Ctrl-C, since
-    its parent ends it."""
+    """Do tasks in a worker process, `limit` seconds of the processor for each. Ctrl-C is ignored, since the parent ends
+    it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(ImportError):  # a system without limits
         import resource

@@ -93,8 +93,7 @@ class Bar(Progress):
 
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the image files of figures, bytes by file name; `drawn`: the figures by name. A progress bar is
-    displayed."""
+    """Return the image files of figures, by file name; `drawn`: the figures by name. Display a progress bar."""
     from hgogen.run import figures as figure
 
     files: dict[str, bytes] = {}
@@ -154,8 +153,7 @@ def named(model: "Model", observer: str | None) -> str:
 
 
 def refusals_table(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
-    """Return a table of the observers without gains or without a step, by name with the reason; empty if `refused`
-    is."""
+    """Return a table of the observers without gains or step, by name with the reason; empty if `refused` is."""
     return filled(headed(title, "observer", "why", rows=((name, Text(why)) for name, why in refused.items())))
 
 
@@ -212,8 +210,7 @@ def interrupted() -> bool:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turn an error in the body of the context that follows a Ctrl-C into KeyboardInterrupt: CasADi replaces a
-    handler's exception by its own."""
+    """Turn an error after a Ctrl-C in the body into KeyboardInterrupt: CasADi raises its own error."""
     before = len(_interrupts)
     try:
         yield
@@ -265,8 +262,7 @@ def results() -> TextIO:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Redirect print to the standard error stream in the body of the context; `results` returns the former
-    `sys.stdout`."""
+    """Redirect print to the standard error stream in the body; `results` returns the former `sys.stdout`."""
     token = _RESULTS.set(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):

@@ -276,8 +276,7 @@ def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[Call
 
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
-    """Return the number of the first sample whose errors count, after the time `burn_in`. Raises:
-    `typer.BadParameter`."""
+    """Return the first sample whose errors count, after the time `burn_in`. Raises: `typer.BadParameter`."""
     first = burn_in / step.dt * (1 - ROUNDING)
     if not first <= samples - 2:  # NaN is refused too
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
@@ -286,8 +285,7 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
-    """Return the model; one without a sampling period gets that of the log in the file `data`, for which starting gains
-    are computed."""
+    """Return the model; one without a sampling period gets that of the log in the file `data`for starting gains."""
     if model.has("step") or model.setting.dt is not None:
         return model
     clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
@@ -472,8 +470,7 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
 
 
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
-    """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes`: sentences
-    below."""
+    """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes`: below."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
     sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()

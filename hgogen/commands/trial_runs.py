@@ -152,8 +152,7 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
 
 
 def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
-    """Return the table of the responses to each event of each trial, over the seeds; `unit`: that of the model's
-    time."""
+    """Return the table of the responses to each event of each trial, over the seeds; `unit`: of time."""
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
@@ -357,8 +356,7 @@ def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
 def _results(
     name: str, one: Campaign, folder: Path | None
 ) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
-    """Yield the outcomes that the campaign's file in a folder of results holds already, and a function that appends the
-    line of another outcome."""
+    """Yield the outcomes in a campaign's file in `folder`, and a function that appends the line of another."""
     if folder is None:
         yield (), lambda line: None
         return
@@ -371,8 +369,7 @@ def _results(
 
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
-    """Yield the outcomes of a campaign in the lines of its file of results, and note which lines are invalid; `file`:
-    its name."""
+    """Yield the outcomes of a campaign in the lines of its file of results(name `file`), and note invalid lines."""
     dropped = list[int]()
     for number, outcome in enumerate(earlier(one, lines, file), 2):
         if outcome is None:

@@ -54,8 +54,7 @@ class Code:
 
 
 def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
-    """Return the lines as `Code` that uses these parameters of the enclosing function; `widest`: the largest count in
-    the lines."""
+    """Return the lines as `Code` with these parameters of the function around; `widest`: the largest count in them."""
     return Code(lines, Uses(parameters=frozenset(parameters), widest=widest) if parameters or widest else NOTHING)
 
 

@@ -60,8 +60,7 @@ from hgogen.theorem import rows
 
 
 def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
-    """Return the lines of a step's Markdown document; `manual`: the lines on how a language calls the step, which
-    follow the title."""
+    """Return the lines of a step's Markdown document; `manual`: those on calls, below the title."""
     first, *others = title(step, "")
     parts_ = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
     lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
@@ -223,8 +222,7 @@ def _first_estimate(step: Step, real: Real) -> list[float]:
 
 
 def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
-    """Yield for each number or array of a step's state its struct, the C text that reaches it, such as `state->`, and
-    its `Field`."""
+    """Yield for each field of a step's state its struct, the C text that reaches it (`state->`), and its `Field`."""
     yield from (("state", f"s.{item.name}", item) for item in step.layout.state)
     for line in lines_of(step.layout.groups):
         start = ".".join(["s", *(f"{group.name}[{k}]" for group, k in zip(line, "kj", strict=False))])
@@ -242,8 +240,7 @@ def _members(step: Step) -> Iterator[tuple[str, Field]]:
 
 
 def _coordinates(step: Step, real: Real) -> list[list[str]]:
-    """Return the rows of a Markdown table: for each element of the estimate in the state, the outer range to which a
-    step limits it."""
+    """Return the rows of a Markdown table: for each element of the estimate in the state, its outer range."""
     z, declared = step.observer.z, step.observer.dynamics.box
     boxes = {place_of(z[i])[:2]: box for i, box in enumerate(declared) if z[i].is_symbolic()}
     units = {signal.name: signal.unit for signal in step.states}

@@ -90,8 +90,7 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
 
 
 def when(condition: Graph, value: Graph | float) -> Graph:
-    """Return an expression that is `value` where the condition holds, otherwise 0; a selection and no product, so that
-    an unused inf or NaN vanishes."""
+    """Return `value` where the condition holds, otherwise 0; no product, so that an unused inf or NaN vanishes."""
     return ca.if_else(condition, value, 0.0)
 
 
@@ -173,7 +172,7 @@ class _Precision:
         return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
 
     def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
-        """Return the function v -> 2^k v for a whole number k, |k| < 2 (2^octaves - 2); only its result may overflow or
+        """Return the function v -> 2^k v for a whole number k, |k| < 2 (2^octaves - 2); its result may overflow or
         underflow."""
         half = self.nearest(k * 0.5)
         first, second = self.power_of_two(half), self.power_of_two(k - half)
@@ -232,8 +231,8 @@ class _Precision:
         return self.saturated(x, y, 0)
 
     def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
-        """Return the function v -> 2^(k-1) v, and p = e^r - 1 and 4^-k, where x = k ln 2 + r >= 0; sinh and cosh use
-        them."""
+        """Return the function v -> 2^(k-1) v, and p = e^r - 1 and 4^-k, where x = k ln 2 + r >= 0, for sinh and
+        cosh."""
         k, p = self.split(x)
         one = when(k >= 1, 1.0)
         times = self.scaling(k - one)
@@ -317,8 +316,7 @@ class _Precision:
     # --- angles
 
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
-        """Return the angles x and x / pi; beyond the largest angle of this precision both are 0 (for inf and NaN: NaN
-        and 0)."""
+        """Return the angles x and x / pi; beyond the largest angle both are 0 (for inf and NaN: NaN and 0)."""
         inside = ca.fabs(x) <= self.angle_limit
         return x - ca.if_else(inside, 0.0, x), when(inside, x * self.near(1 / PI))
 
@@ -364,8 +362,8 @@ class _Precision:
 
     @property
     def bounded_widths(self) -> tuple[int, ...]:
-        """The bits of pieces of pi whose products with k or k + 1/2, |k| <= `BOUNDED`/pi, are exact for all but the
-        last piece."""
+        """The bits of pieces of pi whose products with k or k + 1/2, |k| <= `BOUNDED`/pi, are exact but for the
+        last."""
         wide = self.bits - 7
         return (wide, wide, self.bits)
 
@@ -409,8 +407,8 @@ class _Precision:
         return sign * ca.if_else(x < 0, high - (angle - low), angle)
 
     def arc(self, x: Graph) -> tuple[Graph, Graph, Graph, Graph]:
-        """Return for arcsine and arccosine of x: the sign of x; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else
-        |x|; and c = asin s - s."""
+        """Return of an arcsine's x: the sign; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else |x|; and c = asin s
+        - s."""
         (sign, a), octaves = _polar(x), self.bits.bit_length()
         wide = a > 0.5
         z = ca.if_else(wide, (1 - a) * 0.5, a * a)

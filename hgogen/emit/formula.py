@@ -104,8 +104,7 @@ def _part(match: re.Match[str]) -> str:
 
 
 def _name(name: str, mark: str, spoken: bool) -> str:
-    """Return LaTeX of a name, or of a word where `spoken`; `mark`: the sign that follows it, such as ' of a
-    derivative."""
+    """Return LaTeX of a name, or of a word where `spoken`; `mark`: the sign that follows it, such as '."""
     if name in _OPERATORS:
         return rf"\operatorname{{{name}}}{mark}"
     if spoken or (len(name) > 1 and "_" not in name and name not in _NAMES and not name[1:].isdigit()):

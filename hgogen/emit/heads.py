@@ -85,8 +85,7 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 
 def _doxygen(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
-    """Return the Doxygen comment of a C function: its meaning, its parameters (name, direction, meaning), and what it
-    returns."""
+    """Return the Doxygen comment of a C function: meaning, parameters (name, direction, meaning), return value."""
     lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {text}" for way, name, text in parameters)]
     first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
     *others, last = (f"/** {first}", *(f" * {line}" for line in others))
@@ -183,8 +182,7 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 
 def arguments(step: Step) -> str:
-    """Return the argument list of a C call of a step, for a caller whose variables have the names of the step's
-    parameters."""
+    """Return the argument list of a C call of a step, whose caller has variables with the parameters' names."""
     return ", ".join(["&p", *(["&input"] if step.inputs else []), "&measurement"])
 
 

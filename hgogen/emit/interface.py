@@ -86,8 +86,7 @@ def of_section(step: Step, section: Section) -> Entry:
 
 
 def reached(places: Iterable[Place]) -> set[str]:
-    """Return the names of the parameters (state, params, u, y ..) through which C code reaches these places of
-    memory."""
+    """Return the names of the parameters (state, params, u, y ..) through which C reaches these places."""
     return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
 
 
@@ -147,21 +146,19 @@ def same_name(parameter: Parameter) -> str:
 
 
 def address(parameter: Parameter) -> str:
-    """Return the C argument for a parameter (&name for a pointer), in a caller whose structs have the parameters'
-    names."""
+    """Return the C argument for a parameter (&name for a pointer), if the caller's structs have its name."""
     return f"&{parameter.name}" if parameter.pointer else parameter.name
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """Return the C function that does the work of a section (predict, correct ..) after the marks of initialised memory
-    were checked."""
+    """Return the C function that does the work of a section (predict, correct ..) once marks of memory are checked."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 
 
 def readied(step: Step) -> Prototype:
-    """Return the C function that initialises a state without the mark of initialised memory, or whose parameters have
-    no mark."""
+    """Return the C function that initialises a state without the mark of initialised memory, or with such
+    parameters."""
     s, p = (replace(each, constant=each.name == "p") for each in structs(step)[:2])
     meaning = "memory without its mark is not used: the state begins anew, which the status says"
     return Prototype(status_type(step), f"{step.name}_ready", (s, p), meaning, public=False)
@@ -239,7 +236,6 @@ def entry(name: str, place: tuple[int, int]) -> str:
 
 
 def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
-    """Return the members of a step's struct of parameters by kind (plant, gain, derived); kinds without members are
-    omitted."""
+    """Return the members of a step's struct of parameters by kind (plant, gain, derived), none empty."""
     kinds = (("plant", step.layout.plant), ("gain", step.layout.gains), ("derived", step.layout.derived))
     return tuple((kind, fields) for kind, fields in kinds if fields)

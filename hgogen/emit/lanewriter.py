@@ -59,8 +59,7 @@ class Lanes(Syntax):
 
 
 def lane_prefix(prefix: str) -> str:
-    """Return the prefix of names that exist only in code for lanes (vectors of several logs), from the step's
-    prefix."""
+    """Return the prefix of names that exist only in code for lanes (vectors of several logs)."""
     return f"{prefix}_lanes"
 
 
@@ -332,8 +331,7 @@ class LaneWriter(Writer):
         return braced("{", declared + loop) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
-        """Return the call of a matrix kernel for all lanes at once; arrays of inactive lanes are restored after the
-        call."""
+        """Return the call of a matrix kernel for all lanes at once; arrays of inactive lanes are restored."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
         before, after, mask = Code(), Code(), self.masks[-1]

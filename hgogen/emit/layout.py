@@ -29,8 +29,7 @@ def params_type(step: Step, real: Real = "double") -> np.dtype:
 
 
 def kept_type(step: Step, real: Real = "double") -> np.dtype:
-    """Return the numpy dtype with the layout of the C struct NAME_kept (`targets.record`): a step's state, parameters,
-    estimate and traces."""
+    """Return the numpy dtype of the C struct NAME_kept (`targets.record`): state, parameters, estimate and traces."""
     signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.code.timed else []

@@ -38,8 +38,7 @@ from hgogen.stepping.sections import OLDEST
 
 
 def document_name(step: Step) -> str:
-    """Return the file name of a step's manual, which has what the C header leaves out: hypotheses, evidence,
-    equations."""
+    """Return the file name of a step's manual, with hypotheses, evidence and equations."""
     return f"{step.name}.md"
 
 
@@ -109,8 +108,7 @@ def title(step: Step, command: str) -> list[str]:
 
 @lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
 def model_digest(observer: Observer) -> str:
-    """Return the digest of an observer's model that `hgogen recheck` prints; "" where no certificate can hold the
-    model."""
+    """Return the digest of an observer's model that `hgogen recheck` prints; "" where no certificate holds it."""
     try:
         return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
     except NotCertifiable:
@@ -325,8 +323,7 @@ def tunable(step: Step) -> list[str]:
 
 
 def gains(step: Step, tune: str) -> list[str]:
-    """Return the sentences on how to change gains and parameters at run time; `tune`: the C call that completes a
-    change."""
+    """Return the sentences on changes of gains and parameters at run time; `tune`: the C call that ends one."""
     if not tunable(step):
         return ["There are no gains or parameters to change."]
     change = f"Change {' and '.join(f'{_TUNABLE[kind]} in `p.{kind}`' for kind in tunable(step))}, then call `{tune}`"
@@ -355,8 +352,7 @@ def state(step: Step, before: str) -> list[str]:
 
 
 def marks(step: Step) -> list[str]:
-    """Return the sentences on the marks, numbers that tag initialised state and parameters; none for a step without
-    guards."""
+    """Return the sentences on the marks, numbers that tag initialised state and parameters; none without guards."""
     if not step.layout.mark:
         return []
     name, unmade, none = step.layout.mark.name, UNINITIALISED.name, NO_PARAMETERS.name
@@ -445,8 +441,7 @@ def _signal(step: Step, name: str) -> Signal:
 
 
 def _with_unit(value: str, signal: Signal, over: str = "") -> str:
-    """Return the text of a value with the unit of a signal; `over`: the unit of time for a rate of the signal, ""
-    otherwise."""
+    """Return the text of a value with the unit of a signal; `over`: the unit of time of a rate, else ""."""
     unit = signal.unit if signal.unit != "1" else ""
     if over:
         return f"{value} ({unit})/{over}" if unit else f"{value}/{over}"

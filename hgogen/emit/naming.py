@@ -73,8 +73,7 @@ class OneName(HgogenError):
 
 
 def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
-    """Return the names of the model that a language cannot have (keywords, macros), each with its name in the
-    language."""
+    """Return the names of the model that a language cannot have (keywords, macros), each with its name there."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
     return {name: syntax.name(name) for name in names if syntax.name(name) != name}
 

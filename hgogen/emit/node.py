@@ -59,8 +59,8 @@ _WAVE = Bound(-1.0, 1.0, False)
 
 
 def operations(function: ca.Function) -> list[int]:
-    """Return the CasADi operation code of each instruction of an SX function; sines and cosines of bounded angles have
-    codes of their own."""
+    """Return the CasADi code of each instruction of an SX function; sine and cosine of bounded angles have their
+    own."""
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
     if _ANGLES.keys().isdisjoint(codes):
         return codes
@@ -262,8 +262,7 @@ def _settle(node: Node) -> None:
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
-    """Return the node of the operation `op` on `args`; a choice, a clamp and a test for a finite number are recognised
-    from their parts."""
+    """Return the node of `op` on `args`; a choice, a clamp and a test for a finite number become one node each."""
     if (same := _decided(op, args)) is not None:
         return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
@@ -321,8 +320,7 @@ def opposite(low: Node, high: Node) -> bool:
 
 
 def negative(node: Node) -> bool:
-    """Return whether a node is a negative constant, or a product that begins with one: v + node is then printed as v -
-    .."""
+    """Return whether a node is a negative constant, or a product that begins with one: then v + node prints v - .."""
     if node.op == ca.OP_MUL and not node.name:
         return negative(node.args[0])
     return node.op == ca.OP_CONST and node.constant < 0
@@ -361,8 +359,7 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Subprogram:
-    """A routine that a step calls, its name in emitted code without the step's prefix, and the arguments that its calls
-    pass."""
+    """A routine that a step calls, its name in C without the prefix, and the arguments that its calls pass."""
 
     routine: Routine
     name: str
@@ -396,8 +393,7 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
 
 
 def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
-    """Return how calls of a routine pass the arguments `moving`, which differ between calls: a few numbers by value,
-    more as arrays."""
+    """Return how calls of a routine pass the arguments `moving`, which differ: few numbers by value, more as arrays."""
     read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
     few = sum(len(elements) for _, _, elements in read) <= REGISTERS
     return tuple(

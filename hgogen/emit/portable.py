@@ -115,8 +115,7 @@ class _Renamed(ast.NodeTransformer):
 
 
 def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
-    """Return the body of a helper function, or the body that the language has instead; both, where a preprocessor
-    switch selects one."""
+    """Return a helper function's body, or that of the language; both, where a preprocessor switch selects one."""
     if name not in syntax.instead:
         return body.indented()
     switch, *lines = syntax.instead[name]
@@ -207,8 +206,8 @@ class _Function:
         self.once = {name for name in stores if stores.count(name) == 1}
 
     def text(self, declared: Code = NO_CODE) -> Code:
-        """Return the translated function: comment, head, the declarations `declared`, statements, and what the compiler
-        needs around it."""
+        """Return the translated function: comment, head, declarations `declared`, statements, and compiler
+        directives."""
         syntax, tree = self.syntax, self.tree
         docstring = ast.get_docstring(tree) or ""
         inner = chosen(syntax, self.words.real, tree.name, declared + self._block(tree.body))
@@ -315,8 +314,7 @@ class _Function:
         return "real"
 
     def _value(self, node: ast.expr, level: float = 0) -> str:
-        """Return the text of a translated expression, in parentheses if it binds looser than `level`, an operator's
-        precedence."""
+        """Return the text of a translated expression, in parentheses if it binds looser than precedence `level`."""
         text, binds = self._raw(node)
         return f"({text})" if binds < level else text
 
@@ -394,16 +392,14 @@ def needed(names: Collection[str], real: Real) -> list[str]:
 
 
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """Return the helper and elementary functions in `used`, each after those that it calls, in the language of
-    `syntax`."""
+    """Return the helper and elementary functions in `used`, each after those that it calls, as text."""
     text = bundled(syntax, prefix, real, needed(used, real))
     below = small_functions(syntax, prefix, real, called_by({*used, *text.uses.helpers}))
     return below + text + code("") if text.lines else below
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Return elementary functions (sin, exp ..) in the language of `syntax`, after the function 2^k where they call
-    it."""
+    """Return elementary functions (sin, exp ..) in the language of `syntax`, after 2^k where they call it."""
     texts = [_bundled(syntax, prefix, real, name) for name in names]
     if any(POWER_OF_TWO in text.uses.helpers for text in texts):
         texts.insert(0, _bundled(syntax, prefix, real, POWER_OF_TWO))
@@ -448,8 +444,7 @@ _FULL_RANGE = {f"{part}_{name}": name for part in ("small", "bounded") for name 
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """Return the lines that include the headers of the selected mathematical library, none if `used` has no elementary
-    function."""
+    """Return the lines that include the headers of the selected mathematical library, if `used` needs one."""
     if not needed(used, real):
         return []
     upper = prefix.upper()
@@ -458,8 +453,7 @@ def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
 
 
 def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """Return the C functions in `used`: the helpers, then the elementary functions behind the preprocessor switch that
-    selects a library."""
+    """Return the C functions in `used`: helpers, then elementary functions behind the switch that selects a library."""
     names, outside = needed(used, real), small_functions(syntax, prefix, real, called_by(used))
     if not names:
         return outside

@@ -135,8 +135,7 @@ class Printer:
         return Code(tuple(self.lines), uses), Code(tuple(written), united([uses, *where]))
 
     def _label(self, columns: Iterable[tuple[str, list[Node]]], all_nodes: Iterable[Node]) -> None:
-        """Name arrays after the named values that are their elements, otherwise after the arguments for which calls
-        pass the arrays."""
+        """Name arrays after the named values that are their elements, else after the arguments that calls pass."""
         for name, column in columns:
             for node in (each for each in column if each.op == ELEMENT):
                 node.args[0].labels.setdefault(node.element[0], name)
@@ -194,8 +193,7 @@ class Printer:
         self.lines.append(self.syntax.constant.format(type=self.syntax.types[kind], name=node.name, value=text))
 
     def true_or_false(self, node: Node) -> bool:
-        """Return whether the node is a truth value in a language that has a type for truth values apart from
-        numbers."""
+        """Return whether the node is a truth value in a language with a type of truth values."""
         flag = node.op == ca.OP_INPUT and self.is_flag(node.source[0])
         return boolean(node) or (flag and not self.syntax.truth_is_number)
 
@@ -241,8 +239,7 @@ class Printer:
         return [head, *indented([*first_lines, *inner]), "}"]
 
     def _number(self, first: int, step: int) -> str:
-        """Return the text of an index that is `first` in the first pass of the current loop and grows by `step` a
-        pass."""
+        """Return the text of an index that is `first` in a loop's first pass and grows by `step` a pass."""
         first -= step * self.origin
         size = self.syntax.number(abs(step))
         offset = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
@@ -264,8 +261,8 @@ class Printer:
             self.declare(root, self.number())
 
     def _prepare_below(self, root: Node) -> None:
-        """Declare as local constants, in order, the nodes below `root` that are used more than once or are too long for
-        one expression."""
+        """Declare as local constants, in order, the nodes below `root` used more than once or too long for one
+        expression."""
         stack: list[tuple[Node, bool]] = [(root, False)]
         done: set[int] = set()
         while stack:
@@ -337,8 +334,7 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def clause(self, node: Node, op: int) -> str:
-        """Return the text of an operand of `op` (&& or ||), in parentheses unless it is a plain comparison or has the
-        operation `op`."""
+        """Return the text of an operand of `op` (&& or ||), in parentheses unless a plain comparison or one of `op`."""
         same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
         return self.truth(node, 0 if same else ATOM)
 
@@ -363,8 +359,7 @@ class Printer:
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def arrange(self, call: Node) -> None:
-        """Set what a call of a routine passes: the elements of each argument, or an array where the elements are all of
-        it."""
+        """Set what a call of a routine passes: the elements of each argument, or an array that has just these."""
         assert call.routine
         columns = list[tuple[Node, ...]]()
         for each, column in self.routines[call.routine.key].columns(call):
@@ -473,8 +468,7 @@ class Printer:
         return f"{self.indexed(argument)}[{self._number(first, node.step)}]"
 
     def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
-        """Return the text and the precedence of: `yes` where `test` holds, else `no`; a negated test exchanges the
-        two."""
+        """Return text and precedence of: `yes` where `test` holds, else `no`; a negated test exchanges the two."""
         if test.op == ca.OP_NOT and not test.name and level == ATOM:
             test, yes, no = test.args[0], no, yes
         tested, chosen = self.syntax.chosen
@@ -482,8 +476,7 @@ class Printer:
         return self.syntax.choice.format(test=self.truth(test, min(level, tested)), **branches), SELECT
 
     def negation(self, test: Node) -> tuple[str, float]:
-        """Return the text and the precedence of `not test`; of counters, which are never NaN, the opposite
-        comparison."""
+        """Return text and precedence of `not test`; of counters, which are never NaN, the opposite comparison."""
         opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
         if self.real == "unsigned" and test.op in opposite and not test.name:
             swapped = test.op in (ca.OP_LT, ca.OP_LE)

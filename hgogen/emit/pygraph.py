@@ -191,8 +191,7 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1024)
 def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
-    """Return a Python function that interpolates in a table of a model, in the precision `real`. Raises:
-    `PointsMerge`."""
+    """Return a function that interpolates in a model's table, in the precision `real`. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     number = float if real == "double" else DTYPE[real]
     names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}
@@ -211,8 +210,7 @@ _SEARCH = (
 
 @lru_cache(maxsize=4096)
 def evaluated(function: ca.Function, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
-    """Return a Python function from the inputs of an SX function, lists of numbers, to its outputs, every operation
-    rounded to `real`."""
+    """Return an SX function as one of lists of numbers in Python, every operation rounded to `real`."""
     writer = Writer(real)
 
     def operand(argument: int, element: int) -> Operand:

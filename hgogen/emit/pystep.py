@@ -55,8 +55,7 @@ Entry = Callable[[], int]
 
 def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
     """Return Python functions of a step by name (`step`, `estimate`, `tune` and one for each section) with the results
-    of the C, bit for bit. They act on `record` (1) of `kept_type`, leave estimate and traces in it, and return the
-    status."""
+    of the C, bit for bit. They act on `record` (1) of `kept_type`and return the status."""
     return _Writer(step, record, real).entries()
 
 
@@ -281,8 +280,7 @@ class Vectors:
 
 
 def compared_places(step: Step) -> tuple[Place, ...]:
-    """Return the places of memory that a self-check compares: the estimate, and the traces of the state that the
-    observer declares."""
+    """Return the places of memory that a self-check compares: the estimate, and the observer's traces."""
     traces = (Place("state", name) for name in step.observer.traces)
     return (*(Place("estimate", s.name) for s in step.states), *traces)
 

@@ -58,8 +58,7 @@ class _Reading:
     numbers: dict[int, int] = field(default_factory=dict)
 
     def key(self, node: Node, opened: bool = False) -> Hashable:
-        """Return the key that is equal for expressions which differ in array indices and constants only; append these
-        to the lists."""
+        """Return a key that ignores array indices and constants, which are appended to the lists."""
         if node.op == ca.OP_CONST and isfinite(node.constant):
             self.constants.append(node.constant)
             return node.op
@@ -94,8 +93,7 @@ def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
 
 
 def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> list[list[T]]:
-    """Return the groups of expressions whose array indices grow by equal steps; the identities of grouped expressions
-    are added to `used`."""
+    """Return groups of rows whose array indices grow by equal steps; add the identities of their rows to `used`."""
     result, start = list[list[T]](), 0
     while start + least <= len(rows):
         end = start + length([shape.elements for shape, _ in rows[start:]])
@@ -169,8 +167,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Statement:
-    """A value and the targets to which it is written: several in a loop, in order; then `node` is the value in one
-    pass."""
+    """A value and the targets to which it is written: several in a loop; then `node` is the value in one pass."""
 
     node: Node
     targets: tuple[Target, ...]
@@ -229,8 +226,7 @@ class _Rolling:
         return self._written(shapes, unify)
 
     def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
-        """Yield groups of the `chosen` nodes that a loop can compute; the nodes of a group depend on earlier groups
-        only."""
+        """Yield groups of the `chosen` nodes that a loop can compute, which depend on earlier groups only."""
         height, levels = dict[int, int](), dict[int, list[Node]]()
         for node in self.nodes:
             level = height[id(node)] = 1 + max((height[id(child)] for child in node.args), default=0)
@@ -279,8 +275,7 @@ class _Rolling:
 
 
 def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Node]]:
-    """Return of a sum ((t_1 + t_2) + t_3) + .. the identities of the nested sums, and the terms t_i in the order of
-    addition."""
+    """Return of a sum ((t_1 + t_2) + t_3) + .. the identities of the nested sums, and the terms t_i in order."""
     spine, terms, node = {id(top)}, list[Node](), top
     while True:
         positions = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
@@ -292,8 +287,7 @@ def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Nod
 
 
 class _Unify:
-    """A merger of expressions that differ in array indices and constants into one expression: the value in a pass of a
-    loop."""
+    """A merger of expressions differing in array indices and constants into one: the value in a pass of a loop."""
 
     def __init__(self) -> None:
         self.tables = dict[tuple[str, ...], Node]()
@@ -376,8 +370,7 @@ def _become(node: Node, other: Node) -> None:
 
 
 def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[Statement]:
-    """Yield the statements; a loop that would read an array element after it is written reads values computed in
-    advance."""
+    """Yield the statements; a loop that would read an array element after it is written reads copies."""
     written = set[Source]()
     for each in statements:
         if len(each.targets) > 1 and not _reads_before(each, written, hoist):

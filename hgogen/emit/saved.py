@@ -49,8 +49,7 @@ class NotSaved(BadArgument):
 
 @lru_cache(maxsize=8)  # each file of a step needs it
 def layout(step: Step, real: Real, language: str = "c") -> bytes:
-    """Return the digest (8 bytes) that identifies a step's program, its precision and the layout of its memory in
-    `language`."""
+    """Return the digest (8 bytes) of a step's program, its precision and the layout of its memory in `language`."""
     observer, form = step.observer, step.observer.form
     system = form.system.declared
     lines = [version(), language, real, system.name, form.kind, observer.name, step.code.rule]
@@ -93,8 +92,7 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
 
 
 def _plant(system: System) -> Iterator[str]:
-    """Yield the texts of a plant that its digest covers: values of parameters, ranges of signals, equations and
-    tables."""
+    """Yield the texts of a plant that its digest covers: parameters, ranges, equations and tables."""
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
     yield from (f"' {row}" for row in system.flow)
@@ -103,8 +101,7 @@ def _plant(system: System) -> Iterator[str]:
 
 
 def _observer(observer: Observer) -> Iterator[str]:
-    """Yield the texts of an observer and its members that its digest covers: equations with numbers, and other
-    arguments."""
+    """Yield the texts of an observer and its members that its digest covers: equations and other arguments."""
     yield from observer.equations
     if observer.construction is None:
         return
@@ -119,8 +116,7 @@ def _observer(observer: Observer) -> Iterator[str]:
 
 
 def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
-    """Return the text of an argument for a digest: equal for equal numbers of any type, as a sequence or by the names
-    in one of `orders`."""
+    """Return the text of an argument for a digest: equal for equal numbers, in sequence or by the names in `orders`."""
     match value:
         case Mapping():
             for names in orders:

@@ -18,8 +18,7 @@ from hgogen.step import Step
 
 
 def caller(syntax: Syntax, step: Step, real: Real) -> Writer:
-    """Return a writer of C or Rust for code that calls a step, in which structs have the names of the step's
-    parameters."""
+    """Return a writer of C or Rust for code that calls a step, whose structs have the parameters' names."""
     return Writer(replace(syntax, reach="{}."), step, real)
 
 

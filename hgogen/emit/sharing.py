@@ -81,8 +81,7 @@ class Passage(Call):
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Statements that are a C function of their own: its declaration, the statements as program, and the text of its
-    body."""
+    """Statements that are a C function of their own: declaration, program, and the text of its body."""
 
     prototype: Prototype
     program: Program
@@ -127,13 +126,11 @@ class SharingWriter(Writer):
 
     @cached_property
     def resetting(self) -> dict[Place, Part]:
-        """The places of the state that a repeated function sets to their values after a reset, each with the
-        function."""
+        """The places of the state that a shared function sets to their reset values, each with the function."""
         return {place: part for part in self.parts for place in self._reset_places(part.program)}
 
     def section(self, section: Section) -> tuple[list[Code], Code]:
-        """Return the C functions for parts of a section, each after those that it calls, and the C of the section's
-        body."""
+        """Return the C functions for parts of a sectionin the order of their calls, and the section's body."""
         known = len(self.functions)
         body = self.function(self._split(section.program, section))
         return list(self.functions.values())[known:], body
@@ -188,8 +185,7 @@ class SharingWriter(Writer):
         return Passage(Section(name, "", body), prototype, passed, work, changed, result, returns_status)
 
     def _shared(self, statements: Sequence[Statement], section: Section) -> Sized:
-        """Return the work variables, with their sizes, that these statements share with the other statements of a
-        section."""
+        """Return the work variables, with their sizes, that these statements share with others of the section."""
         inside = {id(each) for each in statements}
         around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
         known = {each for s in statements for each in (*s.reads, *s.written)}
@@ -205,8 +201,7 @@ class SharingWriter(Writer):
         return replace(inner, interval_calls=True).function(program) if paths(text.lines) > MAX_PATHS else text
 
     def _structs(self, used: Collection[str], writes_state: bool) -> list[Parameter]:
-        """Return the structs of a step, and the sample index `at`, that a function needs as parameters, from the names
-        that its body uses."""
+        """Return the structs of a step, and the sample index `at`, that a function needs as parameters."""
         kinds = [replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)]
         return [each for each in (*kinds, AT) if each.name in used]
 
@@ -285,8 +280,7 @@ class SharingWriter(Writer):
         return cache(Writer(self.syntax, self.step, self.real).function)
 
     def _reset_places(self, run: Program) -> set[Place]:
-        """Return the places that a group of statements writes, if it sets all of them to their values after a reset;
-        otherwise none."""
+        """Return the places that a group of statements writes, if it sets all to their reset values; otherwise none."""
         structs_ = {"state", *self.kinds.groups}
         initial = {place: field.initial for place, field in self.kinds.fields.items() if place.struct in structs_}
         written = _written(run)
@@ -312,8 +306,7 @@ def _names(part: str, section: Section) -> Iterator[str]:
 
 
 def _everywhere(program: Program) -> Iterator[Program]:
-    """Yield the groups of statements of a program, also those nested in loops and branches, and each other statement by
-    itself."""
+    """Yield the groups of statements of a program, also nested ones, and each other statement by itself."""
     bodies = (body for statement in walk(program) for body in statement.bodies.values())
     return (run for each in (program, *bodies) for run in _runs(each))
 

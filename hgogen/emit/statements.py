@@ -43,8 +43,7 @@ from hgogen.stepping.guards import LARGEST_NUMBER
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """The kind of each place of a step's memory (struct and field) in any language: a field or a group, a truth value,
-    a counter."""
+    """The kind of each place of a step's memory (struct and field) : a field or group, a truth value, a counter."""
 
     step: Step
 
@@ -58,8 +57,7 @@ class Kinds:
 
     @cached_property
     def groups(self) -> dict[str, tuple[Group, ...]]:
-        """The groups of memory (arrays of structs) by name, each with the groups around it before it, the outermost
-        first."""
+        """The groups of memory (arrays of structs) by name, each after the groups around it, outermost first."""
         return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
 
     @cached_property
@@ -97,14 +95,12 @@ class Kinds:
         return counts or place in self.indices or place.struct == "argument"
 
     def counts(self, block: Block) -> bool:
-        """Return whether a block of expressions has counters and truth values only, and so computes in unsigned
-        numbers."""
+        """Return whether a block of expressions has counters and truth values only: unsigned numbers."""
         touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
     def _reals(self, indices: set[Place]) -> set[Place]:
-        """Return the work variables that also get other values than copies of counters, or of variables in
-        `indices`."""
+        """Return the work variables that get other values than copies of counters and of `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
         unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
         return unwritten | {
@@ -126,8 +122,7 @@ ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 @dataclass(frozen=True, eq=False)
 class Writer(Reader[Code]):
-    """A writer of a step's programs (`Program`) as text of a language; `interval_calls`: whether low <= v <= high is a
-    call."""
+    """A writer of a step's programs in a language; `interval_calls`: whether low <= v <= high is a call."""
 
     syntax: Syntax
     step: Step
@@ -421,8 +416,7 @@ def routines(writer: Writer, keys: Collection[str]) -> Code:
 
 @dataclass(frozen=True, eq=False)
 class _RoutineFunction:
-    """A printer of the function of a routine, which reads arguments and parameters and fills an array for each
-    result."""
+    """A printer of the function of a routine, which fills an array for each result."""
 
     writer: Writer
     subprogram: Subprogram
@@ -452,8 +446,7 @@ class _RoutineFunction:
         return heading + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
-        """Return the target of element `k` of the result `name`; `entry`: a comment that names the entry of a
-        matrix."""
+        """Return the target of element `k` of the result `name`; `entry`: a matrix entry's name."""
         heading = f" {self.writer.syntax.comment(entry)}" if entry else ""
         return Target(
             lambda text: f"{name}[{k}] = {text};{heading}",

@@ -90,8 +90,7 @@ class _Structs:
         return tuple(self.member(item, name, "" if name == item.name else f"{item.name}: ") for item, name in named)
 
     def member(self, item: Field, name: str = "", before: str = "") -> Member:
-        """Return the struct member of a field; `name`: its name in the language if another, `before`: the begin of its
-        comment."""
+        """Return the struct member of a field; `name`: its name if another, `before`: begins its comment."""
         kind: Number = "unsigned" if item.kind == "index" else self.real
         text = self.declared(self.syntax.types[kind], name or item.name, item.size if item.size > 1 else 0)
         initial = tuple(self.syntax.literal(value, kind) for value in item.initial)

@@ -51,8 +51,7 @@ class BeyondFloat(HgogenError):
 
 @dataclass(eq=False)
 class PointsMerge(HgogenError):
-    """The error for a table with two points that are equal in the working precision: the table would have a jump
-    there."""
+    """The error for a table with two points that are equal in the working precision: a jump."""
 
     table: str
     points: tuple[float, float]

@@ -47,8 +47,7 @@ def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str
 
 
 def _c_limited(table: Rows) -> Sequence[str]:
-    """Return the lines of a C loop that limits numbers to their ranges, over a table in read-only memory and pointers
-    to the numbers."""
+    """Return a C loop that limits numbers to their ranges, over a read-only table and pointers to the numbers."""
     rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(table.places, table.rows, strict=True))
     return (
         "{",
@@ -164,8 +163,7 @@ TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "
 
 
 def rust_name(name: str) -> str:
-    """Return a model's name as Rust may have it: `type_` for type, which is a keyword; other names are rarely
-    changed."""
+    """Return a model's name as Rust may have it: `type_` for type, which is a keyword; most stay."""
     return f"{name}_" if name in KEYWORDS | PRELUDE else name
 
 

@@ -157,8 +157,7 @@ def literal(value: float, real: Real) -> str:
 
 
 def driver(step: Step) -> str:
-    """Return the C text that calls a step: the struct `memory`, the macro BEGIN, the functions `sample` and
-    `estimate`."""
+    """Return the C text that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
     declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "measurement")]
     filled = [f"{struct}.{c_name(s.name)} = row[{column}];" for column, (struct, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
@@ -173,8 +172,7 @@ def driver(step: Step) -> str:
 
 
 def counting(called: str) -> str:
-    """Return the text of the board's main C file, which counts instructions, around `called`, the C text of `driver` or
-    a similar one."""
+    """Return the board's main C file, which counts instructions, around `called`, such as the text of `driver`."""
     return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
 
 

@@ -37,8 +37,7 @@ SETTLED_SHARE = 0.01  # of the initial error
 
 @dataclass(frozen=True)
 class Tried:
-    """The results on a trial of a step with the gain theta; `settling`: the wanted settling time that gives this
-    theta."""
+    """Results of a step with the gain theta on a trial; `settling`: the wanted settling time that gives this theta."""
 
     json_keys = "theta settled noise"
 
@@ -78,8 +77,7 @@ class Advised:
 
     @property
     def sentence(self) -> str:
-        """Return a sentence that compares the proposed theta with the certified and the settling theta; empty without
-        theta."""
+        """Return a sentence that compares theta with the certified and the settling one; empty without theta."""
         if self.theta is None:
             return ""
         parts = []
@@ -154,16 +152,14 @@ class _Problem:
         return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
 
     def scale(self, form: Form) -> Scale:
-        """Return the numbers of a form (theta, period, noise) from which observers' rules compute gains. Raises:
-        `BadGain`."""
+        """Return the numbers of a form (theta, period, noise) for rules of gains. Raises: `BadGain`."""
         base = scale(form, self.dt, self.noise)
         if self.settling is None:
             return base
         return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
 
     def of(self, name: str) -> tuple[str, Advised | str]:
-        """Return the name of an observer, and its proposed gains on the first form that admits it, or the reason why no
-        form does."""
+        """Return the name of an observer, and its proposed gains on the first admissible form, or why there is none."""
         refusals = ["the plant is in none of its forms"]
         for row, form in self.usable:
             base = self.scale(form)

@@ -53,8 +53,7 @@ NONE = 1e-6  # component of a direction: less is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """The structural identifiability of parameters, lags and offsets: whether any log of these outputs could determine
-    them."""
+    """The structural identifiability of parameters, lags and offsets: whether any log could determine them."""
 
     rank: Annotated[int, "how many sums of them the outputs tell at most"]
     count: Annotated[int, "number of parameters, lags and offsets"]
@@ -349,8 +348,8 @@ class Task:
 
     @cached_property
     def problem(self) -> Problem:
-        """The optimisation problem of the fit, with as many Runge-Kutta steps per sample as the fastest mode requires.
-        Raises: `CannotFit`."""
+        """The problem of the fit, with the Runge-Kutta steps a sample that the fastest mode needs. Raises:
+        `CannotFit`."""
         period = max(record.dt for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
@@ -362,9 +361,8 @@ class Task:
         return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """Return the multiple-shooting problem with segments in which errors grow by at most exp(GROWN); `growing`: the
-        logarithm of their growth in a sample; `scale` (p): divisors of residuals; `steps`: Runge-Kutta steps a
-        sample."""
+        """Return the multiple-shooting problem in segments in which errors grow by at most exp(GROWN); `growing`: their
+        log growth in a sample; `scale` (p): divisors of residuals; `steps`: Runge-Kutta steps a sample."""
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / growing))) if growing else length
         parts = (self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)

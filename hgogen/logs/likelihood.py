@@ -39,9 +39,8 @@ AT_ONCE = 50  # samples between checkpoints of CasADi's reverse mode
 
 
 def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
-    """Return the names of the states with process noise of their own, or of all states if there would be none; `flow`:
-    their rates. A state whose rate is by definition another state (x_i' = +-x_j) has none, since noise would contradict
-    the definition."""
+    """Return the names of the states with their own process noise, else of all; `flow`: their rates. A state whose rate
+    is by definition another state (x_i' = +-x_j) has none, since noise would contradict the definition."""
     by_definition = {*states, *(-x for x in states)}
     noisy = [name for name, row in zip(names, flow, strict=True) if row.expand() not in by_definition]
     return tuple(noisy or names)
@@ -79,8 +78,7 @@ class Innovations:
 
     @cached_property
     def _step(self) -> Any:
-        """The CasADi function (x- and P-, u now, u then, y, valid, theta) -> (x- and P- at the next sample, cost, e, s)
-        of the filter."""
+        """The CasADi function (x- and P-, u now, u then, y, valid, theta) -> (next x- and P-, cost, e, s)."""
         n, memory, theta = self.n, ca.SX.sym("memory", self.n * (self.n + 1)), ca.SX.sym("theta", *self.move.size_in(3))
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
@@ -173,8 +171,8 @@ class Likelihood:
         return tuple(maxima)
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
-        """Return the innovations e (N - 1, p) of a filter with this noise along a log, and their variances s, NaN for
-        missing samples."""
+        """Return the innovations e (N - 1, p) of a filter with this noise along a log, and variances s, NaN if
+        missing."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
         _, e, s = self._filter.along(record, self._start(record), ca.DM(logs), first=False)
@@ -215,8 +213,8 @@ class Likelihood:
         )
 
     def _start(self, record: Log) -> Array:
-        """Return z and P at the first sample: z from the outputs that are states of the plant, the others at their resting values. The
-        first sample therefore corrects nothing."""
+        """Return z and P at the first sample: z from the outputs that are states of the plant, the others at their
+        resting values. The first sample therefore corrects nothing."""
         system = self.form.system
         measured = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]

@@ -180,8 +180,7 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
-    """Return tables (N, p) of the logs, NaN for missing samples, from the values of each output where it was measured,
-    log after log."""
+    """Return tables (N, p) of the logs, NaN if missing, from each output's measured values, log after log."""
     arrays = [np.full(record.y.shape, np.nan) for record in records]
     for j, values in enumerate(outputs):
         begin = 0
@@ -265,8 +264,7 @@ class Shooting(_OnRecords):
         return v, ca.vertcat(*errors), ca.vertcat(*gaps)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Return the residuals of each output where it was measured, log after log, over the output's scale, at the
-        `unknowns` (v)."""
+        """Return each output's residuals of measured samples over its scale, log after log, at the `unknowns` (v)."""
         v, errors, _ = self.followed
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
@@ -284,8 +282,7 @@ class Shooting(_OnRecords):
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
         """Return the residuals of a log and the gaps between its segments; `nodes`: the initial states of segments,
-        `p`: parameters, `o`: offsets. One map computes all segments; the last one is padded with samples that do not
-        count."""
+        `p`: parameters, `o`: offsets. One map computes all segments; the last is padded with uncounted samples."""
         L, count, N = self.length, nodes.shape[1], len(record.y)
         u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
         now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
@@ -302,8 +299,7 @@ class Shooting(_OnRecords):
 
     def _stretch(self, samples: int) -> Any:
         """Return the function (x, p, offsets, u and the next u of `samples` samples, dt) -> (y at the samples, x after
-        them), as one graph of scalars. Its second derivatives are twice as fast in CasADi as along a graph of the
-        samples."""
+        them), a graph of scalars, whose second derivatives are twice as fast in CasADi."""
         x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
         now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
         at, dt, read = x, ca.SX.sym("dt"), []
@@ -405,8 +401,7 @@ class Predicting(_OnRecords):
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
     def _filter(self, dt: float) -> Innovations:
-        """Return the extended Kalman filter at the period `dt`, whose theta are parameters, offsets and the logarithms
-        of the noise."""
+        """Return the extended Kalman filter at the period `dt`of parameters, offsets and log noise."""
         a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
@@ -463,8 +458,8 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """IPOPT on the problem of a fit: `low`, `high` (v): bounds of the unknowns, which may be infinite; `unit` (v):
-    their sizes."""
+    """IPOPT on the problem of a fit: `low`, `high` (v): bounds of the unknowns, maybe infinite; `unit` (v): their
+    sizes."""
 
     problem: Problem
     low: Array
@@ -534,8 +529,7 @@ class _Watch(ca.Callback):
         return int(ca.nlpsol_n_out())
 
     def get_sparsity_in(self, i: int) -> Any:
-        """Return the shape of value `i` that a CasADi solver passes to its callback: a column, empty if the value is
-        not needed."""
+        """Return the shape of value `i` that a CasADi solver passes to its callback: a column, empty if unneeded."""
         return ca.Sparsity.dense(self.sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, entries: Any) -> list[int]:

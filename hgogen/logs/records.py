@@ -167,8 +167,7 @@ class Hidden:
         return [(table - means) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the estimation errors of the hidden states (N, number of them) in a run of a step along a log, log
-        number `k`."""
+        """Return the estimation errors (N, number of states) of hidden states in a run along log number `k`."""
         return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
 
 

@@ -138,8 +138,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Start:
-    """A search for a maximum of the likelihood of the logs on the form number `row`, from start `number`; `label`: for
-    progress."""
+    """A search for a maximum of the likelihood on the form number `row`, from start `number`; `label`: for progress."""
 
     row: int
     number: int
@@ -228,8 +227,7 @@ def thetas(theta: float, dt: float) -> list[float]:
 
 
 def tuned(task: Task, name: str) -> Asking[Tuned | str]:
-    """Search the gains of the observer `name` on the first form that admits it; return why there are no gains
-    otherwise."""
+    """Search the gains of the observer `name` on the first form that admits it, else return why none."""
     refusals = ["the plant is in none of its forms"]
     for number, row in enumerate(task.rows):
         if row.form is None or refuted(row.form.checks):
@@ -281,8 +279,7 @@ class Search:
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
-        """Return the squared errors E_s by segment, by the number of each `Scale` whose gains give a step that does not
-        diverge."""
+        """Return the squared errors E_s by segment, by the number of each `Scale` whose step does not diverge."""
         new = list(scales)
         results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
         self.refusals.extend(one for one in results if isinstance(one, str))
@@ -303,8 +300,8 @@ class Search:
         return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Yield the scales half way from the theta, and the longest time, of scale number `best` to their neighbours
-        among those `tried`."""
+        """Yield the scales half way from theta, and the longest time, of scale `best` to neighbours among those
+        `tried`."""
         middle = self.scales[best]
         varied: dict[str, Callable[[float], Scale]] = {
             "theta": lambda value: replace(middle, theta=value),
@@ -332,9 +329,8 @@ class Search:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The result of `tune`: `rows` of tuned observers, the best first; `refused`: by observer why others have no gains.
-    Gains were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each
-    log."""
+    """The result of `tune`: `rows` of observers, the best first; `refused`: by observer why others have none. Gains
+    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
@@ -516,8 +512,7 @@ def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:
-    """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, along the logs without their
-    beginnings."""
+    """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, without the logs' begin."""
     parts = []
     for record in task.records:
         first.step.reset()

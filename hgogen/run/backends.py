@@ -116,8 +116,7 @@ class StepMemory:
         return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
-        """Return the C functions of the step by name, bound to this memory; they hold the GIL, so that no two threads
-        run them at once."""
+        """Return the C functions of the step by name, bound to this memory; they hold the GIL."""
         step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -152,8 +151,7 @@ class _Program:
 
 @lru_cache(maxsize=32)
 def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
-    """Return the compiled C of a step, whose comments omit the proofs; the second argument, the compiler, is only part
-    of the cache's key."""
+    """Return the compiled C of a step, whose comments omit the proofs; the second argument is the compiler."""
     step, real = program.step, program.real
     unread = {"observer": replace(step.observer, claims=tuple)}
     step = Step(**{each.name: getattr(step, each.name) for each in fields_of(Step)} | unread)
@@ -206,8 +204,7 @@ class Records:
         return cls(u, y, number, varied, [states[row] for row in rows])
 
     def prepare(self, k: int, memory: "StepMemory", base: bytes, engine: Engine) -> int:
-        """Set `memory` to that with which log number `k` starts, from the step's memory `base` (bytes); return the
-        status of `tune`."""
+        """Set `memory` to that with which log number `k` starts, from the memory `base`; return `tune`'s status."""
         memory.whole[:] = base
         if self.states:
             memory.state[:] = self.states[k % len(self.states)]
@@ -223,8 +220,8 @@ def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
 
 
 def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
-    """Return the values (B, size) of the given parameters for B logs, or (size) for all, by their places of memory.
-    Raises: `BadShape`."""
+    """Return the values (B, size) of parameters for B logs, or (size) for all, by place of memory. Raises:
+    `BadShape`."""
     known = tunable(step)
     if not isinstance(parameters, Mapping):
         wanted = f"is no mapping from some of {', '.join(known)} to numbers"
@@ -288,8 +285,7 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """A step in the precision `real`, to be run over many logs, in lanes (a log in each vector element) or one by
-    one."""
+    """A step in the precision `real`, run over many logs, in lanes (a log in each vector element) or one by one."""
 
     step: Step
     real: Real
@@ -298,8 +294,8 @@ class Many:
     def run(
         self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """Return the results of many logs from the memory `base` (bytes); `each` is called with the number of finished
-        logs; `jobs`: threads. Raises: `BadGain` for jobs that are no number, and for `each` that cannot be called;
+        """Return the results of many logs from the memory `base` (bytes); `each` is called with the number finished;
+        `jobs`: threads. Raises: `BadGain` for jobs that are no number, and for `each` that cannot be called;
         `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
@@ -463,8 +459,8 @@ class _Lanes:
         return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
 
     def _memory(self, records: Array) -> Array:
-        """Return the memory for lanes (blocks, bytes) from records (B, bytes), one for each log; lanes without a log
-        repeat the last log."""
+        """Return the memory for lanes (blocks, bytes) from records (B, bytes) of logs; lanes without a log repeat the
+        last."""
         blocks, size = -(-len(records) // self.width), self._size("size")
         room = np.zeros(ALIGNED + blocks * size, np.uint8)
         start = -room.ctypes.data % ALIGNED

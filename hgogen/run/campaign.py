@@ -292,8 +292,7 @@ class Ready:
         return Ready, (self.campaign, self.runs)
 
     def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
-        """Return the outcomes of runs; `piece`: their numbers and draws. Runs with equal draws get their noise
-        together."""
+        """Return the outcomes of runs; `piece`: their numbers and draws. Runs of equal draws draw noise together."""
         numbers, draws = piece
         step, engine, outcomes = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
@@ -307,8 +306,7 @@ class Ready:
         return [outcomes[number] for number in numbers]
 
     def _varied(self, numbers: Sequence[int], draws: Draws, outcomes: dict[int, Outcome]) -> Iterator[Feed]:
-        """Yield the simulated signals of each run; a run whose plant cannot be simulated has its failure in `outcomes`
-        instead."""
+        """Yield the simulated signals of each run; failed simulations are put in `outcomes` instead."""
         for row, number in enumerate(numbers):
             trial = draws.trial(self.campaign.trial, row)
             try:
@@ -320,8 +318,8 @@ class Ready:
 
 
 def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
-    """Yield the trajectories of the compiled step on runs with equal inputs, `size` of them at once, each from the
-    memory `start`."""
+    """Yield the trajectories of the compiled step on runs with equal inputs, `size` at once, from the memory
+    `start`."""
     runs = iter(runs)
     for first in runs:
         some = [first, *islice(runs, size - 1)]
@@ -511,7 +509,7 @@ def _is_number(value: Any, low: float, high: float, nan: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Spread:
-    """Quantiles of a quantity over the runs of a campaign; None, which counts as the worst, for an event that never
+    """Quantiles of a quantity over a campaign's runs; None, which counts as the worst, for an event that never
     happened."""
 
     name: Annotated[str, "the quantity"]

@@ -179,14 +179,13 @@ class Agreement(Encoded):
 
     @property
     def agreed(self) -> bool:
-        """Whether C and Python give equal results."""
+        """Whether C and Python say the same."""
         c, python = np.array(self.settled, dtype=float).reshape(-1, 2).T  # NaN where never
         return self.before <= ROUNDING and np.allclose(c, python, rtol=0, atol=1.5 * self.dt, equal_nan=True)
 
 
 def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
-    """Return the difference between C and Python, from the trajectory and metrics of each on one trial and seed; `dt`:
-    the period."""
+    """Return the difference between C and Python, from trajectory and metrics on a trial and seed; `dt`: the period."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
     difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
@@ -314,8 +313,7 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
 
 
 def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return P (N, n, n) and e (N, n) in the form's coordinates, from a run and the `truth` (N, n) in the plant's
-    states as declared."""
+    """Return P (N, n, n) and e (N, n) in the form's coordinates, from a run and the true plant states (N, n)."""
     x, inputs = ca.SX.sym("x", len(run.names)), ca.SX.sym("u", u.shape[1])
     symbols = dict(zip(form.system.declared.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(form.system.inputs, ca.vertsplit(inputs), strict=True)) if u.shape[1] else {}

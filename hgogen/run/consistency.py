@@ -80,8 +80,7 @@ class Whiteness(Encoded):
 
 
 def whiteness(e: Array) -> Whiteness | None:
-    """Return Ljung and Box's test whether the sequence e (N,) is white noise; None where it is too short or
-    constant."""
+    """Return Ljung and Box's test whether e (N,) is white noise; None for a short or constant sequence."""
     N = len(e)
     lags = min(LAGS, N // LEAST)
     r = correlations(e, lags)
@@ -92,8 +91,7 @@ def whiteness(e: Array) -> Whiteness | None:
 
 
 def correlations(e: Array, lags: int) -> Array | None:
-    """Return the first `lags` autocorrelations of a sequence (N,), N - 1 at most; None where the sequence is
-    constant."""
+    """Return the first `lags` autocorrelations of a sequence (N,), N - 1 at most; None if constant."""
     e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # scaled by a power of two, so that no square overflows
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
@@ -110,8 +108,7 @@ def quantile(p: float, freedom: float) -> float:
 
 
 def alike(residuals: Array) -> float:
-    """Return the number tau of residuals (N,) in a row that together have the information of one independent
-    residual."""
+    """Return the number tau of residuals (N,) in a row with the information of one independent residual."""
     r = correlations(residuals, len(residuals))
     return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
 
@@ -127,8 +124,7 @@ def corner(residuals: Array) -> float:
 
 
 def influence(residuals: Array, c: float) -> Array:
-    """Return psi(e)/E psi' (N) of residuals e (N), with the derivative psi = rho' of the pseudo-Huber loss with corner
-    `c`."""
+    """Return psi(e)/E psi' (N) of residuals e (N), psi = rho' of the pseudo-Huber loss with corner `c`."""
     growth = 1 + (residuals / c) ** 2
     share = float(np.mean(growth**-1.5))
     return np.asarray(residuals / np.sqrt(growth) / share)
@@ -167,8 +163,7 @@ class OfStates:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Statistics of a run's innovations, by output, and of its estimation errors, relative to the observer's
-    covariance."""
+    """Statistics of a run's innovations, by output, and errors, relative to the observer's covariance."""
 
     outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
@@ -309,9 +304,8 @@ def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit:
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
-    """Return the sensor noise and the thresholds of an adaptive theta from y (N,), sampled every `dt` without
-    excitation, NaN where missing; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises: `TooLittle`,
-    `BadWindow`."""
+    """Return sensor noise and thresholds of an adaptive theta from y (N,), sampled every `dt` without excitation, NaN
+    where missing; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises: `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST_SAMPLES:
         least = f"give at least {LEAST_SAMPLES} from a quiet part of the record"

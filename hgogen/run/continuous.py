@@ -104,8 +104,7 @@ class Continuous:
         return self._flow_pieces(part, clock, lambda graph, time: graph)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the equations of z and of the Riccati matrix S as pieces of a program, with theta constant or decaying
-        between two samples."""
+        """Return the equations of z and the Riccati matrix S as pieces, theta constant or decaying in a sample."""
 
         def now(graph: Graph, time: Graph) -> Graph:
             if not isinstance(part.theta, Decaying):

@@ -93,8 +93,7 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
-    """Return a figure with a panel for each of the `traces` (N,) by name, with the thresholds of the innovation, and
-    theta from 0 on."""
+    """Return a figure with a panel for each of the `traces` (N,) by name, with thresholds, and theta from 0 on."""
     first = [name for name in ("innovation", "theta") if name in traces]
     names = [*first, *(name for name in traces if name not in first)]
     fields = {field.name: field for field in step.layout.state}
@@ -152,8 +151,7 @@ def errors(
 @rc_context(STYLE)
 def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
     """Return a figure of two panels over theta: the time to settle, and the largest noise of an estimate over its
-    state's range, with a line for each observer and a legend on the right. `settled`, `noise`: pairs (theta, value) by
-    observer."""
+    state's range, with a line for each observer. `settled`, `noise`: pairs (theta, value) by observer."""
     margin = HANDLE + LETTER * max(map(len, noise))
     figure, axes = panels(
         2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), margin=margin
@@ -283,8 +281,8 @@ def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth"
 
 
 def thin(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return samples (t, values) with which a line looks unchanged: the extremes of each bin, and gaps for NaN and
-    values beyond `FAR`."""
+    """Return samples (t, values) with which a line looks unchanged: each bin's extremes, gaps for NaN and beyond
+    `FAR`."""
     values = np.where(np.abs(values) < FAR, values, np.nan)
     if len(t) <= 2 * BINS:
         return t, values
@@ -370,7 +368,7 @@ def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, widt
 
 
 def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
-    """Draw the band `middle` +- 2 sigma, the widest in each of `BINS` parts of the time; the axis grows by a quarter at
+    """Draw the band `middle` +- 2 sigma, the widest in each of `BINS` parts of the time; the axis grows a quarter at
     most."""
     bottom, top = axis.get_ylim()
     low, high = (np.where(abs(ends) < FAR, ends, np.nan) for ends in (middle - 2 * sigma, middle + 2 * sigma))
@@ -385,8 +383,7 @@ def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
 @rc_context(STYLE)
 def curve(points: Sequence["Point"], step: Step) -> Figure:
     """Return a figure with a panel for each state of the form, with the bound of the error by noise of each output over
-    the rate of decay, and a panel for the longest dt. The first point is the tuning, a cross next to the lines of the
-    designed gains."""
+    the rate of decay, and a panel for the longest dt. The first point, the tuning, is a cross next to the lines."""
     form, time = step.observer.form, step.observer.form.system.time
     tuning, gains = points[0], sorted(points[1:], key=lambda one: one.about)
     rates = [one.about for one in points]

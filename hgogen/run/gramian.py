@@ -224,8 +224,7 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """Return the observability measure of a plant along the trial, over windows that begin at every hundredth of the
-    trial."""
+    """Return the observability measure of a plant along the trial, in windows from every hundredth of it on."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
@@ -240,8 +239,7 @@ def _along(plant: System, trial: Trial) -> Sight:
 
 
 def _observable_frozen(plant: System) -> bool:
-    """Return whether the linearisation e' = (df/dx) e, y = (dh/dx) e is observable when frozen at almost any point (x,
-    u)."""
+    """Return whether the linearisation e' = (df/dx) e, y = (dh/dx) e is observable, frozen at almost any (x, u)."""
     e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
     sides = {**box(plant.signals, plant.nominal), **dict.fromkeys(e, (-1, 1))}

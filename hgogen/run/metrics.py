@@ -80,8 +80,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """Return in words when a trial counts as settled, such as the band of the error; `unit`: that of the plant's
-    time."""
+    """Return in words when a trial counts as settled, such as the band of the error; `unit`: of time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
@@ -95,8 +94,7 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    """Return the response to an event at the time `begin`; `span`: the mask (N,) of the samples before the next
-    event."""
+    """Return the response to an event at the time `begin`; `span`: the mask (N,) of samples before the next one."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
         settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
@@ -258,8 +256,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Interventions:
-    """The times at which guards acted on an estimate: restarts, and projections onto the declared ranges; `runs`: of
-    how many runs."""
+    """The times at which guards acted on an estimate: restarts and projections onto ranges, in `runs` runs."""
 
     restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
     projections: Annotated[tuple[float, ...], "times of projections onto the ranges"] = ()

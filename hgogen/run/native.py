@@ -259,8 +259,7 @@ def run_recipe(files: Sources) -> str:
 
 
 def _program(name: str, folder: str) -> str:
-    """Return the path of a program in a self-check's commands: one built in `folder`, as ./check, or a tool of this
-    machine."""
+    """Return the path of a program in a self-check's commands: built in `folder`, as ./check, or a tool."""
     return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
@@ -281,8 +280,7 @@ def tool(name: str) -> str:
 
 
 def with_main(files: Iterable[str]) -> list[str]:
-    """Return the compiler's flags that enable the main functions of self-checks among C files: NAME_CHECK_MAIN for
-    NAME_check.c."""
+    """Return the flags that enable the main of self-checks among C files: NAME_CHECK_MAIN for NAME_check.c."""
     return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
 
 

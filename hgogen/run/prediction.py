@@ -46,8 +46,7 @@ MOST = 100_000  # predictions of each horizon, for an RMS error accurate to half
 
 @dataclass(frozen=True)
 class Prediction:
-    """The RMS errors of predictions of an output `ahead` samples ahead: of the `model`, and of `copying` the last
-    measured value."""
+    """RMS errors of predicting an output `ahead` samples ahead: by the `model`, by `copying` the last value."""
 
     output: Annotated[str, "the output"]
     ahead: Annotated[int | None, "samples ahead; null for open loop over the whole record"]
@@ -119,8 +118,7 @@ def forecasts(
 
 
 def _starts(count: int) -> np.ndarray:
-    """Return the numbers of the samples, of `count`, where predictions start: all, or one at random of each few, as
-    sensors may be periodic."""
+    """Return the samples, of `count`, where predictions start: all, or a random one of each few (periodic sensors)."""
     few = max(1, -(-count // MOST))
     blocks = np.arange(0, count, few)
     chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
@@ -163,8 +161,7 @@ def rms(error: np.ndarray) -> float:
 
 
 def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """Return the inputs u (N, m) as a step uses them: a missing one repeats the last, and each is clamped to its
-    range."""
+    """Return the inputs u (N, m) as a step uses them: a missing one repeats the last; clamped to ranges."""
     holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
@@ -226,8 +223,7 @@ MAPS = (
 
 @dataclass(frozen=True)
 class Rejection:
-    """An output most of whose samples the step rejected, and the map (change of unit, offset) that brings them into its
-    range."""
+    """An output most of whose samples the step rejected, and the map (change of unit, offset) that mends it."""
 
     output: Annotated[str, "the output"]
     count: Annotated[int, "number of its samples"]
@@ -352,8 +348,7 @@ class Better:
 
 
 def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
-    """Return the shift or sign of a signal with which the samples u (N, m), y (N, p) from `first` on fit the model
-    clearly better; or None."""
+    """Return the shift or sign of a signal with which u (N, m), y (N, p) from `first` on fit better; or None."""
     u, y = u[:LONGEST], y[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
@@ -407,8 +402,7 @@ def _scale(y: Array) -> Array:
 
 
 def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
-    """Return for each sample (N) the sum over outputs of squared prediction errors over `scale` (p), NaN for a sample
-    without an error."""
+    """Return the sum over outputs of (error/scale)^2 of predictions for each sample (N), NaN without an error."""
     if len(y) <= first + AHEAD:
         return np.full(len(y), np.nan)
     step.reset()
@@ -424,8 +418,7 @@ def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, e
 
 
 def _typical(squares: Array) -> float:
-    """Return the root of the median over segments of the log of the mean of `squares` (N); infinite without any
-    error."""
+    """Return the root of the median over segments of the log of the mean of `squares` (N); inf without any."""
     means = _means(squares)
     return math.sqrt(float(np.median(means))) if means else math.inf
 

@@ -272,8 +272,7 @@ def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
 
 
 def _frame_columns(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
-    """Return the columns (N) of the signals in a pandas DataFrame by name; the frame may have other columns. Raises:
-    `BadShape`."""
+    """Return the columns (N) of the signals in a pandas DataFrame by name. Raises: `BadShape`."""
     absent = [signal.name for signal in signals if signal.name not in frame.columns]
     if absent:
         there = ", ".join(map(str, frame.columns))
@@ -294,8 +293,7 @@ def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
 
 
 def listed(signals: Sequence[Signal]) -> str:
-    """Return the end of an error message: the order of several signals, with the derivatives of inputs that a form may
-    need."""
+    """Return the end of an error message: the order of several signals, with inputs' derivatives that a form needs."""
     return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""
 
 

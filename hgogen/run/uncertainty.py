@@ -136,8 +136,8 @@ class Uncertainty:
         return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
 
     def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
-        """Return the matrices (N, n, n) whose lower triangle the field `name` stores; `symmetric`: whether the upper
-        triangle is filled too."""
+        """Return matrices (N, n, n) whose lower triangle the field `name` stores; `symmetric`: fill the upper one
+        too."""
         packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
         whole = np.zeros((len(packed), n, n))
         for k, (i, j) in enumerate(self._fields[name].entries):
@@ -148,8 +148,7 @@ class Uncertainty:
 
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
-        """The matrices Phi and Q_theta and the rate rho of the predicted covariance exp(rho h) Phi P Phi' + h
-        Q_theta."""
+        """Phi, Q_theta and rho of the predicted covariance exp(rho h) Phi P Phi' + h Q_theta."""
         n, filter_step = self.part.dynamics.n, FilterStep(self.part, self.step.clock)
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
         graphs = (filter_step.transition(filter_step.jacobian(filter_step.stages())), noise, sx(self.part.rho))

@@ -175,8 +175,7 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
 
 
 def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
-    """Return a C function with this declaration and body; its status, where it returns one, starts as the text
-    `begun`."""
+    """Return a C function with this declaration and body; its status, if any, starts as `begun`."""
     idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
@@ -237,8 +236,7 @@ def _nominal(step: Step, real: Real) -> Code:
 
 
 def _nominal_unless_marked(step: Step) -> Code:
-    """Return the C statements that set parameters without the mark of initialised memory to their nominal values, and
-    raise a status bit."""
+    """Return the C that sets parameters without the mark of initialised memory to nominal, and raises a bit."""
     if not step.layout.mark:
         return Code()
     upper, call = step.name.upper(), nominal(step).call(same_name)

@@ -55,8 +55,7 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 
 def _sample(step: Step, real: Real) -> list[str]:
-    """Return the lines of the C struct NAME_kept: a step's state, parameters, estimate and traces, as
-    `layout.kept_type` has them."""
+    """Return the C struct NAME_kept: state, parameters, estimate and traces, as in `layout.kept_type`."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.code.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
