@@ -72,7 +72,8 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Advice:
-    """The advice for a model; `plain`: whether the model is plain text, and so the language of the lines."""
+    """The advice for a model: the observers that its plant admits, and notes; `plain`: whether the model is plain text,
+    and not Python."""
 
     json_keys = "take=admitted advice=notes"
 

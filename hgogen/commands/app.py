@@ -43,7 +43,8 @@ def command_of(name: str) -> TyperCommand:
 
 
 class _Deferred(TyperCommand):
-    """A placeholder for a command; its file is imported only when it runs or prints its own help."""
+    """A placeholder for a command of the program; the command's file is imported only when it runs or prints its own
+    help."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Return the context of the imported command."""

@@ -110,12 +110,12 @@ def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where:
 
 
 def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
-    """Return the image files by their paths in the folder of results, which `ecosystems` changes."""
+    """Return image files by path in the folder of results: below extras/ where `ecosystems` are named."""
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
 def _costs(where: Folder) -> Mapping[str, Any] | None:
-    """Return the costs that `hgogen cost` wrote into the folder, None if there are none."""
+    """Return the costs (instructions, bytes) that `hgogen cost` wrote into the folder, None if there are none."""
     (path,) = where.demand(COSTS)
     try:
         costs = json.loads(content_of(path, BYTES))

@@ -172,7 +172,7 @@ def _reference(loaded: Model, observer: str | None) -> CallableStep:
 
 
 def _rates(text: str) -> Sequence[float]:
-    """Return the rates of decay in a text such as "1,3". Raises: `BadParameter`."""
+    """Return the rates of decay in a text such as "1,3", in 1 per unit of time. Raises: `BadParameter`."""
     if not text:
         return ()
     try:

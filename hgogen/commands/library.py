@@ -431,7 +431,7 @@ Work = Callable[[Any], Iterable[Any]]
 
 
 class End(Enum):
-    """The way in which a worker's task ends."""
+    """The way in which a worker's task ends: done, past its time, or crashed."""
 
     DONE = "done"
     LATE = "past its time"

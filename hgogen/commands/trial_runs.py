@@ -369,7 +369,7 @@ def _results(
 
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
-    """Yield the outcomes of a campaign in the lines of its file of results(name `file`), and note invalid lines."""
+    """Yield the outcomes of a campaign in the lines of its results' file (`file`: its name), and note invalid lines."""
     dropped = list[int]()
     for number, outcome in enumerate(earlier(one, lines, file), 2):
         if outcome is None:

@@ -76,7 +76,8 @@ def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
 
 
 def manual(step: Step, real: Real, check: bool) -> list[str]:
-    """Return the manual in Markdown: how C calls a step, its members, status bits, faults, gains and saved states.
+    """Return the lines of a step's C manual in Markdown: how C calls the step, struct members, status bits, faults,
+    gains and saved states.
 
     `check`: whether there is a self-check.
     """

@@ -43,7 +43,7 @@ from hgogen.stepping.guards import LARGEST_NUMBER
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """The kind of each place of a step's memory (struct and field) : a field or group, a truth value, a counter."""
+    """The kind of each place of a step's memory (struct and field): a field or group, a truth value, a counter."""
 
     step: Step
 

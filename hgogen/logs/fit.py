@@ -383,13 +383,14 @@ class Task:
 
     @property
     def nominal(self) -> Array:
-        """The unknowns (v) with the parameters at their nominal values."""
+        """The unknowns (v) of the fit with the parameters at their nominal values."""
         values = [float(self.plant.nominal[p]) for p in self.free]
         levels = [start for start, _, _ in self.problem.levels]
         return np.array([*values, *[0.0] * len(self.offset), *self._nodes, *levels])
 
     def drawn(self, draw: np.random.Generator) -> Array:
-        """Return the unknowns with random parameters: within a range, else between half and twice the nominal value."""
+        """Return the unknowns (v) with random parameters: within a range, else between half and twice the nominal
+        value."""
         start = self.nominal
         for i, p in enumerate(self.free):
             start[i] = draw.uniform(*p.interval) if p.bounded else start[i] * 2 ** draw.uniform(-1, 1)
@@ -410,7 +411,8 @@ class Task:
         return nodes
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
-        """Return the fit at the `best` solution, with standard errors and identifiability."""
+        """Return the fit at the solution `best`, with standard errors and identifiability; `ended`: those of all
+        starts."""
         known = self.problem.information(best.unknowns, self.solver.unit)
         count, inner = len(self.free), len(self.chosen)
         follow = [alike(e) for e in known.tell]

@@ -137,7 +137,7 @@ class _OnRecords:
 
     @property
     def constants(self) -> int:
-        """The number of parameters and offsets."""
+        """The number of fitted parameters and offsets."""
         return len(self.free) + len(self.offset)
 
     @property
@@ -151,7 +151,8 @@ class _OnRecords:
         return self.constants + self.n * sum(self.segments) + len(self.levels)
 
     def parts(self, unknowns: Graph) -> tuple[Graph, Graph, tuple[Graph, ...]]:
-        """Return the parameters, the offsets, and for each log the initial states (n, segments) of its segments."""
+        """Return from the `unknowns` the parameters, the offsets, and for each log the initial states (n, segments) of
+        its segments."""
         a, b = len(self.free), self.constants
         nodes, begin = [], b
         for count in self.segments:
@@ -379,7 +380,7 @@ class Predicting(_OnRecords):
         return of_e.T @ of_e + of_s.T @ of_s / 2
 
     def _at(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return the innovations e of the measured samples, and their deviations."""
+        """Return the innovations e of the measured samples, and their standard deviations, at the `unknowns` (v)."""
         v, _, e, s = self._series
         values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
         return values[0].full().ravel(), values[1].full().ravel()
@@ -513,7 +514,7 @@ class Solver:
 
 
 class _Watch(ca.Callback):
-    """The callback that CasADi calls after each iteration."""
+    """The callback that CasADi calls after each iteration of IPOPT."""
 
     def __init__(self, unknowns: int, gaps: int) -> None:
         super().__init__()

@@ -199,7 +199,7 @@ def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
 
 
 def reasons(refused: Mapping[str, object]) -> str:
-    """Return why there are no gains, each reason once."""
+    """Return why observers have no gains as one text, each reason once; `refused`: the reasons by observer."""
     names: dict[str, list[str]] = {}
     for name, reason in refused.items():
         names.setdefault(str(reason), []).append(name)

@@ -52,7 +52,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """Return the check `id` that every window of a log makes every state observable, refuted or unknown. Raises:
+    """Return the check `id`, refuted or unknown, that every window of a log makes every state observable. Raises:
     `Misfit`."""
     if not isinstance(id, str):
         raise Misfit("excitation.shown, id=", id, "the name of the claim")

@@ -60,7 +60,8 @@ class BadWindows(BadArgument):
 
 @dataclass(frozen=True, eq=False)
 class Gramian(Encoded):
-    """The observability Gramians W of windows of the length `d` along a trajectory.
+    """The observability Gramians W = integral of Phi^T C^T C Phi over windows of the length `d` along a trajectory, Phi
+    the transition matrix.
 
     `start` (N): where each window begins; `smallest`, `largest` (N): eigenvalues of its Gramian; `direction` (N, n):
     the unit eigenvector of the smallest; `states`: names.

@@ -161,7 +161,8 @@ def rms(error: np.ndarray) -> float:
 
 
 def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """Return the inputs u (N, m) as a step uses them: a missing one repeats the last; clamped to ranges."""
+    """Return the inputs u (N, m) as a step uses them: missing values repeat the last one; all are clamped to their
+    ranges."""
     holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 

@@ -257,8 +257,9 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
 
 
 def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
-    """Return the given values as doubles, NaN where an entry is masked. Raises: `BadShape` for text, dates and complex
-    numbers, whose imaginary parts would be lost; `with_value`: the message has the value."""
+    """Return the given values as doubles, NaN where an entry is masked; `name`: the argument in messages. Raises:
+    `BadShape` for text, dates and complex numbers, whose imaginary parts would be lost; `with_value`: the message has
+    the value."""
     try:
         array = np.asarray(unmasked(value))
         objects = array.flat if array.dtype.kind == "O" else ()
@@ -287,7 +288,7 @@ def last_values(values: np.ndarray) -> np.ndarray:
 
 
 def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
-    """Raise `BadShape` for an empty tuple, the default of an argument, where there are signals."""
+    """Raise `BadShape` for an argument `name` that is an empty tuple, the default, where there are signals."""
     if isinstance(value, tuple) and not value and signals:
         raise BadShape(name, f"is missing; give {name}=, the values of {', '.join(s.name for s in signals)}")
 
