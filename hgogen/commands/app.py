@@ -47,7 +47,8 @@ class _Deferred(TyperCommand):
     help."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the context of the imported command."""
+        """Return the click context of the command, whose file is imported here; `info_name`: the command's name,
+        `args`: its words."""
         return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 

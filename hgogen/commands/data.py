@@ -28,17 +28,17 @@ class Logs:
 
     @property
     def learned(self) -> tuple[Log, ...]:
-        """The logs' training rows."""
+        """The logs with their training rows alone, those before the cuts."""
         return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
 
     @property
     def reports(self) -> tuple[Report, ...]:
-        """The findings in each log."""
+        """The findings about each log's file, such as gaps and the sampling period."""
         return tuple(record.report for record in self.records)
 
     @property
     def whole(self) -> tuple[Log, ...]:
-        """The logs with all rows."""
+        """The logs with all rows, for training and validation."""
         return tuple(self._log(record, len(record.t)) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:

@@ -95,7 +95,7 @@ class LibraryAnswer(Answers):
 
 @dataclass(eq=False)
 class BadLibrary(HgogenError):
-    """A library file that cannot be read."""
+    """The error for a library (JSON file of models) that cannot be read."""
 
     path: str
     reason: str

@@ -44,7 +44,7 @@ def print_result(as_json: bool, value: Any, *tables: Any) -> None:
 
 
 def json_text(value: Any, indent: int = 2) -> str:
-    """Return a value as JSON text, by `encoded`."""
+    """Return a value as JSON text; `encoded` turns reports and numpy numbers into JSON's types."""
     return json.dumps(encoded(value), indent=indent, allow_nan=False)
 
 
@@ -273,7 +273,7 @@ def printing() -> Iterator[None]:
 
 class _Output(Console):
     def on_broken_pipe(self) -> None:
-        """Raise the error for the command to handle."""
+        """Raise the error of a closed output, which the command handles."""
         raise BrokenPipeError
 
 

@@ -136,7 +136,7 @@ class Writer(Reader[Code]):
 
     @property
     def least(self) -> int:
-        """The smallest number of passes of a loop."""
+        """The smallest number of passes for which statements become a loop."""
         return LEAST[self.step.clock.prefer]
 
     @cached_property

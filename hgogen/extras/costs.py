@@ -121,7 +121,7 @@ _WORST = (np.nan, np.inf, -np.inf, 1e30, -1e12, 1e-40, 50.0, -3.0)
 
 @cache
 def text(name: str) -> str:
-    """Return the text of a C file in this folder."""
+    """Return the text of the board's C file `name`."""
     return files("hgogen.extras").joinpath(name).read_text(encoding="ascii")
 
 

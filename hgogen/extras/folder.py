@@ -28,12 +28,12 @@ ALL = "all"
 
 
 class UnknownEcosystem(BadArgument):
-    """An unknown ecosystem."""
+    """The error for an unknown ecosystem of firmware projects."""
 
 
 @dataclass(eq=False)
 class ReservedName(HgogenError):
-    """A name that an ecosystem reserves."""
+    """The error for a step's name that an ecosystem of firmware projects reserves."""
 
     name: str
     ecosystem: str
@@ -69,7 +69,7 @@ def _table() -> Mapping[str, Ecosystem]:
 
 @cache
 def template(name: str) -> Text:
-    """Return a template by the name of its file."""
+    """Return the template of a file in a step's folder by the name of the template."""
     path = files("hgogen.extras").joinpath("templates", name)
     return Text(path.read_text(encoding="utf-8"))
 

@@ -334,7 +334,7 @@ class Task:
 
     @property
     def free(self) -> tuple[Signal, ...]:
-        """The fitted parameters and lags."""
+        """The fitted parameters of the plant, then the time constants of its sensors' lags."""
         return (*self.chosen, *self.lags)
 
     @cached_property

@@ -137,7 +137,7 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
 
 
 def _last_two(y: Array) -> tuple[Array, Array, Array]:
-    """Return for each sample of y (N, p) the last value before it, the value's age in samples, and the change per
+    """Return for each sample of y (N, p) the last value up to it, the value's age in samples, and the change per
     sample between the last two values, 0 if there is only one."""
     count = np.arange(len(y))[:, None]
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)

@@ -142,12 +142,12 @@ class _OnRecords:
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """The number of segments of each log."""
+        """The number of segments of each log, with an unknown initial state each."""
         return tuple(-(-len(record.y) // self.length) for record in self.records)
 
     @property
     def size(self) -> int:
-        """The number of unknowns."""
+        """The number v of unknowns: parameters, offsets, initial states of segments, and levels of noise."""
         return self.constants + self.n * sum(self.segments) + len(self.levels)
 
     def parts(self, unknowns: Graph) -> tuple[Graph, Graph, tuple[Graph, ...]]:

@@ -88,7 +88,7 @@ def beyond(plant: System, record: Log) -> Iterator[str]:
 
 
 class BadSignal(BadArgument):
-    """A name that is no signal of the plant."""
+    """The error for a name that is no signal of the plant."""
 
 
 def record(

@@ -185,7 +185,7 @@ def together(
 
 
 class UnknownObserver(BadArgument):
-    """A name of no observer."""
+    """The error for a name that no observer has."""
 
 
 def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
@@ -362,7 +362,7 @@ ABOVE = 1.1  # gamma_0 over the largest innovation
 
 
 class CannotTune(BadArgument):
-    """Logs, or observers, that give no gains."""
+    """The error for logs, or observers, that give no gains."""
 
 
 @requires_plant

@@ -49,7 +49,7 @@ Result = TypeVar("Result")
 
 
 class NoScheduler(BadArgument):
-    """An error: a scheduler does not answer."""
+    """The error for a scheduler of a cluster that does not answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +333,7 @@ def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) 
 
 
 class BadVariation(BadArgument):
-    """A quantity that a campaign cannot vary."""
+    """The error for a quantity that a campaign cannot vary."""
 
     text = "vary {what!r}: {reason}"
 

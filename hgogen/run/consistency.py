@@ -267,7 +267,7 @@ class TooLittle(BadArgument):
 
 
 class BadInterval(BadArgument):
-    """An interval of time that is not in the log."""
+    """The error for an interval of time that is not in the log."""
 
 
 class BadWindow(BadArgument):

@@ -115,11 +115,11 @@ class Continuous:
         return self._flow_pieces(riccati_ode(part, "information"), clock, now)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Return no limits: CVODES chooses its steps."""
+        """Return no limits of the step length: CVODES chooses its steps."""
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Return no limits: CVODES chooses its steps."""
+        """Return no limits of the step length: CVODES chooses its steps."""
         return Lengths()
 
     def _flow_pieces(self, part: Ode, clock: Clock, now: Callable[[Graph, Graph], Graph]) -> Pieces:
@@ -166,13 +166,13 @@ Values = Mapping[Place, np.ndarray]
 
 
 class NoResponse(BadArgument):
-    """An observer that has no frequency response."""
+    """The error for an observer without a frequency response, mostly since its error core is not linear."""
 
     text = "the {what} observer has no frequency response: {reason}"
 
 
 class BadFrequency(BadArgument):
-    """An argument that is no frequencies."""
+    """The error for an argument `omega` that is no list of frequencies."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ Take = Callable[[Any], None]
 
 
 class BadShape(BadArgument):
-    """An input or output array of the wrong shape or kind."""
+    """The error for an input or output array of the wrong shape or kind."""
 
 
 def _position(name: str, names: tuple[str, ...]) -> int:
@@ -86,7 +86,7 @@ class Sample:
 
     @property
     def traces(self) -> dict[str, float]:
-        """The traces of the observer, by name."""
+        """The traces (further numbers of the observer, such as theta) by name."""
         values = memoryview(self._numbers).cast(self._legend.kind)[len(self.names) :].tolist()
         return dict(zip(self._legend.traces, values, strict=True))
 
