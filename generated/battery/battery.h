@@ -33,7 +33,7 @@ typedef struct {
         float R;    /**< output noise: y [y^2 s], 1e-12 .. 1 */
     } gain; /**< gains of the observer */
 } battery_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: soc, v */

@@ -35,7 +35,7 @@ typedef struct {
         float reach; /**< output error from which it grows no faster [y], 0.5 .. 500 */
     } gain; /**< gains of the observer */
 } bioreactor_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
     float w[2];           /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */

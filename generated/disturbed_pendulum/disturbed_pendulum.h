@@ -32,7 +32,7 @@ typedef struct {
         float sigma;     /**< gamma falls like -sigma gamma^2, 0 .. 0.05 */
     } gain; /**< gains of the observer */
 } disturbed_pendulum_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float w[3];              /**< estimate, in chains of integrators: x1, x2, x3 */

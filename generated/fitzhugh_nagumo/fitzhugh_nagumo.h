@@ -45,7 +45,7 @@ typedef struct {
     float sum;        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples; /**< valid samples in the sum */
 } fitzhugh_nagumo_predictor;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x1, x2, -eta */

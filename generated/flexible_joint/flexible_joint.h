@@ -37,7 +37,7 @@ typedef struct {
         float K[4]; /**< observer gain: theta K_1, theta^2 K_2, theta^3 K_3, theta^4 K_4 */
     } derived; /**< what `tune` computes of the others */
 } flexible_joint_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: q, p, r, s */

@@ -36,7 +36,7 @@ typedef struct {
         float K[3]; /**< observer gain: theta K_1, theta^2 K_2, theta^3 K_3 */
     } derived; /**< what `tune` computes of the others */
 } hindmarsh_rose_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, w, z */

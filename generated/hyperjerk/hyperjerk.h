@@ -30,7 +30,7 @@ typedef struct {
         float theta; /**< high-gain parameter, 1 .. 10 */
     } gain; /**< gains of the observer */
 } hyperjerk_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float w[4];              /**< estimate, in chains of integrators: x1, x2, x3, x4 */

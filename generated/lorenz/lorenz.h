@@ -30,7 +30,7 @@ typedef struct {
         float R;    /**< output noise: y [y^2 s], 1e-13 .. 0.1 */
     } gain; /**< gains of the observer */
 } lorenz_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, y_, z */

@@ -35,7 +35,7 @@ typedef struct {
         float R;    /**< output noise: y [y^2 s], 5e-23 .. 5e-11 */
     } gain; /**< gains of the observer */
 } magnetic_levitation_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, v, i */

@@ -38,7 +38,7 @@ typedef struct {
         float Q_inverse[2]; /**< inverse of Q, diagonal factor [z^2/s] */
     } derived; /**< what `tune` computes of the others */
 } not_iss_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x1, x2 */

@@ -37,7 +37,7 @@ typedef struct {
         float R[2]; /**< output noise: y1, y2 [y^2 s], 1e-14 .. 0.01 */
     } gain; /**< gains of the observer */
 } pmsm_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: i_d, i_q, w */

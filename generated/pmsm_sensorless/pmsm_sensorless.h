@@ -39,7 +39,7 @@ typedef struct {
         float R[2]; /**< output noise: y_a, y_b [y^2 s], 4e-14 .. 0.04 */
     } gain; /**< gains of the observer */
 } pmsm_sensorless_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[5];              /**< estimate in the form's coordinates: i_a, i_b, f_a, f_b, w */

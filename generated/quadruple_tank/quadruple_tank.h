@@ -38,7 +38,7 @@ typedef struct {
         float R[2]; /**< output noise: y1, y2 [y^2 s], 4e-10 .. 400 */
     } gain; /**< gains of the observer */
 } quadruple_tank_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
+/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: h1, h2, h3, h4 */

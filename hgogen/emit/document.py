@@ -88,7 +88,7 @@ def manual(step: Step, real: Real, check: bool) -> list[str]:
         "Missing samples and faults": [*_list(faults(step)), *_late(step, real)],
         "Changing gains": _list(gains(step, f"{step.name}_tune")),
         "Saving and restoring": _list([*state(step, "after init or reset and before the first call"), *marks(step)]),
-        "Self-check": _list([*[_CHECK.format(name=step.name)] * check, *_COMPILED]),
+        "Self-check": _list([*[_CHECK.format(name=step.name, upper=step.name.upper())] * check, *_COMPILED]),
         "Cost": _cost(step, real),
         "Source": _list(_source(step, check)),
     }
@@ -104,7 +104,10 @@ _SHARED = (
     "No heap, no recursion, no static data that changes, for tables are constant: one set of structs for each "
     "instance, shared between threads only under a lock of yours."
 )
-_CHECK = "`{name}_check.c` has recorded samples: compile it with the flags of the observer, and run it."
+_CHECK = (
+    "`{name}_check.c` has recorded samples: compile it with the flags of the observer and `-D{upper}_CHECK_MAIN`, and "
+    "run it. With `-D{upper}_EXACT` as well it compares every bit."
+)
 _COMPILED = (
     "Compile with `-std=c99 -ffp-contract=off` for the recorded bits, where FLT_EVAL_METHOD of `<float.h>` is 0: "
     "elsewhere intermediate results are rounded otherwise.",

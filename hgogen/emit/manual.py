@@ -273,8 +273,8 @@ def parts(step: Step, name: str) -> list[str]:
         ]
     return [
         f"{order} Call them one by one, and or their statuses, where a sample comes later than the input.",
-        "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. The last update "
-        "raises the bits about the estimate.",
+        "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. OUTSIDE_BOX "
+        "comes from the last part only, the others from any.",
         "An update that comes again, or before a predict, does not correct, and raises a bit.",
     ]
 
@@ -341,13 +341,14 @@ def state(step: Step, before: str) -> list[str]:
     """Return the sentences on copying, saving and writing a step's state; `before`: when the state may be written."""
     read = read_fields([step.observer.z])
     estimate = " and ".join(f"`s.{field.name}`" for field in step.layout.state if field.name in read)
+    corrects = ", and its updates correct the estimate at once" * step.code.apart
     limits = "A call that computes with a restored number beyond its range limits it, or begins the state anew."
     return [
         "The state may be copied. The same program restores what `save` gave of it; a state of another model, "
         "observer, default gain, dt or precision, or with another bit, is refused.",
         *[limits] * step.clock.guarded,
         f"To start from an estimate of yours, write {estimate}, in the coordinates that the struct names, {before}. "
-        "That call takes the estimate unchanged; what else a step remembers of it starts there too.",
+        f"That call advances no time{corrects}; what else a step remembers of it starts there too.",
     ]
 
 
@@ -378,7 +379,7 @@ def result(step: Step, bits: str) -> str:
 
 def remembered(step: Step) -> str:
     """Return the comment of the C struct of a step's state: what it remembers between calls."""
-    limits = "; a call keeps each member in its range"
+    limits = "; a call keeps what it computes in its box"
     return f"what a step remembers: yours to copy, save and restore{limits * step.clock.guarded}"
 
 
