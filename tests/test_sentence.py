@@ -19,7 +19,7 @@ from plants import MODELS, model
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.commands.claims import _short
+from hgogen.commands.claims import _value_text
 from hgogen.form import Form
 from hgogen.model import load
 from hgogen.rigor.singular import singular
@@ -117,8 +117,8 @@ def test_the_tables_shorten_whole_numbers_of_many_zeros(number: int, zeros: int,
     long = re.compile(r"(?<![\d.])(\d{1,15}?)(0{20,})(?!\d)")
     whole = sp.Integer(number) * 10**zeros
     for value in (whole, whole * x + 10**more, x / (1 + abs(whole)), x / 10**more + sp.sin(whole * u), x**whole - 1):
-        assert _short(value) == long.sub(lambda part: f"{part[1]}e{len(part[2])}", str(value))
-    assert _short(int(whole)) == _short(whole)
+        assert _value_text(value) == long.sub(lambda part: f"{part[1]}e{len(part[2])}", str(value))
+    assert _value_text(int(whole)) == _value_text(whole)
 
 
 def test_conditions_in_words() -> None:
@@ -133,8 +133,8 @@ def test_conditions_in_words() -> None:
 
 def test_the_tables_shorten_what_is_nested() -> None:
     inner = because("it is {a}", a=x / sp.Integer(10) ** 30)
-    assert inner.written(_short) == "it is x/1e30"
-    assert because("{why}, {each: and }", why=inner, each=[10**25, inner]).written(_short) == (
+    assert inner.written(_value_text) == "it is x/1e30"
+    assert because("{why}, {each: and }", why=inner, each=[10**25, inner]).written(_value_text) == (
         "it is x/1e30, 1e25 and it is x/1e30"
     )
 
