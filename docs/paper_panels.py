@@ -83,7 +83,7 @@ def share(of: Mapping[str, Smoothstep | Logistic], most: float, unit: str) -> Fi
         figure, (axis,) = panels(1, innovation, unit)
         for k, (name, law) in enumerate(of.items()):
             gains, values = zip(*((sym("gain", gain.name), ca.SX(gain.initial[0])) for gain in law.gains), strict=True)
-            graph = ca.substitute([law.of(at)], list(gains), list(values))  # the program's own
+            graph = ca.substitute([law.fraction(at)], list(gains), list(values))  # the program's own
             mu = np.array(ca.Function("mu", [at], graph)(innovation[None])).ravel()
             axis.plot(innovation, mu, color=COLOURS[k % 7], linestyle=DASHES[k % 4], label=name)
         axis.set_ylabel(r"$\mu$")

@@ -76,7 +76,7 @@ def test_what_is_no_number_is_missing_and_counted(tmp_path: Path):
     assert parsed.empty == 3
     assert parsed.not_numbers == 8
     assert parsed.example == "nan"
-    part = parsed.of(np.array([0, 1, 2, 12]))
+    part = parsed.select_rows(np.array([0, 1, 2, 12]))
     assert (part.empty, part.not_numbers) == (1, 1)
 
 

@@ -212,7 +212,7 @@ def test_what_does_not_move_limits_nothing() -> None:
 def test_the_error_of_the_pendulum_by_hand(name: str) -> None:
     """[[-K_1 l, 1], [-K_2 l^2 - a cos q, -b]] inside the box; clamped q and w leave the core."""
     observer = load(MODELS / "pendulum.py").step(name).observer
-    (part,) = (part for part in observer.parts if hasattr(part, "rest"))
+    (part,) = (part for part in observer.parts if hasattr(part, "residual"))
     errors, level = frozen(part, observer), {"switched_gain": 40, "adaptive_lmi": 60}.get(name, 20)
     q, w = errors.points[:, 0], errors.points[:, 1]
     slope = np.where(np.abs(q) < 4, -19.6 * np.cos(np.clip(q, -4, 4)), 0.0)

@@ -105,7 +105,8 @@ def test_a_language_is_pure_and_says_what_made_it(target: str, name: str) -> Non
 def test_the_self_check_is_a_file_of_its_own(target: str, real: str) -> None:
     whole, bare = files(target, "pendulum", real), files(target, "pendulum", real, check=False)
     assert set(whole) - set(bare) == {next(file for file in whole if "_check." in file)}
-    assert {file: whole[file] for file in bare} == dict(bare)
+    code = {file for file in bare if not file.endswith(".md")}  # the manual says how it is run
+    assert {file: whole[file] for file in code} == {file: bare[file] for file in code}
     assert not bare.recipe
 
 

@@ -39,7 +39,7 @@ WARNINGS = (
 
 
 class NoCompilerWarning(UserWarning):
-    """No C compiler was found: the record runs in Python, sample by sample: the same bits, some twenty times slower."""
+    """The record runs in Python, since there is no C compiler: the same bits, some twenty times slower."""
 
 
 @dataclass(eq=False)

@@ -380,6 +380,7 @@ class Assembly:
 
 
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Return the entries of all tuples as one tuple."""
     return tuple(item for items in tuples for item in items)
 
 
