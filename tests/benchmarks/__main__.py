@@ -64,7 +64,7 @@ COLUMNS = {
     "x86 -O2": ("O2", "instructions"),
     "-O3": ("O3", "instructions"),
     "ns": ("O3", "ns"),
-    "M4F": ("M4F", "quiet"),
+    "M4F": ("M4F", "nominal"),
     "worst": ("M4F", "worst"),
     "text": ("M4F", "text"),
     "stack": ("M4F", "stack"),

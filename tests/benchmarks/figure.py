@@ -9,7 +9,7 @@ PANELS = (
     ("instructions, -O2", ("O2", "instructions")),
     ("instructions, -O3 FMA", ("O3", "instructions")),
     ("time, -O3 FMA", ("O3", "ns")),
-    ("instructions, Cortex-M4F", ("M4F", "quiet")),
+    ("instructions, Cortex-M4F", ("M4F", "nominal")),
     ("text, Cortex-M4F", ("M4F", "text")),
 )
 COLOURS = {"hgogen": "#1f5fa8", "symforce": "#7aa874", "sympy": "#c9a227", "eigen": "#a65e5e"}
