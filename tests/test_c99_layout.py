@@ -186,3 +186,10 @@ def test_the_starts_of_the_manual_are_those_of_reset(folder: Path) -> None:
         for row in rows(manual(folder), "### All members of state and parameters")
     }
     assert {name: float(printed[name]) for name in assigned} == pytest.approx(assigned, rel=1e-7)
+
+
+def test_the_manual_has_the_gains_that_init_computes() -> None:
+    """Of the pendulum theta = 20 and both poles at -1: 2 theta, theta^2."""
+    (folder,) = (each for each in GENERATED if each.name == "pendulum")
+    members = {row[0]: row[2] for row in rows(manual(folder), "### All members of state and parameters")}
+    assert members["`p.derived.K`"] == "40, 400"

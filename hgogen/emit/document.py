@@ -185,7 +185,8 @@ def _signals(step: Step, real: Real) -> list[str]:
     for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
         if signals:
             lines += [f"### {title_}", "", *table(head, (_signal(struct, s) for s in signals)), ""]
-    starts = zip(step.states, _first_estimate(step, real), strict=True)
+    tuned = pystep.tuned(step, real)
+    starts = zip(step.states, _first_estimate(step, tuned), strict=True)
     estimate = ([*_signal("x", s), same(start)] for s, start in starts)
     lines += ["### Estimate", "", *table((*head[:3], "declared range", "start"), estimate), ""]
     coordinates, columns = _coordinates(step, real), ["member", "coordinate", "unit", "start"]
@@ -196,7 +197,7 @@ def _signals(step: Step, real: Real) -> list[str]:
     lines += [*_list(notes), ""] if coordinates else []
     mark, ready = step.layout.mark, f"`{step.name.upper()}_READY`"
     members = [(f"`{struct}.{mark.name}`", plain(meaning), ready) for struct, meaning in _MARKS.items()] if mark else []
-    members += [(f"`{place}`", plain(described(item)), _numbers(item.initial)) for place, item in _members(step)]
+    members += [(f"`{place}`", plain(described(item)), _numbers(item.initial)) for place, item in _members(step, tuned)]
     return [*lines, "### All members of state and parameters", "", *table(("member", "meaning", "start"), members)]
 
 
@@ -214,11 +215,11 @@ def _numbers(values: Sequence[float]) -> str:
     return ", ".join(map(same, values if len(set(values)) > 1 else values[:1]))
 
 
-def _first_estimate(step: Step, real: Real) -> list[float]:
-    """Return the estimate x (n) that a step has after its init function, before the first call."""
+def _first_estimate(step: Step, tuned: np.ndarray) -> list[float]:
+    """Return the estimate x (n) that a step has after its init function, before the first call; `tuned`: its
+    parameters then."""
     reading = Reading(step.code.estimate, step.layout.groups, step.layout.bits)
     values = {Place(struct, item.name): item.initial for struct, _, item in _state(step)}
-    tuned = pystep.tuned(step, real)
     values |= {Place(kind, f.name): tuned[kind][f.name][0] for kind, fields in parameters(step) for f in fields}
     reading.give(values)
     reading.action(step.code.estimate)()
@@ -233,14 +234,18 @@ def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
         yield from ((line[-1].name, f"{start}.{item.name}", item) for item in line[-1].fields)
 
 
-def _members(step: Step) -> Iterator[tuple[str, Field]]:
+def _members(step: Step, tuned: np.ndarray) -> Iterator[tuple[str, Field]]:
     """Yield for each member of the structs of state and parameters the C text that reaches it and its `Field`, without
-    the marks that tag initialised memory."""
+    the marks that tag initialised memory; `tuned`: the parameters that init leaves, those that it derives included."""
     for _, place, item in _state(step):
         yield place, replace(item, unit=step.unit(item))
     for kind, fields in parameters(step):
-        named = ((c_name(item.name) if kind == "plant" else item.name, item) for item in fields)
-        yield from ((f"p.{kind}.{name}", replace(item, unit=step.unit(item))) for name, item in named)
+        for item in fields:
+            name = c_name(item.name) if kind == "plant" else item.name
+            begun = item.initial
+            if kind == "derived":  # by the shortest decimals of its precision
+                begun = tuple(float(str(value)) for value in np.atleast_1d(tuned[kind][item.name][0]))
+            yield f"p.{kind}.{name}", replace(item, unit=step.unit(item), initial=begun)
 
 
 def _coordinates(step: Step, real: Real) -> list[list[str]]:
