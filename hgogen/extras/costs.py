@@ -246,8 +246,10 @@ def digest(source: str) -> str:
 
 
 def priced(costs: Mapping[str, Any] | None, source: str) -> str:
-    """Return the costs as a table, or how to measure them if they are unknown or of another source."""
-    if costs is None or costs.get("source") != digest(source):
+    """Return the costs as a table, or how to measure them if they are unknown, incomplete (as those of another version
+    may be) or of another source."""
+    needed = {"machine", "compiler", "flags", *(key for _, key in _ROWS)}
+    if costs is None or costs.get("source") != digest(source) or not needed <= costs.keys():
         return _UNKNOWN
     title = f"On a {costs['machine']}, compiled by {costs['compiler']} with `{costs['flags']}`:"
     rows = (f"| {what} | {costs[key]} |" for what, key in _ROWS)
