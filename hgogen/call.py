@@ -155,6 +155,7 @@ class CallableStep(Step):
             status=status,
             engine=engine,
             replay=Replay(self, memory, u.copy(), y.copy(), status, engine, self.real),
+            states=self.states,
         )
 
     def run_many(

@@ -16,6 +16,7 @@ from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.rigor.box import End
+from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -223,12 +224,24 @@ class Form:
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
 
 
+def _demand_turns(form: Form) -> None:
+    """Raise `NoForm` where a turn of a periodic state changes a coordinate that is not this state, or minus it: there
+    coordinates do not turn one by one."""
+    for state, period in ((each, each.period) for each in form.system.states):
+        for z, e in zip(form.states, form.to_form, strict=True):
+            turns = period is not None and e not in (state, -state)
+            if turns and not advance(e, state, exact_turn(period)).is_zero:
+                reason = f"has the periodic state {state.name}, and a turn of it changes the coordinate {z} = {e}"
+                raise NoForm(form.system.name, f"{reason}; use hg.forms.original, or sines and cosines of {state.name}")
+
+
 def valued(make: Make) -> Make:
     """Return a case of `hg.forms` that puts the checks `singular.NAME` of equations without finite values first."""
 
     @wraps(make)
     def make_valued(*args: Any, **options: Any) -> Form:
         form: Form = make(*args, **options)
+        _demand_turns(form)
         known = {check.id for check in form.checks}
         new = tuple(check for check in undefined_values(form.system) if check.id not in known)
         return replace(form, checks=(*new, *form.checks)) if new else form

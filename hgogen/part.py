@@ -5,22 +5,27 @@ A method (`method.py`) turns the parts that are differential equations into stat
 under update.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
-from hgogen.graph import Graph
+from hgogen.graph import Graph, wrapped
 from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
-def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
-    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for c = 0 or 1."""
-    if isinstance(c, ca.SX):
-        return last + c * (now - last)
-    return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
+def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | None] = ()) -> Graph:
+    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for c = 0 or 1.
+    `turns`: the period of each element that is an angle, which takes the shorter way."""
+    if not isinstance(c, ca.SX) and c in (0.0, 1.0):
+        return now if c == 1.0 else last
+    difference = now - last
+    if any(turns):
+        pairs = zip(ca.vertsplit(difference), turns, strict=True)
+        difference = ca.vertcat(*(wrapped(each, period) if period else each for each, period in pairs))
+    return last + c * difference
 
 
 Guards = Literal["all", "none"]
@@ -29,10 +34,10 @@ Prefer = Literal["speed", "flash"]
 
 @dataclass(frozen=True)
 class Clock:
-    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples, "line" or
-    "hold"; the numbers `inputs` and `outputs`; `every`: the number of steps between two samples of each output, empty
-    where it is 1 for all; the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short
-    program."""
+    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples; the numbers of
+    inputs and outputs; `every`: the number of steps between two samples of each output, empty where it is 1 for all;
+    the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short program;
+    `turns`: the period of each input that is an angle."""
 
     dt: float
     between: str
@@ -41,6 +46,7 @@ class Clock:
     every: tuple[int, ...] = ()
     guards: Guards = "all"
     prefer: Prefer = "speed"
+    turns: tuple[float | None, ...] = ()
 
     @property
     def guarded(self) -> bool:
@@ -61,8 +67,8 @@ class Clock:
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
-        """Return the input (m) at the fraction c of a step between `last` and `now`: on their line, or held."""
-        return now if self.between == "hold" else on_line(c, last, now)
+        """Return the input (m) at the fraction c of a step between two samples."""
+        return now if self.between == "hold" else on_line(c, last, now, self.turns)
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
         """Return the arguments of an equation at the fraction c of the step: input, measurement, and its validity."""

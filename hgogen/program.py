@@ -67,7 +67,7 @@ class Field:
     step clamps it; `outer`: whether that is the outer box of the estimate, outside of which the theorem is suspended;
     `lasting`: whether it survives a restart from the sample, as knowledge of the plant and not of its state; `labels`:
     the names of its elements in reports and in the emitted code; `entries`: row and column of each, for a triangle of a
-    matrix.
+    matrix; `periods`: of each angle its period, of which the box is one turn, None for other elements.
     """
 
     name: str
@@ -79,6 +79,7 @@ class Field:
     lasting: bool = False
     labels: tuple[str, ...] = ()
     entries: tuple[tuple[int, int], ...] = ()
+    periods: tuple[float | None, ...] = ()
     unit: str = ""
     meaning: str = ""
 
@@ -91,6 +92,17 @@ class Field:
     def box(self) -> tuple[tuple[float, float], ...]:
         """(low, high) of each element, infinite where no box was given."""
         return tuple(zip(self.low or (-INF,) * self.size, self.high or (INF,) * self.size, strict=True))
+
+    @property
+    def turns(self) -> tuple[float | None, ...]:
+        """The period of each element that is an angle, of which its box is one turn; None of the others."""
+        return self.periods or (None,) * self.size
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """The box without the turns of angles, which limit nothing."""
+        pairs = zip(self.box, self.turns, strict=True)
+        return tuple((-INF, INF) if period else ends for ends, period in pairs)
 
     def box_within(self, limit: float) -> tuple[tuple[float, float], ...]:
         """Return the box, cut at +-limit."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+import numpy as np
 import sympy as sp
 
 from hgogen.errors import BadArgument, HgogenError
@@ -101,6 +102,27 @@ def _rates(name: str, rates: Any) -> tuple[tuple[float, float], ...]:
     return tuple(result)
 
 
+def _turn(name: str, period: float | None, ends: Ends) -> Ends:
+    """The turn in which a periodic signal is reported, as declared or about 0; the range of one without a period."""
+    if period is None:
+        return ends
+    if not 0 < period <= LOST:
+        raise BadRange(name, f"period = {period:g} is no turn; give a positive number, such as 2*pi for radians")
+    low, high = ends
+    if low is None or high is None:
+        return -period / 2, period / 2
+    if abs(high - low - period) > 1e-9 * period:
+        way = "leave them out, or leave out period for an angle that stays in its range"
+        raise BadRange(name, f"low and high span {high - low:g}, and period = {period:g} is one turn; {way}")
+    return low, low + period
+
+
+def _short_way(difference: Any, period: float | None) -> Any:
+    if period is None:
+        return difference
+    return difference - period * np.floor(difference / period + 0.5)
+
+
 class Signal(sp.Symbol):  # type: ignore[misc]
     """A real symbol with its engineering data.
 
@@ -109,7 +131,10 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     neither, with ends within 1e30. A signal without a range is never clamped. A parameter with a range can be tuned at
     run time, one without is folded into the code. `rates`: closed ranges of an input's derivatives, the first
     derivative's first, for the forms into which they enter; of a state, the range of a valid
-    rate where the plant may have no finite one (`analysis.dynamics`).
+    rate where the plant may have no finite one (`analysis.dynamics`). `period`: one turn of an angle, such as 2*pi or
+    360: values that differ by whole turns are equal, differences are taken the shorter way, and values are reported
+    from `low` to `high`, one turn, by default from -period/2 to period/2. A latitude or an elevation ends at its poles
+    and has no period.
 
     Raises: `BadName`, `BadRange`.
 
@@ -117,7 +142,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     first, is bypassed), and signals pickle.
     """
 
-    __slots__ = ("_content", "high", "low", "meaning", "nominal", "rates", "unit")
+    __slots__ = ("_content", "high", "low", "meaning", "nominal", "period", "rates", "unit")
 
     unit: str
     meaning: str
@@ -125,6 +150,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     low: float | None
     high: float | None
     rates: tuple[tuple[float, float], ...]
+    period: float | None
     _content: tuple[Any, ...]
 
     def __new__(
@@ -136,6 +162,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         low: Any = None,
         high: Any = None,
         rates: Any = (),
+        period: Any = None,
     ) -> "Signal":
         check_name(name)
         if len(name) > LONGEST:
@@ -144,14 +171,15 @@ class Signal(sp.Symbol):  # type: ignore[misc]
             if not isinstance(text, str):
                 raise BadRange(name, f"{what} = {text!r} is not text; numbers go to nominal=, low=, high=")
         nominal = _number(name, "nominal", nominal)
-        low, high = _range(name, low, high)
+        period = _number(name, "period", period)
+        low, high = _turn(name, period, _range(name, low, high))
         if nominal is not None and low is not None and high is not None and not low <= nominal <= high:
             raise BadRange(name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen it")
         signal: Signal = sp.Symbol.__xnew__(cls, name, real=True)
         signal.unit, signal.meaning = str(unit), str(meaning)
         signal.nominal, signal.low, signal.high = nominal, low, high
-        signal.rates = _rates(name, rates)
-        data = (signal.unit, signal.meaning, signal.nominal, signal.low, signal.high, signal.rates)
+        signal.rates, signal.period = _rates(name, rates), period
+        data = (signal.unit, signal.meaning, signal.nominal, signal.low, signal.high, signal.rates, signal.period)
         signal._content = (*super()._hashable_content(signal), *map(str, data))
         return signal
 
@@ -162,7 +190,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         return self._content  # needed by SymPy for each comparison
 
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high, self.rates), {}
+        data = (self.unit, self.meaning, self.nominal, self.low, self.high, self.rates, self.period)
+        return (self.name, *data), {}
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Any, ...]:
         return Signal, self.__getnewargs_ex__()[0]
@@ -178,6 +207,22 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         if self.low is None or self.high is None:
             return -math.inf, math.inf
         return self.low, self.high
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The range that a value is kept in: the closed range, none of a periodic signal."""
+        return self.interval if self.period is None else (-math.inf, math.inf)
+
+    def difference(self, values: Any, reference: Any) -> Any:
+        """values - reference (arrays of any shape), of a periodic signal the short way round."""
+        return _short_way(np.subtract(values, reference), self.period)
+
+    def turned(self, values: Any) -> Any:
+        """The values (an array of any shape), of a periodic signal each in its turn, from low to high."""
+        if self.period is None:
+            return values
+        middle = math.fsum(self.interval) / 2
+        return middle + _short_way(np.subtract(values, middle), self.period)
 
     def derivative(self, order: int, time: str = "s") -> "Signal":
         """Return the signal's time derivative of this order, as a signal in the range of `rates`; order 0 is the
@@ -201,6 +246,15 @@ class Signal(sp.Symbol):  # type: ignore[misc]
             high=high,
             rates=self.rates[order:],
         )
+
+
+def differences(signals: Sequence[Signal], values: np.ndarray, references: np.ndarray) -> np.ndarray:
+    """values - references (N, k), of the columns of periodic signals the short way round."""
+    error: np.ndarray = np.subtract(values, references)
+    for j, signal in enumerate(signals):
+        if signal.period is not None:
+            error[:, j] = signal.difference(values[:, j], references[:, j])
+    return error
 
 
 def resting(signal: Signal) -> float:

@@ -312,7 +312,8 @@ def plan(
     if guards == "all":
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer)
+    turns = tuple(u.period for u in system.inputs)
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns)
     _pieces(observer, method, clock)  # its errors come before those of the step's length
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)
@@ -395,7 +396,7 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
     """
     programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
-    beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
+    beyond = {y: implausible(y, read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     rates = step.observer.dynamics.fallback.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)

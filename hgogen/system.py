@@ -12,6 +12,7 @@ from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
 from hgogen.rigor.box import End, box
 from hgogen.rigor.lookup import Cells, Stepped, Table
+from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, check_name, is_unit
@@ -195,6 +196,7 @@ def _validate(system: System) -> None:
     flow, output = (list(enumerate(rows, 1)) for rows in (system.flow, system.output))
     places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
     _validate_tables(system, by_name, places)
+    _validate_periods(system, places)
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(system.name, f"parameter {parameter.name!r} has no value; give it nominal=")
@@ -234,6 +236,35 @@ def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapp
             raise BadSystem(system.name, f"{place} has {node}, which jumps at its points; {fix}")
 
 
+def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
+    """Refuse a plant that is not periodic in what is declared periodic: a flow has to be the same a turn later, an
+    output the same or further by whole periods of its own."""
+    for parameter in system.parameters:
+        if parameter.period is not None:
+            raise BadSystem(
+                system.name, f"parameter {parameter.name!r} has a period, which is for signals; leave it out"
+            )
+    own = {f"output {k}": y.period for k, y in enumerate(system.outputs, 1)}
+    for signal, period in ((s, s.period) for s in (*system.states, *system.inputs)):
+        for place, row in places.items():
+            if period is None:
+                continue
+            change, own_period = advance(row, signal, exact_turn(period)), own.get(place)
+            turns = change if own_period is None else change / exact_turn(own_period)
+            if not (turns.is_zero if own_period is None else turns.is_Integer):
+                raise BadSystem(system.name, _aperiodic(place, signal, change, own_period))
+
+
+def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None) -> str:
+    """The fault of a row that is not the same after a turn of a signal, and the way out."""
+    over = f"{place} changes by {change} over one turn of {signal.name} (period {signal.period:g})"
+    if place.startswith("output") and change.is_number and period is None:
+        return f"{over}; declare the output with period = {abs(float(change)):g} or a fraction of it"
+    if place.startswith("output") and change.is_number:
+        return f"{over}, which is no multiple of the output's own, {period:g}; correct one of the two"
+    return f"{over}; write {signal.name} in sines and cosines, or leave out its period"
+
+
 def _stranger(symbol: sp.Symbol, by_name: Mapping[str, Signal], system: System) -> str:
     if symbol in system.outputs:
         return f"the output {symbol}; write it in states and inputs"
@@ -265,5 +296,5 @@ def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal
         low, high = p.interval
         if not low <= value <= high:
             raise BadValue(f"{p.name} = {value:g}", f"lies outside of its range [{low:g}, {high:g}]; widen that")
-        new[p] = Signal(p.name, p.unit, p.meaning, value, p.low, p.high, p.rates)
+        new[p] = Signal(p.name, p.unit, p.meaning, value, p.low, p.high, p.rates, p.period)
     return new

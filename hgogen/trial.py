@@ -43,7 +43,7 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import requires_plant, scalar
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times
-from hgogen.signal import Signal, derived, plural, resting
+from hgogen.signal import Signal, derived, differences, plural, resting
 from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
@@ -166,13 +166,14 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The noise-free course of a plant: t (N,), x (N, n), u (N, m), y (N, p) at the samples; at a jump the values after
-    it."""
+    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; at a jump the values after it.
+    `states`: the signals of x; the values of a periodic one are in its turn."""
 
     t: np.ndarray
     x: np.ndarray
     u: np.ndarray
     y: np.ndarray
+    states: tuple[Signal, ...] = ()
 
     @property
     def at_once(self) -> int:
@@ -209,8 +210,7 @@ class Trajectory:
     @property
     def error(self) -> np.ndarray:
         """The estimate minus the truth (N, n)."""
-        error: np.ndarray = self.x - self.truth.x
-        return error
+        return differences(self.truth.states, self.x, self.truth.x)
 
 
 def simulate(plant: System, trial: Trial, dt: float) -> Truth:
@@ -249,7 +249,9 @@ class Plant:
         """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial`."""
         x, times = self.states(start, parameters), self.times[None, :]
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
-        return Truth(self.times, x, self.u, np.array(self._measure.map(times.size)(x.T, times, values)).T)
+        y = np.array(self._measure.map(times.size)(x.T, times, values)).T
+        plant = self._plant
+        return Truth(self.times, _in_turn(x, plant.states), self.u, _in_turn(y, plant.outputs), plant.states)
 
     @cached_property
     def u(self) -> np.ndarray:
@@ -290,6 +292,13 @@ class Plant:
                 "time or leave the domain of a function: check flow, start and inputs, or shorten the trial",
             )
         return reached
+
+
+def _in_turn(values: np.ndarray, signals: Sequence[Signal]) -> np.ndarray:
+    """The columns (N, k) of signals, those of periodic ones in their turn."""
+    if not any(signal.period for signal in signals):
+        return values
+    return np.column_stack([signal.turned(column) for signal, column in zip(signals, values.T, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +343,7 @@ def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np
     rngs, y = [np.random.default_rng(seed) for seed in seeds], np.repeat(truth.y[None], len(seeds), axis=0)
     for j, output in enumerate(plant.outputs):
         if output.name in trial.noise:
-            y[:, :, j] += trial.noise[output.name].at(truth.t, rngs).T
+            y[:, :, j] = output.turned(y[:, :, j] + trial.noise[output.name].at(truth.t, rngs).T)
     return y
 
 

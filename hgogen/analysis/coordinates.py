@@ -133,7 +133,7 @@ def _signal(name: str, x: Signal, sign: int) -> Signal:
     low, high = (x.low, x.high) if sign > 0 else (x.high, x.low)
     nominal, low, high = (None if value is None else sign * value + 0.0 for value in (x.nominal, low, high))
     meaning = x.meaning if sign > 0 else f"minus {x.meaning or x.name}"
-    return Signal(name, x.unit, meaning, nominal, low, high)
+    return Signal(name, x.unit, meaning, nominal, low, high, period=x.period)
 
 
 # ---------------------------------------------------------------- triangle

@@ -35,10 +35,10 @@ from hgogen.analysis.maps import Sided, sided
 from hgogen.analysis.undefined import MAKER, gaps
 from hgogen.check import ClaimId
 from hgogen.form import Form
-from hgogen.graph import Graph, binary, leaves, to_casadi
+from hgogen.graph import Graph, binary, leaves, to_casadi, turned, wrapped
 from hgogen.program import INF, column, sym
 from hgogen.rigor.bounds import contains_zero, enclose
-from hgogen.rigor.box import box
+from hgogen.rigor.box import EVERYTHING, box
 from hgogen.rigor.lookup import hessian, jacobian
 from hgogen.rigor.singular import computed, resolved
 from hgogen.signal import Signal, resting
@@ -154,6 +154,16 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
     return value if high == INF else binary(ca.OP_FMIN, value, high)
 
 
+def into(value: Graph, ends: Range, period: float | None) -> Graph:
+    """SX of a value in its range: clamped to it, or an angle in its turn."""
+    return clamp(value, *ends) if period is None else turned(value, ends[0], period)
+
+
+def near(signal: Signal, value: Graph, other: Graph) -> Graph:
+    """SX of the value, of an angle the one of its turns that is nearest to another value."""
+    return value if signal.period is None else other + wrapped(value - other, signal.period)
+
+
 def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
     """Return an SX: whether every element of the column `value` is a number in its range (low, high) of `ends`."""
     tests = (
@@ -215,8 +225,8 @@ class Dynamics:
 
     @cached_property
     def box(self) -> tuple[tuple[float, float], ...]:
-        """The declared range of each state."""
-        return tuple(z.interval for z in self.form.states)
+        """The declared range of each state, none of one that is periodic."""
+        return tuple(z.limits for z in self.form.states)
 
     def saturated(self, z: Graph) -> Graph:
         """Return the state z clamped to the box."""
@@ -298,6 +308,15 @@ class Dynamics:
             return values
         whole = self._saturating(self.form.output, self.saturated(z), u)
         return column(self.fallback.output(j, values[j], whole[j]) for j in range(self.outputs))
+
+    def error(self, y: Graph, predicted: Graph) -> Graph:
+        """y - predicted (p), of a periodic output the short way round."""
+        return column(self.output_error(j, y[j], predicted[j]) for j in range(self.outputs))
+
+    def output_error(self, j: int, y: Graph, predicted: Graph) -> Graph:
+        """y - predicted of output j, the short way round where it is periodic; SX scalar."""
+        period = self.form.system.outputs[j].period
+        return y - predicted if period is None else wrapped(y - predicted, period)
 
     @staticmethod
     def _zero_invalid(slopes: Graph, valid: Mapping[int, Graph]) -> Graph:
@@ -381,13 +400,13 @@ class Dynamics:
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
         """Return SX for each recovered state x_i = Psi_i(z, u): is it out of its range by `margin` of its width?"""
         raw = self._unranged(z, u)
-        return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._recovered_states]
+        return [leaves(raw[i], *widened(*s.limits, margin)) for i, s in self._recovered_states]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
         """Return, for each bounded state recovered as x_i = Psi_i(z, u): its value before the clamp, its gradient (1,
         n) by z at sat(z), and its range."""
         raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
-        return [(raw[i], slopes[i, :], s.interval) for i, s in self._recovered_states]
+        return [(raw[i], slopes[i, :], s.limits) for i, s in self._recovered_states]
 
     @property
     def _recovered_states(self) -> list[tuple[int, Signal]]:
@@ -416,7 +435,7 @@ class Dynamics:
         tests = {i: ca.fabs(raw[i]) <= HUGE for i, finite in enumerate(self._inverse.finite) if not finite}
         values = (ca.if_else(tests[i], raw[i], resting(s)) if i in tests else raw[i] for i, s in enumerate(states))
         usable = reduce(ca.logic_and, tests.values()) if tests else ca.SX(1)
-        return self._clamped(column(values), [s.interval for s in states]), usable
+        return self._clamped(column(values), [s.limits for s in states]), usable
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """Return the product (dPhi/dx)^-1 vector (n), Phi the form's map to chain coordinates, or 0 where |det dPhi/dx|
@@ -487,6 +506,7 @@ class Dynamics:
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
         if self.form.clamped and boxed:
             around = system.box_with(states or self.form.states)
+            around |= {s: EVERYTHING for s in around if getattr(s, "period", None) is not None}
             rows = (computed(resolved(e), around) for e in rows)
         constants = tuple(system.constants.items())
         return to_casadi([_with_values(e, constants) for e in rows], symbols)

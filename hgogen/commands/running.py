@@ -102,7 +102,7 @@ class RecordRun(ModelReport):
     @property
     def hidden(self) -> dict[str, float | None]:
         """RMS error of the estimate by state, where --truth gives it."""
-        errors = {state: (self.run[state] - true)[self.counted :] for state, true in self.truth.items()}
+        errors = {state: self.run.off(state, true)[self.counted :] for state, true in self.truth.items()}
         measured = {state: each[np.isfinite(each)] for state, each in errors.items()}
         return {state: rms(each) if len(each) else None for state, each in measured.items()}
 

@@ -317,7 +317,8 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 
     def rate(values: Any, c: float) -> dict[str, Graph]:
-        return {"z": dynamics.flow(values["z"], then if between == "hold" else on_line(c, now, then))}
+        u = then if between == "hold" else on_line(c, now, then, [s.period for s in form.system.inputs])
+        return {"z": dynamics.flow(values["z"], u)}
 
     after = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))

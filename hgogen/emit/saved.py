@@ -95,6 +95,7 @@ def _plant(system: System) -> Iterator[str]:
     """Yield the texts of a plant that its digest covers: parameters, ranges, equations and tables."""
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
+    yield from (f"{signal.name} turns by {signal.period}" for signal in system.signals if signal.period is not None)
     yield from (f"' {row}" for row in system.flow)
     yield from (f"= {row}" for row in system.output)
     yield from (f"{table.name} {table.points}" for table in system.tables)

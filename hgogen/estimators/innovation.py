@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE, Dynamics, clamp, inside
+from hgogen.analysis.dynamics import HUGE, Dynamics, inside, into
 from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance, routine
@@ -134,8 +134,8 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
     """Return `value` (n) clamped to the field's box, with the initial value for an element that is no number or absurd.
     Elements `still`, by index, are constant in the model and not clamped."""
     elements = []
-    for i, end in enumerate(field.box_within(HUGE)):
-        inside = clamp(value[i], *end)
+    for i, (end, period) in enumerate(zip(field.box_within(HUGE), field.turns, strict=True)):
+        inside = into(value[i], end, period)
         kept_in = ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i])
         elements.append(value[i] if i in still else kept_in)
     return ca.vertcat(*elements)
@@ -280,7 +280,7 @@ class _Ring:
         z = sym("work", "zw", self.n)
         after = self.predictor.stepped(z, lambda c: clock.between_samples(c, before, u), clock.dt)
         after = clamped(self.predictor.z, after) if clock.guarded else after
-        error = y - self.predictor.dynamics.output(after, u)
+        error = self.predictor.dynamics.error(y, self.predictor.dynamics.output(after, u))
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         squares = summed(self.weights, rates * (error * error))
         return {_RUN_Z: after, _RUN_SUM: ca.fmin(sym("work", "sum") + clock.dt * squares, MOST), **self._input()}
@@ -391,7 +391,8 @@ class _Copies:
         """Return the statements that add dt (y - yhat)^2 of the output with index `output` to the sum of every copy."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
-        error = sym("work", "reading") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
+        predicted = self.predictor.dynamics.output(z, self.clock.u_now)[output]
+        error = self.predictor.dynamics.output_error(output, sym("work", "reading"), predicted)
         squared = ca.fmin(total[output] + self.clock.period(output) * error * error, MOST)
         more = ca.if_else(valid[output] < self.most, valid[output] + 1, self.most)
         add = Block("its squared output error", {_SUM: _with(total, output, squared)})

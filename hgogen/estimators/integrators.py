@@ -32,7 +32,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
-from hgogen.program import Bit, Block, Field, Place, sym
+from hgogen.program import INF, Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.box import exact
 from hgogen.rigor.definite import demand_hurwitz
@@ -105,8 +105,8 @@ class Integrators:
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
     def saturated(self, w: Graph, i: int) -> Graph:
-        """Return `w`, an SX scalar, clamped to the declared range of w_i; unchanged where there is none."""
-        if not self.form.states[i].bounded:
+        """An SX scalar clamped to the declared range of w_i; unchanged where there is none."""
+        if self.form.states[i].limits[0] == -INF:
             return w
         low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
         return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
@@ -124,6 +124,9 @@ class Integrators:
             low=tuple(map(float, ends.min(axis=0))),
             high=tuple(map(float, ends.max(axis=0))),
             labels=tuple(names),
+            periods=tuple(period and abs(s) * period for s, period in zip(scale, z.turns, strict=True))
+            if z.periods
+            else (),
             meaning="estimate, in chains of integrators",
         )
 
@@ -184,6 +187,7 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
         low=cut(field.low),
         high=cut(field.high),
         labels=cut(field.labels),
+        periods=cut(field.periods) if field.periods else (),
     )
 
 
@@ -312,8 +316,8 @@ def unmodelled(form: Form) -> Jump:
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
-    """Return y - o(u) - w_1 at the last valid sample, w predicted to its time; SX scalar."""
-    return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]
+    """Return y - o(u) - w_1 at the last valid sample, with the estimate predicted to its time; SX scalar."""
+    return chain.dynamics.error(sym("state", "y"), chain.offset(clock.u_now) + sym("state", w.name, chain.n)[0])
 
 
 Remainder = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]

@@ -290,7 +290,8 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
         z, X = values[part.z.name], unpack(values[name], part.dynamics.n)
         F, C, theta = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u), part.theta.value
         weights = (part.scaling.weight(part.R[j], theta, j) for j in range(part.dynamics.outputs))
-        weight, error = ca.diag(valid * ca.vertcat(*weights)), y - part.dynamics.output(z, u)
+        weight = ca.diag(valid * ca.vertcat(*weights))
+        error = part.dynamics.error(y, part.dynamics.output(z, u))
         if view == "information":
             correction = solve(X, C.T @ weight @ error)
             slope = C.T @ weight @ C - F.T @ X - X @ F - X @ part.noise() @ X

@@ -45,19 +45,28 @@ FUSION 2015.
 """
 
 from dataclasses import dataclass
+from functools import reduce
+from itertools import product
 from math import sqrt
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.analysis.dynamics import HUGE, near
 from hgogen.estimators.factored import Unrolled, Writes, largest
 from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, unpack_lower
 from hgogen.graph import Graph
 from hgogen.part import Pieces
-from hgogen.program import Block, Field, Place, Program, sym
+from hgogen.program import Bit, Block, Field, Place, Program, sym
 from hgogen.reading.given import BadGain
 
 RULE = "continuous-discrete, S S'"
+POINTS_LIMITED = Bit(
+    "POINTS_LIMITED",
+    "the angle is so uncertain that sigma points would lie half a turn or more off: they were drawn nearer",
+    "none while the estimate settles; if it stays, lower alpha or the covariance of the angle",
+)
 LARGEST = 7  # states; more would need too much flash as straight-line code
 
 
@@ -191,23 +200,56 @@ class Unscented(SquareRoot):
     more: float
     rule = RULE
 
+    @property
+    def angles(self) -> list[tuple[int, float]]:
+        """The periodic coordinates of the estimate, with half their periods."""
+        return [(k, period / 2) for k, period in enumerate(self.part.z.turns) if period is not None]
+
+    @property
+    def reaches(self) -> list[Graph]:
+        """g of each pair of points, less where a point would lie half a turn or more off the estimate."""
+        reaches: list[Graph] = [self.reach] * self.part.dynamics.n
+        for (k, half), i in product(self.angles, range(self.part.dynamics.n)):
+            if not self.root[k, i].is_zero():
+                reaches[i] = ca.fmin(reaches[i], half / ca.fmax(ca.fabs(self.root[k, i]), half / HUGE))
+        return reaches
+
     def points(self) -> tuple[list[Graph], list[Graph]]:
-        """Return the sigma points z + g s_i and z - g s_i, i = 1..n, s_i the columns of S."""
-        steps = [self.reach * self.root[:, i] for i in range(self.part.dynamics.n)]
+        """z + g s_i and z - g s_i."""
+        steps = [reach * self.root[:, i] for i, reach in enumerate(self.reaches)]
         return [self.z + step for step in steps], [self.z - step for step in steps]
+
+    def common(self) -> dict[str, Any]:
+        """The status bits of factored covariances, and that of points nearer than g for an estimate with angles."""
+        known = super().common()
+        return known | {"bits": (*known["bits"], POINTS_LIMITED)} if self.angles else known
+
+    @property
+    def limited(self) -> Program:
+        """The block that raises the bit of points nearer than g; none for an estimate without angles."""
+        nearer = [reach < self.reach for reach in self.reaches if isinstance(reach, ca.SX)]
+        raised = {Place("status", "POINTS_LIMITED"): reduce(ca.logic_or, nearer)} if nearer else {}
+        return (Block("are sigma points half a turn off?", raised),) if nearer else ()
 
     def transformed(self, middle: Graph, above: list[Graph], below: list[Graph]) -> Transformed:
         """Return the sums of a map m, from m(z) = `middle`, m(z + g s_i) = `above` and m(z - g s_i) = `below`."""
         pairs = list(zip(above, below, strict=True))
-        half = 1 / (2 * self.reach)
-        slopes = ca.horzcat(*(half * (up - down) for up, down in pairs))
-        curvatures = ca.horzcat(*(half * (up - middle + (down - middle)) for up, down in pairs))
+        halves = [1 / (2 * reach) for reach in self.reaches]
+        slopes = ca.horzcat(*(half * (up - down) for half, (up, down) in zip(halves, pairs, strict=True)))
+        sums = (half * (up - middle + (down - middle)) for half, (up, down) in zip(halves, pairs, strict=True))
+        curvatures = ca.horzcat(*sums)
         drift = ca.sum2(curvatures) * (1 / self.reach)
+        if self.angles:
+            drift = sum(curvatures[:, i] / reach for i, reach in enumerate(self.reaches))
         if self.more < 0:
             n = len(pairs)
             share = (1 - sqrt(max(0.0, 1 + n * self.more / self.reach**2))) / n
             curvatures = ca.horzcat(*(curvatures[:, i] - share * self.reach * drift for i in range(n)))
         return Transformed(middle, slopes, curvatures, drift)
+
+    def near(self, middle: Graph, point: Graph, output: int) -> Graph:
+        """An output at a point, of a periodic one the value that is nearest to its `middle`."""
+        return near(self.part.dynamics.form.system.outputs[output], self.output(point, output), middle)
 
     def prediction(self) -> Program:
         """Return the statements that advance each sigma point by a model step, then compute z and S from all points."""
@@ -225,7 +267,11 @@ class Unscented(SquareRoot):
             stages = self.stages(point)
             result = {Place("work", name): stages.result["z"]}
             blocks.append(Block(f"{title} by classical Runge-Kutta", result, stages.names))
-        return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
+        return (
+            *self.limited,
+            *blocks,
+            Block("the mean of the points, and P = S S' of their covariance + h Q", after, names),
+        )
 
     def correction(self, output: int) -> Program:
         """Return the update by a sample of an output; a nonlinear output is evaluated at the sigma points."""
@@ -233,8 +279,9 @@ class Unscented(SquareRoot):
         if self.linear(output):
             f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"
         else:
-            above, below = ([self.output(z, output) for z in side] for side in self.points())
-            sums = self.transformed(self.output(self.z, output), above, below)
+            middle = self.output(self.z, output)
+            above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
+            sums = self.transformed(middle, above, below)
             f, drift, title = sums.slopes.T, sums.drift, "correct by what the sigma points read"
             r = r + ca.sumsqr(sums.curvatures) + max(0.0, self.more) * drift**2
         S, gain = carlson(self.root, f, r)
@@ -254,8 +301,9 @@ class Iterated(SquareRoot):
         return self.root.T @ slope[output, :].T
 
     def error(self, w: Graph, output: int) -> Graph:
-        """Return y - h(z + S w) of an output, SX scalar."""
-        return sym("work", "e") + self.output(self.z, output) - self.output(self.z + self.root @ w, output)
+        """Return y - h(z + S w), with y - h(z) the innovation."""
+        measured = sym("work", "e") + self.output(self.z, output)
+        return self.part.dynamics.output_error(output, measured, self.output(self.z + self.root @ w, output))
 
     def cost(self, w: Graph, output: int) -> Graph:
         """Return the cost J(w) = |w|^2 + (y - h(z + S w))^2/r of a sample of an output of variance r, SX scalar."""

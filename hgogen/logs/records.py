@@ -167,8 +167,8 @@ class Hidden:
         return [(table - means) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the estimation errors (N, number of states) of hidden states in a run along log number `k`."""
-        return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
+        """Return the errors of the estimate along log number k."""
+        return np.column_stack([run.off(state, true) for state, true in self.truth[k].items()])
 
 
 @dataclass(frozen=True)

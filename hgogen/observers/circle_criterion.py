@@ -128,7 +128,7 @@ def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
-        e = mean(form, weights, y - dynamics.output(z, u), valid)
+        e = mean(form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
         return {"z": dynamics.nonlinear(z + N.onto(e, dynamics.n), u)}
 
     part = injected_chains(dynamics, K, weights, remainder)

@@ -173,7 +173,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
-        e = mean(dynamics.form, weights, y - dynamics.output(z, u), valid)
+        e = mean(dynamics.form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
         return {"z": dynamics.flow(z, u) + chosen.K.onto(e, dynamics.n)}
 
     return Ode((), remainder, core=theta * chosen.vertices)
@@ -185,7 +185,9 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         push = dynamics.pulled(sym("derived", "K", n), values["z"], u, least)
-        return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
+        return {
+            "z": dynamics.flow(values["z"], u) + push * (valid * dynamics.error(y, dynamics.output(values["z"], u)))
+        }
 
     return Ode((), remainder, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
 

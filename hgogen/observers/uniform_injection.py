@@ -95,7 +95,9 @@ def uniform_injection(
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         push = inverse.pulled(sym("derived", "K", form.n), values["z"], u, None)
-        return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
+        return {
+            "z": dynamics.flow(values["z"], u) + push * (valid * dynamics.error(y, dynamics.output(values["z"], u)))
+        }
 
     part = Ode(
         (z,),

@@ -65,11 +65,12 @@ from hgogen.system import System
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
 NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
+_TURN = {"period": EXPRESSION}  # "2*pi" or 360
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
-    "states": ({**_SIGNAL, "rates": RANGES, "flow": EXPRESSION}, "flow"),
-    "inputs": ({**_SIGNAL, "rates": RANGES}, None),
+    "states": ({**_SIGNAL, **_TURN, "rates": RANGES, "flow": EXPRESSION}, "flow"),
+    "inputs": ({**_SIGNAL, **_TURN, "rates": RANGES}, None),
     "parameters": (_SIGNAL, "value"),
-    "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),
+    "outputs": ({**_SIGNAL, **_TURN, "equation": EXPRESSION}, "equation"),
 }
 _DISTURBANCE = {**_SIGNAL, "rates": RANGES, "on": TEXT, "order": NUMBER}
 _POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
@@ -229,6 +230,8 @@ def _signal(file: str, kind: str, name: str, entry: Any, keys: Mapping[str, str]
     where = f"{kind}.{name}"
     demand_keys(file, where, entry, keys, needed)
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
+    if "period" in entry:
+        declared["period"] = named(file, f"{where}.period", read_expression, str(entry["period"]), {}).reading
     return named(file, where, Signal, name, nominal=entry.get("value"), **declared)
 
 
@@ -271,7 +274,7 @@ def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> 
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
             entries = {"unit": signal.unit or None, "meaning": signal.meaning or None, "value": signal.nominal}
             entries |= {"low": signal.low, "high": signal.high, "rates": [list(pair) for pair in signal.rates] or None}
-            entries |= {key: text} if key else {}
+            entries |= {"period": signal.period} | ({key: text} if key else {})
             lines += ["", f"[{kind}.{signal.name}]"]
             lines += [f"{name} = {inline(value)}" for name, value in entries.items() if value is not None]
     return "\n".join(lines) + "\n"

@@ -229,7 +229,7 @@ def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None
     if P is None or not names:
         return None
     index = [run.names.index(name) for name in names]
-    errors = np.column_stack([run[name] - np.asarray(truth[name], dtype=float) for name in names])
+    errors = np.column_stack([run.off(name, truth[name]) for name in names])
     P = P[:, index][:, :, index]
     sigma = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     there = np.isfinite(errors).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (sigma > 0).all(axis=1)

@@ -37,7 +37,7 @@ from hgogen.errors import HgogenError
 from hgogen.reading.measured import shifted
 from hgogen.run.samples import Engine, Run, last_values
 from hgogen.run.uncertainty import raised
-from hgogen.signal import Signal, derived, resting
+from hgogen.signal import Signal, derived, differences, resting
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
 
@@ -108,13 +108,13 @@ def forecasts(
         if h in wanted:
             from_here = starts[starts + h < count]
             predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs, holding)[: len(from_here)]
-            yield _compared(h, from_here + h, predicted, y, last[from_here], holding)
+            yield _compared(step.outputs, h, from_here + h, predicted, y, last[from_here], holding)
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.entry, run.x[:1], u[:1])
         alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
-    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
+    yield _compared(step.outputs, None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
 
 
 def _starts(count: int) -> np.ndarray:
@@ -126,6 +126,7 @@ def _starts(count: int) -> np.ndarray:
 
 
 def _compared(
+    outputs: tuple[Signal, ...],
     ahead: int | None,
     places: np.ndarray,
     predicted: np.ndarray,
@@ -138,7 +139,7 @@ def _compared(
 
     def at_its_sample(values: np.ndarray) -> np.ndarray:
         errors = np.full(y.shape, np.nan)
-        errors[places] = values - y[places]
+        errors[places] = differences(outputs, values, y[places])
         return errors
 
     there = np.zeros(y.shape, bool)
@@ -161,15 +162,14 @@ def rms(error: np.ndarray) -> float:
 
 
 def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """Return the inputs u (N, m) as a step uses them: missing values repeat the last one; all are clamped to their
-    ranges."""
-    holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
+    """The inputs as the step uses them: a missing one repeats the last, and each is clamped to its range."""
+    holding, (low, high) = last_values(u), np.array([s.limits for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
-    """Return predictions y (N, p) clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
-    low, high = np.array([s.interval for s in outputs]).T
+    """Predictions clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
+    low, high = np.array([s.limits for s in outputs]).T
     return np.asarray(np.clip(np.where(np.isinf(y) & holding, np.nan, y), low, high))
 
 
@@ -353,7 +353,7 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     u, y = u[:LONGEST], y[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
-    scale, copying = _scale(y), math.sqrt(y.shape[1])
+    scale, copying = _scale(step.outputs, y), math.sqrt(y.shape[1])
     present = _squares(step, u, y, first, scale, engine)
     if not np.isfinite(present).any():
         return None
@@ -396,9 +396,9 @@ def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Arra
     return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
 
 
-def _scale(y: Array) -> Array:
-    """Return the RMS error (p) of predicting each output by its last value; 1 for a constant output."""
-    errors = (last_values(y)[:-AHEAD] - y[AHEAD:]).T
+def _scale(outputs: Sequence[Signal], y: Array) -> Array:
+    """The RMS error of copying each output (p); 1 for a constant output."""
+    errors = differences(outputs, last_values(y)[:-AHEAD], y[AHEAD:]).T
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 

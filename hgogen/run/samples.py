@@ -133,6 +133,7 @@ class Run:
     engine: Annotated[Engine | Literal["cvodes"], "who ran the step: c, python or cvodes"]
     replay: Replayed | None = field(default=None, repr=False, compare=False)
     first: int = 0
+    states: tuple[Signal, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -172,6 +173,12 @@ class Run:
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.asarray(self.x[:, _position(name, self.names)])
+
+    def off(self, name: str, reference: Any) -> np.ndarray:
+        """How far the estimate (N) of a state is off a reference (N), of a periodic one the short way round."""
+        signal = next((each for each in self.states if each.name == name), None)
+        reference = np.asarray(reference, dtype=float)
+        return np.asarray(self[name] - reference if signal is None else signal.difference(self[name], reference))
 
     def since(self, first: int) -> "Run":
         """Return the run from sample number `first` on."""

@@ -28,7 +28,7 @@ from hgogen.graph import Graph, sx
 from hgogen.program import Field, Group, Place, address, sym
 from hgogen.run.backends import StepMemory
 from hgogen.run.samples import Engine, remembered
-from hgogen.signal import Signal
+from hgogen.signal import Signal, differences
 from hgogen.step import Step
 from hgogen.stepping.parallel import Parallel
 
@@ -269,14 +269,18 @@ class Replay:
             records[k] = memory.record[0]
         return records[:-1], records[1:]
 
+    def _errors(self, y: Array, predicted: Array) -> Array:
+        """y - predicted (N, p), of a periodic output the short way round."""
+        return differences(self.step.outputs, y, predicted)
+
     @cached_property
     def _uncertainty(self) -> Uncertainty | None:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        """Return the innovations of a step that corrects at samples, from records of the memory `before` the correction
-        by each output and `after` each sample."""
-        e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
+        """The innovations of a step that corrects at samples, from the memory `before` each output and `after` all."""
+        predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(before)])
+        e = self._errors(y, predicted)
         if self._uncertainty is None:
             return Innovations(e, None, None)
         s = np.zeros_like(e)
@@ -299,7 +303,7 @@ class Replay:
         first = (values_at(self.step, before, Place("state", "calls"))[:, 0] == 0)[:, None]
         z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
         signals |= {PREDICTED: z}
-        e, C = y - read(after, signals)[:, :, 0], slopes(after, signals)
+        e, C = self._errors(y[:, : len(self.outputs)], read(after, signals)[:, :, 0]), slopes(after, signals)
         if self._uncertainty is None:
             return Innovations(e, None, None)
         P = self._uncertainty.covariance(before)
@@ -307,7 +311,7 @@ class Replay:
         r, s, shift = self._uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
         for j in range(e.shape[1]):
             c = C[:, j, :]
-            e[:, j] -= np.einsum("ki,ki->k", c, shift)
+            e[:, j] = self.step.outputs[j].difference(e[:, j], np.einsum("ki,ki->k", c, shift))
             s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + r[:, j]
             gain = np.where(np.isfinite(e[:, j : j + 1]), np.einsum("kij,kj->ki", P, c) / s[:, j : j + 1], 0.0)
             shift += gain * np.where(np.isfinite(e[:, j : j + 1]), e[:, j : j + 1], 0.0)

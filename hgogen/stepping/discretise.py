@@ -197,7 +197,7 @@ class Curved(Around):
         def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
             slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
             z, dynamics = values[self.plain.z.name], self.plain.dynamics
-            pull = valid * (y - dynamics.output(z, u)) / self.plain.R
+            pull = valid * dynamics.error(y, dynamics.output(z, u)) / self.plain.R
             curvatures = dynamics.output_curvature(z, u)
             D = sum((pull[j] * curvature for j, curvature in enumerate(curvatures)), ca.SX(n, n))
             PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))

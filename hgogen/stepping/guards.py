@@ -20,7 +20,7 @@ from itertools import compress
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import HUGE, clamp, inside, last_value, widened
+from hgogen.analysis.dynamics import HUGE, inside, into, last_value, near, widened
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, leaves
@@ -46,6 +46,7 @@ from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
 from hgogen.signal import LOST, Signal
 
+TURNS = 2**10  # up to so many turns off, an angle is brought back to its own
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
@@ -176,30 +177,33 @@ def guard_inputs(observer: Observer) -> Block:
     values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
-        raw, (low, high) = sym("input", signal.name), signal.interval
-        usable = _within(raw, HUGE)
+        raw, (low, high) = sym("input", signal.name), signal.limits
+        usable = _within(raw, HUGE if signal.period is None else TURNS * signal.period)
         accepted = ca.if_else(usable, raw, last[i])
-        values.append(clamp(accepted, low, high))
+        values.append(into(accepted, signal.interval, signal.period))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
-        if signal.bounded:
+        if low > -INF:
             writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 
-def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
-    """Return whether a sample `raw` is in the sensor's range `reading`, widened by its width at both ends; SX."""
-    low, high = reading
-    width = high - low
-    in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
+def plausible(signal: Signal, reading: tuple[float, float], raw: Graph) -> Graph:
+    """Return whether a sample is a number in the plausible range of its sensor."""
+    low, high = _plausible_range(signal, reading)
+    in_range = ca.logic_and(raw >= low, raw <= high) if high - low < INF else _within(raw, HUGE)
     return ca.logic_and(_within(raw, LARGEST_NUMBER), in_range)
 
 
-def implausible(reading: tuple[float, float]) -> str:
-    """Return the text "outside a .. b, .." of implausible samples, for the sensor's range `reading`."""
-    low, high = reading
-    width = high - low
-    place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
+def _plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
+    """Return the range of a sensor, widened by its width at both ends; that of an angle by `TURNS` turns."""
+    return widened(*reading, 1 if signal.period is None else TURNS)
+
+
+def implausible(signal: Signal, reading: tuple[float, float]) -> str:
+    """Return the text of which samples are implausible."""
+    low, high = _plausible_range(signal, reading)
+    place = f"outside {low:g} .. {high:g}" if high - low < INF else f"beyond {HUGE:g}"
     return f"{place}, or {10 * HUGE:g} off its estimate"
 
 
@@ -207,7 +211,7 @@ def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Gra
     """Return whether a sample `raw` is usable, and its status bits: a usable sample is a number, in the sensor's range
     `reading` widened, and its `error` y - yhat is not absurdly large."""
     number = _within(raw, LARGEST_NUMBER)
-    valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
+    valid = ca.logic_and(plausible(signal, reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
     return valid, {
         Place("status", f"MISSING_{signal.name}"): ca.logic_not(number),
@@ -283,7 +287,7 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
     accepted, undefined_bits = sample(observer, clock.u_now, j)
     measurement = Block(f"the measurement of {signal}", {Place("work", "reading"): accepted})
     raw = sym("work", "reading")
-    error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
+    error = observer.dynamics.output_error(j, raw, observer.dynamics.output(observer.z, clock.u_now)[j])
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
     status |= undefined_bits
     values = {Place("work", "e"): error, Place("work", "output_error"): error, Place("work", "valid"): valid}
@@ -298,10 +302,12 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw, undefined_bits = sample(observer, sym("state", "u", clock.inputs), j)
-        usable, bits = _judged(signal, readings(observer.form)[j], raw, raw - predicted[j])
+        error = observer.dynamics.output_error(j, raw, predicted[j])
+        usable, bits = _judged(signal, readings(observer.form)[j], raw, error)
         bits |= undefined_bits
-        now.append(ca.if_else(usable, raw, predicted[j]))
-        before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last[j], now[-1]))
+        now.append(ca.if_else(usable, near(signal, raw, predicted[j]), predicted[j]))
+        last_near = near(signal, last[j], now[-1])
+        before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last_near, now[-1]))
         valid.append(usable)
         status.update(bits)
     return Block(
@@ -380,12 +386,13 @@ def _written(program: Program) -> dict[Place, set[int]]:
 
 def _in_its_box(field: Field, each: bool) -> Block:
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
-    values = [clamp(value[i], *end) for i, end in enumerate(ends)]
+    values = [into(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
     if each:
         values = [ca.if_else(_within(value[i], LOST), v, field.initial[i]) for i, v in enumerate(values)]
     writes = {Place("state", field.name): column(values)}
     if field.outer:
-        writes[Place("status", "STATE_LIMITED")] = any_of(leaves(value[i], *end) for i, end in enumerate(ends))
+        limited = (i for i, period in enumerate(field.turns) if period is None)
+        writes[Place("status", "STATE_LIMITED")] = any_of(leaves(value[i], *ends[i]) for i in limited)
     return Block(f"keep {field.name} in its box", writes)
 
 

@@ -134,9 +134,14 @@ def _keep(count: int, every: Pieces, substitution: Substitution, programs: Itera
     return Section("keep_members", "keep each member in its box, or make it anew", (loop,))
 
 
+def _innovation(part: Parallel, clock: Clock, j: int) -> Graph:
+    dynamics = part.member.dynamics
+    return dynamics.output_error(j, sym("work", "reading"), dynamics.output(part.member.z, clock.u_now)[j])
+
+
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-    """Return the program `correct` of a copy by output j, skipped for an absurd error, and then its `score`."""
-    error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+    """Return a member's correction by output j, skipped for an absurd error, and then its score."""
+    error = _innovation(part, clock, j)
     if not correct:
         return score
     writes = {Place("work", "e"): error, Place("work", "near"): ca.fabs(error) <= 10 * HUGE}
@@ -179,7 +184,7 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
     worst = LOST  # the score of a member that restarts because it is lost
 
     def add(j: int) -> Program:
-        error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+        error = _innovation(part, clock, j)
         total = sym("state", "score") + ca.fmin(ca.fabs(error), HUGE) ** 2
         return (Block("its squared output error", {Place("state", "score"): ca.fmin(total, worst)}),)
 

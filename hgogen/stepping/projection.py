@@ -44,7 +44,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import clamp
+from hgogen.analysis.dynamics import clamp, into
 from hgogen.estimators.core import nominal, numbers
 from hgogen.graph import Graph
 from hgogen.observer import Observer
@@ -69,6 +69,7 @@ def nearest(
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
     h = observer.dynamics.output(observer.z, u)
     limits, V = _range_ends(observer, fields, x), weights(fields)
+    turns = [period for field in fields for period in field.turns]
     g = observer.dynamics.output_jacobian(observer.z, u) @ ca.jacobian(observer.z, x)
     slopes = {j: g[j, :].T for j in samples}
     spans = [high - low for low, high in readings(observer.form)]
@@ -79,18 +80,20 @@ def nearest(
         for j, (y, plausible) in samples.items():
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
-            projected = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(clamped_or(projected[i], end, x[i]) for i, end in enumerate(limits))
+            error = observer.dynamics.output_error(j, y, h[j])
+            projected = x + V * slopes[j] * (error / ca.fmax(across, least))
+            ranges = enumerate(zip(limits, turns, strict=True))
+            fitted = column(in_range_or(projected[i], *each, x[i]) for i, each in ranges)
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             output = observer.form.system.outputs[j]
             blocks.append(Block(f"from the sample of {output}", placed(fields, value), part=f"fit_{output}"))
     return tuple(blocks)
 
 
-def clamped_or(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
-    """Return a value clamped to the range `end`, or `other` where it is lost. No value is lost after a plausible
-    sample; the test lets a static analyser infer this."""
-    return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
+def in_range_or(value: Graph, end: tuple[float, float], period: float | None, other: Graph) -> Graph:
+    """Return a value clamped to a range, or an angle in its turn, or `other` where it is lost. No value is lost after a
+    plausible sample; the test lets a static analyser infer this."""
+    return ca.if_else(ca.fabs(value) <= LOST, into(value, end, period), other)
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
@@ -187,7 +190,7 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
         now, a = ca.substitute([g, slope], [x], [projected])
         across = P @ a
         projected = projected - across * ((now - clamp(now, *end)) / ca.dot(a, across))
-    return _within(x, projected, [end for field in fields for end in field.box])
+    return _within(x, projected, [end for field in fields for end in field.limits])
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
@@ -197,7 +200,7 @@ def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) ->
         room = ca.if_else(step[i] > 0, high - x[i], x[i] - low)
         share = ca.if_else(share * ca.fabs(step[i]) > room, room / ca.fabs(step[i]), share)
     reached = x + share * step
-    return column(clamped_or(reached[i], end, x[i]) for i, end in enumerate(outer))
+    return column(in_range_or(reached[i], end, None, x[i]) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:

@@ -458,8 +458,9 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Return whether a sample of output j judges the estimate: a valid one, or one far from yhat in the range."""
-        return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
+        """Return whether a sample judges the estimate: a valid one, or one that is absurdly far from the prediction."""
+        signal = self.observer.form.system.outputs[j]
+        return ca.logic_or(sample.valid, plausible(signal, self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
         """Return the program that restarts or projects the estimate where a count of `signs` is at its limit."""

@@ -22,11 +22,12 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE
+from hgogen.analysis.dynamics import HUGE, into, near
 from hgogen.errors import BadArgument
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import (
+    INF,
     Block,
     Call,
     Field,
@@ -241,7 +242,7 @@ class Assembly:
         fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
-            low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
+            low, high = (tuple(min(max(s.limits[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
             fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
         if self.uses_output:
             zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
@@ -249,7 +250,7 @@ class Assembly:
             fields.append(Field("y", zeros, labels=names, meaning=meaning))
             valid = Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample")
             fields += [valid] if self.clock.guarded else []
-        return tuple(fields if self.clock.guarded else (replace(field, low=(), high=()) for field in fields))
+        return tuple(fields if self.clock.guarded else map(unlimited, fields))
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
@@ -289,7 +290,7 @@ class Assembly:
     def _guarded(self, program: Program, before: Program = ()) -> Program:
         """Return `program`, then the clamp of what it wrote to the state; `before`: a clamped program before it."""
         if not self.clock.guarded:
-            return program
+            return (*program, *in_turn(program, self.state))
         keep = tuple(map(Call, self._keep))
         return (*program, *guard_state(program, self.state, self._fresh, before, keep))
 
@@ -347,7 +348,8 @@ class Assembly:
         """The samples y_j with their errors, by output, for the law of recovery where no output corrects."""
         read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
         raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
-        return {j: Sampled(y, self.clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
+        errors = self.observer.dynamics.error(raw, read)
+        return {j: Sampled(y, self.clock.valid[j] > 0, errors[j]) for j, y in enumerate(raw)}
 
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
@@ -394,18 +396,42 @@ def plain_inputs(observer: Observer) -> Block:
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the block that reads all samples, unchecked, as the work values y, now, and y_last, at the last call."""
-    now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
-    return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
+    """Return the block that reads all samples for a part that integrates with the measurement: y now, y at the last
+    call."""
+    outputs, last = observer.form.system.outputs, sym("state", "y", clock.outputs)
+    predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
+    now = column(near(y, sym("output", y.name), predicted[j]) for j, y in enumerate(outputs))
+    before = column(near(y, last[j], now[j]) for j, y in enumerate(outputs))
+    return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): before})
 
 
 def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
     """Return the block that reads the sample of output j, unchecked, and computes its innovation y - yhat."""
     signal = observer.form.system.outputs[j]
     raw = sym("output", signal.name)
-    error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
+    error = observer.dynamics.output_error(j, raw, observer.dynamics.output(observer.z, clock.u_now)[j])
     values = {"reading": raw, "e": error}
     return Block(f"the sample of {signal}", {Place("work", name): value for name, value in values.items()})
+
+
+def unlimited(field: Field) -> Field:
+    """The field without its box, but for the turns of angles."""
+    if not field.periods:
+        return replace(field, low=(), high=())
+    ends = (end if period else (-INF, INF) for end, period in zip(field.box, field.turns, strict=True))
+    low, high = zip(*ends, strict=True)
+    return replace(field, low=low, high=high)
+
+
+def in_turn(program: Program, state: Iterable[Field]) -> Program:
+    """The angles that a program writes brought back to their turn."""
+    written = {place for block in walk(program) if isinstance(block, Block) for place, _ in block.written}
+    blocks = []
+    for field in (each for each in state if each.periods and Place("state", each.name) in written):
+        value, angles = sym("state", field.name, field.size), zip(field.box, field.turns, strict=True)
+        turned = column(into(value[i], ends, period) for i, (ends, period) in enumerate(angles))
+        blocks.append(Block(f"angles of {field.name} in their turn", {Place("state", field.name): turned}))
+    return tuple(blocks)
 
 
 def silent(program: Sequence[Statement]) -> Program:

@@ -1,0 +1,279 @@
+"""Angles: values that differ by whole turns are equal, and every difference is taken the short way round."""
+
+import pickle
+from contextlib import suppress
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen.graph import turned, wrapped
+from hgogen.modelfiles.tuning import value
+from hgogen.reading.given import BadGain
+from hgogen.reading.text_model import from_table, to_text
+from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.signal import BadRange
+from hgogen.starting import gains_of, scale
+from hgogen.system import BadSystem
+
+TURN = 2 * np.pi
+DT = 0.01
+
+
+def angle(name: str, **data: Any) -> hg.Signal:
+    return hg.Signal(name, "rad", **{"period": TURN, **data})
+
+
+def short_way(difference: np.ndarray, period: float = TURN) -> np.ndarray:
+    """The difference in [-period/2, period/2), by numpy."""
+    return np.asarray((difference + period / 2) % period - period / 2)
+
+
+# --- the declaration ----------------------------------------------------------------------------------------
+
+
+def test_a_turn_is_about_zero_or_as_declared() -> None:
+    assert angle("a").interval == (-np.pi, np.pi)
+    assert hg.Signal("a", period=360, low=0, high=360).interval == (0, 360)
+    assert pickle.loads(pickle.dumps(angle("a", low=0, high=TURN))) == angle("a", low=0, high=TURN)
+    assert angle("a") != hg.Signal("a", "rad", low=-np.pi, high=np.pi)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"period": 0}, "is no turn"),
+        ({"period": -360}, "is no turn"),
+        ({"period": float("nan")}, "period = nan is not finite"),
+        ({"period": "once"}, "period = 'once' is not a number"),
+        (
+            {"period": 360, "low": -90, "high": 90},
+            "low and high span 180, and period = 360 is one turn; leave them out",
+        ),
+        ({"period": 360, "low": 0}, "only one end of a range"),
+        ({"period": 360, "nominal": 200}, "lies outside"),
+    ],
+)
+def test_a_turn_that_is_none_is_refused(data: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadRange, match=said):
+        hg.Signal("a", **data)
+
+
+@pytest.mark.parametrize(
+    ("period", "turn"), [(TURN, 2 * sp.pi), (np.pi, sp.pi), (360.0, 360), (0.1, sp.Rational(1, 10))]
+)
+def test_a_float_that_is_a_multiple_of_pi_is_meant_as_one(period: float, turn: sp.Expr) -> None:
+    assert exact_turn(period) == turn
+
+
+x, v = angle("x"), hg.Signal("v", low=-9, high=9)
+
+
+@pytest.mark.parametrize(
+    ("row", "change"),
+    [
+        (sp.sin(x), 0),
+        (sp.sin(3 * x + 1) * v + sp.cos(x) ** 2, 0),
+        (sp.atan2(sp.sin(x), sp.cos(x)), 0),
+        (4 * x, 8 * sp.pi),
+        (v - x, -2 * sp.pi),
+        (v, 0),
+    ],
+)
+def test_a_row_changes_by_whole_turns(row: sp.Expr, change: sp.Expr) -> None:
+    assert advance(row, x, 2 * sp.pi) == change
+
+
+def plant(flow: Any = 0, output: Any = x, period: float | None = TURN) -> hg.System:
+    y = hg.Signal("y", period=period)
+    return hg.System("p", states=(x, v), outputs=(y,), flow=[v, flow], output=[output])
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ({"flow": -x}, r"flow 2 changes by -2\*pi over one turn of x .*sines and cosines"),
+        ({"flow": sp.sin(x / 2)}, "flow 2 changes by"),
+        ({"period": None}, r"output 1 changes by 2\*pi .* declare the output with period = 6.28"),
+        ({"output": x / 3}, "no multiple of the output's own"),
+        ({"output": x * v}, "output 1 changes by"),
+    ],
+)
+def test_a_plant_that_is_not_periodic_is_refused(rows: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadSystem, match=said):
+        plant(**rows)
+
+
+@pytest.mark.parametrize("output", [x, -x, 4 * x, sp.sin(x), 0 * x + v])
+def test_an_output_goes_on_by_whole_turns_of_its_own(output: sp.Expr) -> None:
+    assert plant(output=output).outputs[0].period == TURN
+
+
+def test_a_parameter_has_no_turns() -> None:
+    a = hg.Signal("a", nominal=0, period=TURN)
+    with pytest.raises(BadSystem, match="parameter 'a' has a period"):
+        hg.System("p", states=(v,), outputs=(hg.Signal("y"),), parameters=(a,), flow=[a], output=[v])
+
+
+@pytest.mark.parametrize("written", ["2*pi", 360])
+def test_a_text_model_declares_a_period(written: Any) -> None:
+    table = {
+        "name": "p",
+        "states": {"x": {"period": written, "flow": "0"}},
+        "outputs": {"y": {"period": written, "equation": "x"}},
+    }
+    read = from_table(table).plant
+    assert read.states[0].period == (TURN if written == "2*pi" else 360)
+    assert "period = " in to_text(read)
+
+
+# --- the difference -----------------------------------------------------------------------------------------
+
+_ARGUMENT = ca.SX.sym("d")
+_WRAPPED = ca.Function("wrapped", [_ARGUMENT], [wrapped(_ARGUMENT, TURN)])
+_DEGREES = ca.Function("turned", [_ARGUMENT], [turned(_ARGUMENT, 0.0, 360.0)])
+
+
+@given(st.floats(-0.499, 0.499), st.integers(-1024, 1024))
+def test_whole_turns_leave_the_difference_as_it_was(share: float, turns: int) -> None:
+    """To a rounding of the sum that was given: k P is taken off without one."""
+    difference = share * TURN + turns * TURN
+    exactly = Fraction(difference) - turns * Fraction(TURN)
+    assert abs(Fraction(float(_WRAPPED(difference))) - exactly) <= Fraction(2) ** -50
+    assert float(_WRAPPED(share * TURN)) == share * TURN
+
+
+@given(st.floats(-360 * 1024, 360 * 1024))
+def test_an_angle_is_in_its_turn(degrees: float) -> None:
+    assert -1e-9 <= float(_DEGREES(degrees)) <= 360 + 1e-9
+    assert np.isclose(short_way(float(_DEGREES(degrees)) - degrees, 360.0), 0, atol=1e-9)
+
+
+def test_half_a_turn_has_one_sign() -> None:
+    assert float(_WRAPPED(np.pi)) == float(_WRAPPED(-np.pi)) == -np.pi
+
+
+# --- observers ----------------------------------------------------------------------------------------------
+
+
+def rotor(turns: bool) -> hg.System:
+    """A pendulum that is driven round; without turns its angle is a number in a range that is wide enough."""
+    wide = {"low": -500, "high": 500}
+    th, y = (hg.Signal(name, "rad", **({"period": TURN} if turns else wide)) for name in ("th", "y"))
+    w, u = hg.Signal("w", "rad/s", low=-10, high=10), hg.Signal("u", low=-5, high=5)
+    flow = [w, -2 * sp.sin(th) - 0.5 * w + u]
+    return hg.System("rotor", states=(th, w), inputs=(u,), outputs=(y,), flow=flow, output=[th])
+
+
+COUNT = 1500
+TIMES = np.arange(COUNT) * DT
+
+
+def driven() -> tuple[np.ndarray, np.ndarray]:
+    """The input and the states (N, 2) of the rotor over 11 turns, by small steps."""
+    states, z, h = [], np.array([0.5, 0.0]), DT / 20
+    for k in range(COUNT):
+        states.append(z)
+        for i in range(20):
+            t = k * DT + i * h
+            slope = np.array([z[1], -2 * np.sin(z[0]) - 0.5 * z[1] + 3 + np.sin(t)])
+            middle = z + h / 2 * slope
+            z = z + h * np.array([middle[1], -2 * np.sin(middle[0]) - 0.5 * middle[1] + 3 + np.sin(t + h / 2)])
+    return 3 + np.sin(TIMES)[:, None], np.array(states)
+
+
+KALMAN = {"Q": (1e-3, 1.0), "R": 1e-4 * DT}
+CHAIN = {"theta": 5, "poles": (-1, -1)}
+INNOVATION = hg.innovation.staggered(0.1, 2)
+WINDOW = hg.innovation.window(0.1)
+OBSERVERS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "rk4": ("high_gain", CHAIN, {"method": hg.methods.rk4}),
+    "bilinear": ("high_gain", CHAIN, {"method": hg.methods.bilinear}),
+    "exponential": ("high_gain", CHAIN, {"method": hg.methods.exponential}),
+    "covariance": ("riccati", KALMAN | {"covariance": (1e-4, 1e-2)}, {"method": hg.methods.rk4}),
+    "cholesky": ("riccati", KALMAN, {"method": hg.methods.cholesky}),
+    "adaptive": ("riccati", KALMAN | {"theta": hg.theta.adaptive(3, mu=(0.1, 0.2), innovation=INNOVATION)}, {}),
+    "window": ("riccati", KALMAN | {"theta": hg.theta.adaptive(3, mu=(0.1, 0.2), innovation=WINDOW)}, {}),
+    "no_guards": ("riccati", KALMAN, {"guards": "none"}),
+    "no_guards_integrated": ("high_gain", CHAIN, {"guards": "none"}),
+    "held_input": ("riccati", KALMAN, {"between": "hold"}),
+}
+
+
+def of_the_registry() -> dict[str, tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Each observer with the gains that it is begun with, of those that take the rotor."""
+    form = hg.forms.triangular(rotor(True))
+    numbers, every = scale(form, DT, {"y": 0.005}), {}
+    for name in (each for each in dir(hg.observers) if not each.startswith("_")):
+        gains = gains_of(getattr(hg.observers, name), numbers)
+        with suppress(BadGain):
+            gains = {} if isinstance(gains, str) else {key: value(key, entry) for key, entry in gains.items()}
+            if gains:
+                getattr(hg.observers, name)(form, **gains)
+                every[name] = (name, gains, {})
+    return every
+
+
+OBSERVERS |= of_the_registry()
+
+
+def test_the_registry_is_there() -> None:
+    assert len(OBSERVERS) >= 25
+
+
+def estimated(case: str, turns: bool, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+    name, gains, options = OBSERVERS[case]
+    observer = getattr(hg.observers, name)(hg.forms.triangular(rotor(turns)), **gains)
+    return np.asarray(hg.sample(observer, dt=DT, **options).run(u=u, y=y[:, None], engine="python").x)
+
+
+@pytest.mark.parametrize("case", OBSERVERS)
+def test_an_angle_that_turns_is_estimated_as_one_that_does_not(case: str) -> None:
+    """The observer of the plant on the whole line is the oracle: to rounding, theirs is one estimate modulo turns."""
+    u, states = driven()
+    y = states[:, 0] + 0.005 * np.random.default_rng(0).standard_normal(COUNT)
+    assert states[-1, 0] > 10 * TURN
+    line, circle = estimated(case, False, u, y), estimated(case, True, u, short_way(y))
+    assert np.abs(short_way(circle[:, 0] - line[:, 0])).max() < 1e-8
+    assert np.abs(circle[:, 1] - line[:, 1]).max() < 1e-7
+    assert np.abs(circle[:, 0]).max() <= np.pi + 1e-9
+    assert np.sqrt((short_way(circle[500:, 0] - states[500:, 0]) ** 2).mean()) < 0.05
+
+
+def test_a_compass_keeps_its_accuracy_over_a_hundred_turns() -> None:
+    th, b, w, y = angle("th"), hg.Signal("b", low=-0.1, high=0.1), hg.Signal("w", low=-3, high=3), angle("y")
+    heading = hg.System("heading", states=(th, b), inputs=(w,), outputs=(y,), flow=[w + b, 0], output=[th])
+    dt, count, rng = 0.1, 12000, np.random.default_rng(1)
+    truth = 0.53 * np.arange(count) * dt
+    filter_ = hg.observers.riccati(hg.forms.triangular(heading), Q=(1e-3, 1e-6), R=1e-4 * dt)
+    run = hg.sample(filter_, dt=dt).run(
+        u=np.full((count, 1), 0.5), y=short_way(truth + 0.01 * rng.standard_normal(count))[:, None]
+    )
+    assert truth[-1] > 100 * TURN
+    assert np.sqrt((short_way(run.x[300:, 0] - truth[300:]) ** 2).mean()) < 0.01
+
+
+def test_claims_that_need_errors_below_half_a_turn_are_unknown() -> None:
+    observers = [hg.observers.high_gain(hg.forms.triangular(rotor(turns)), **CHAIN) for turns in (False, True)]
+    (line,), (circle,) = ([c for c in one.checks if str(c.id) == "high_gain.convergence"] for one in observers)
+    assert line.verdict is hg.Verdict.PROVED
+    assert circle.verdict is hg.Verdict.UNKNOWN
+    assert "below half a turn is not proved" in str(circle.reason)
+
+
+@pytest.mark.parametrize("sample", [1e30, TURN * 1100, np.inf, np.nan])
+def test_a_sample_beyond_a_thousand_turns_is_not_used(sample: float) -> None:
+    step = hg.sample(hg.observers.riccati(hg.forms.triangular(rotor(True)), **KALMAN), dt=DT)
+    before = step(u=0.0, y=0.1).x.copy()
+    step.reset()
+    step(u=0.0, y=0.1)
+    after = step(u=0.0, y=sample)
+    assert after.status != 0
+    assert np.isfinite(after.x).all()
+    assert np.abs(after.x - before).max() < 0.1
