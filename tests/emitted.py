@@ -242,6 +242,35 @@ def removable() -> hg.Step:
     return hg.sample(observer, dt=0.01)
 
 
+def angle(name: str, **data: Any) -> hg.Signal:
+    return hg.Signal(name, "rad", **{"period": 2 * np.pi, **data})
+
+
+def angles() -> hg.Step:
+    """A vehicle that turns: its heading by a compass, a bearing in its own frame, the wind's direction as an input."""
+    px, py = signals("px py", -100, 100)
+    psi, compass, bearing, wind = angle("psi"), angle("compass"), angle("bearing", low=0, high=2 * np.pi), angle("wind")
+    v, w = hg.Signal("v", low=0, high=5), hg.Signal("w", low=-2, high=2)
+    flow = [v * sp.cos(psi) + sp.cos(wind) / 4, v * sp.sin(psi) + sp.sin(wind) / 4, w]
+    outputs, read = (compass, bearing), [psi, sp.atan2(py, px) - psi]
+    plant = hg.System("angles", states=(px, py, psi), inputs=(v, w, wind), outputs=outputs, flow=flow, output=read)
+    form = hg.forms.original(plant)
+    accept = ("singular.bearing", "original.lipschitz", "original.order")
+    observer = hg.observers.ukf(form, Q=[0.1, 0.1, 0.01], R=[1e-3, 1e-4], initial={"px": 20}, accept=accept)
+    return hg.sample(observer, dt=0.05)
+
+
+def angle_integrated() -> hg.Step:
+    """A motor that turns, in degrees, by a method that integrates with its measurement."""
+    th, y = hg.Signal("th", "deg", period=360, low=0, high=360), hg.Signal("y", "deg", period=360)
+    w, u = signals("w u", -900, 900)
+    flow = [w, -90 * sp.sin(sp.pi * th / 180) - w / 2 + u]
+    plant = hg.System("angle_integrated", states=(th, w), inputs=(u,), outputs=(y,), flow=flow, output=[th])
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.window(0.05))
+    observer = hg.observers.riccati(hg.forms.triangular(plant), Q=[1, 1], R=0.1, theta=theta)
+    return hg.sample(observer, hg.methods.rk4, dt=0.01)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -271,6 +300,8 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "two_injections": two_injections,
     "held": held,
     "removable": removable,
+    "angles": angles,
+    "angle_integrated": angle_integrated,
 }
 
 

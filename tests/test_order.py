@@ -21,6 +21,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "wider",
         "cascaded_tanks",
         "two",
+        "angles",
         "no_input",
         "window_held",
         "one_state",
