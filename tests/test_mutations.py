@@ -1,8 +1,9 @@
-"""The tests find seeded bugs: the rows of mutations.toml, a fixed tenth of them here."""
+"""The tests find seeded bugs: the rows of mutations.toml, a fixed twentieth of them here."""
 
 import ast
 from functools import cache
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from conftest import RUN
@@ -79,5 +80,8 @@ def test_tests_that_cannot_be_run_find_nothing(test: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_tenth_is_found() -> None:
-    assert not survivors(ROWS[::10], workers=2)
+def test_a_twentieth_is_found() -> None:
+    """Rows are chosen by the checksum of their change, so that a new row moves no other in or out."""
+    chosen = [row for row in ROWS if crc32(f"{row.function}{row.pattern}{row.replacement}".encode()) % 20 == 0]
+    assert len(chosen) > len(ROWS) / 30
+    assert not survivors(chosen, workers=2)
