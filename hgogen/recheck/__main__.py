@@ -41,7 +41,6 @@ def _text(result: Rechecked) -> str:
 
 
 def _run() -> int:
-    """Run `main` without a traceback for a closed pipe, as after `| head`, or for Ctrl-C."""
     try:
         status = main()
         sys.stdout.flush()

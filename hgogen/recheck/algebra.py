@@ -121,7 +121,6 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    """Return the factors of `whole` that `part` lacks, each to the missing power."""
     present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
     pairs = zip(whole, present, strict=True)
     return tuple((factor, power - present_power) for (factor, power), present_power in pairs if power > present_power)
@@ -132,7 +131,6 @@ def _expanded(factors: Factors) -> Polynomial:
 
 
 def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
-    """Return x as a number times integer powers of letters, None if it is not written so."""
     value, powers = Fraction(1), dict[int, int]()
     for factor, times in ((x.top, 1), *((factor, -power) for factor, power in x.bottom)):
         if len(factor) != 1:
@@ -146,8 +144,6 @@ def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
 
 @dataclass(frozen=True)
 class _Kernel:
-    """A function value such as sin(x) that is a letter of the algebra; `args` are quotients in earlier letters."""
-
     name: str
     args: tuple[Quotient, ...]
     degree: int = 0  # q of a root
@@ -216,7 +212,6 @@ class Algebra:
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
     def _known_root(self, x: Quotient, q: int) -> Quotient | None:
-        """Return the q-th root of a positive number times integer q-th powers of nonnegative letters."""
         product = _as_product(x)
         if product is None:
             return None
@@ -235,7 +230,6 @@ class Algebra:
         return self._kernel(_Kernel("root", (self.number(value),), q))
 
     def _magnitude(self, x: Quotient) -> Quotient | None:
-        """Return |x| if x is a number times nonnegative letters."""
         product = _as_product(x)
         if product is None:
             return None
@@ -287,7 +281,6 @@ class Algebra:
         return result
 
     def _kernel(self, kernel: _Kernel) -> Quotient:
-        """Return the letter of a function's value, a new one if the value has none yet."""
         if not all(map(self._has_value, kernel.args)):
             raise Undefined("division by zero")
         letter = self._find(kernel)
@@ -337,11 +330,11 @@ class Algebra:
         return self._vanishes(x.top) and self._has_value(x)
 
     def _has_value(self, x: Quotient) -> bool:
-        """Return whether no factor of the denominator of x vanishes; over 0 any numerator would count as zero."""
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
-        """Return whether a numerator is zero after t^q = g for roots t, cos^2 = 1 - sin^2 and cosh^2 = 1 + sinh^2."""
+        """Return whether a numerator is 0 by t^q = g for each
+        root t, cos^2 = 1 - sin^2, cosh^2 = 1 + sinh^2."""
         while top:
             relation = self._reducible(top)
             if relation is None:
@@ -350,7 +343,6 @@ class Algebra:
         return True
 
     def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:
-        """Return the last letter t of a numerator with a relation t^q = g, q at most its exponent, and q and g."""
         best: tuple[int, int, Quotient] | None = None
         for monomial in top:
             for letter, exponent in monomial:
@@ -374,8 +366,8 @@ class Algebra:
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
-        """Return a numerator after t^q = g, t the `letter`, q the `degree`, g the `value`; multiplying by the
-        denominator of g changes no zero."""
+        """Return a numerator after t^q = g, t the `letter`, q the `degree`, g
+        the `value`. Multiplying by the denominator of g changes no zero."""
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)

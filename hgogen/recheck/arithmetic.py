@@ -146,7 +146,8 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
-        """Return the hull of a and b; where `way` may be 0 it jumps, with any slope in the names of `way`."""
+        """Return the hull of a and b. Where `way` may be 0 the function jumps,
+        so its partial derivatives in the names of `way` are unbounded."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
@@ -183,13 +184,11 @@ def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
 
 
 def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
-    """Return the slopes of a if the selector `way` is positive, of b if it is negative, else the hulls of both."""
     zero = base.number(Fraction(0))
     return {k: base.hull(way, a.slopes.get(k, zero), b.slopes.get(k, zero)) for k in sorted({*a.slopes, *b.slopes})}
 
 
 def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
-    """Return df/dx of a function of one argument, from x and f(x)."""
     one = base.number(Fraction(1))
     if name in _OTHERS:
         factor, other = _OTHERS[name]

@@ -109,7 +109,6 @@ def centre_of(box: Box) -> Box:
 
 
 def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
-    """Return the name of the side to cut: where the expression varies most, else the relatively widest side."""
     sizes = {}
     for index, (name, (low, high)) in enumerate(here.items()):
         if low == high:
@@ -200,7 +199,6 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Attem
 
 
 def _meets(value: Interval, limit: End, sign: int) -> bool:
-    """Return whether value >= limit, for sign 1, or value <= limit, for -1."""
     return value.at_least(limit) if sign > 0 else value.at_most(limit)
 
 
@@ -215,8 +213,8 @@ def unbounded(box: Box) -> bool:
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Return whether value >= limit (sign 1), or value <= limit (sign -1), is proved on the face of the minimum or
-    maximum, by intervals or by the mean value form with these slopes."""
+    """Return whether value >= limit (sign 1), or value <= limit (sign -1), on a face of the box,
+    by interval arithmetic or by the mean value form with these partial derivatives `slopes`."""
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
@@ -260,7 +258,6 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    """Return whether value >= limit (sign 1), or value <= limit (sign -1), at a point; exactly for a fraction."""
     value = _value_at(expression, at)
     if value is None or isinstance(value, Interval):
         return value is not None and _meets(value, limit, sign)
@@ -268,7 +265,6 @@ def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: in
 
 
 def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | Interval | None:
-    """Return the value at a point, exact if it is a fraction; None if it is undefined."""
     value: Fraction | Interval
     try:
         try:
@@ -474,7 +470,8 @@ def _second(
 def _similar(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
-    """Return S J S^-1, J = d rows/d names; the diagonal is that of J, which S would widen. `varying`: with slopes."""
+    """Return S J S^-1, J = d rows/d names, S = diag(`scale`). The
+    diagonal is copied from J: intervals would widen it."""
     box, arithmetic = dict(ends), _duals if varying else intervals
     values: Mapping[str, Any] = seeded_sides(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]

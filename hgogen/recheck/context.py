@@ -108,7 +108,8 @@ class Context:
         return ""
 
     def _finite(self) -> None:
-        """Demand that every expression is finite on its whole box: an identity is void where a side has no value."""
+        """Demand that every expression is finite on its whole box:
+        an identity proves nothing where a side is undefined."""
         form, plant = self.form, self.plant
         if len(self.z) != len(plant.states):
             raise Unproved("the form has not as many states as the plant")
@@ -162,7 +163,6 @@ class Context:
         return self._rows(lambda entry: not entry.names.isdisjoint(self.z))
 
     def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
-        """Return the rows (n) of b plus the terms A_ij z_j whose A_ij `selects` accepts."""
         terms = (
             [f"({entry.text})*{name}" for entry, name in zip(row, self.z, strict=True) if selects(entry)]
             for row in self.form.A
@@ -415,7 +415,6 @@ def structure(context: Context, claim: Claim) -> Finding:
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
-    """Return whether b in the row `reader` may read the state `read`, both (chain, level), by the form's alignment."""
     (i, level), (k, at) = reader, read
     if i == k:
         return at <= level
@@ -427,7 +426,6 @@ def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) ->
 
 
 def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
-    """Demand that the chains of a cascade have an order in which each reads only earlier chains."""
     form = context.form
     if form.alignment != "cascade":
         return

@@ -173,7 +173,6 @@ def read(text: str, observers: Mapping[str, ObserverKeys]) -> Certificate:
 
 
 def _shallow(content: Any) -> None:
-    """Raise `NoCertificate` if lists and objects are nested too deep for the reader."""
     pending = [(content, 0)]
     while pending:
         value, depth = pending.pop()
@@ -184,7 +183,6 @@ def _shallow(content: Any) -> None:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object of the pairs. Raises: `ValueError` for a duplicate key."""
     content = dict(pairs)
     if len(content) < len(pairs):
         raise ValueError("a key stands twice")
@@ -243,7 +241,6 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 
 
 def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """Demand that an object has no keys but `known`, by default those of `what` in `_KEYS`. Raises: `NoCertificate`."""
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")

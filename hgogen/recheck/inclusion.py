@@ -102,8 +102,8 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """Return the `Core` of the fields p_1, .., p_n, q_1, .., q_(n-1), with a vertex for every combination of states
-    whose saturation blocks or passes the error."""
+    """Return the error dynamics of the states p_1, .., p_n, q_1, .., q_(n-1) of a peaking-free
+    observer, with a vertex for every combination of saturations that block or pass the error."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
     k, last, padding = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
@@ -118,15 +118,15 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
 
 
 def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
-    """Return the gains k_i1, k_i2 of the pairs (p_i, q_i) as a matrix (n - 1, 2). Raises: `Unproved` for n < 2."""
     if n < 2:
         raise Unproved("the observer is one of at least two states")
     return matrix(numbers, "gains", n - 1, 2)
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """Return N (2 m, 2 m) of the fields p_1, .., p_m, q_1, .., q_m with gains `k` (m, 2); `shares` (m + 1): 1 or 0,
-    whether saturations pass the errors of y, q_1, .., q_m."""
+    """Return N (2 m, 2 m) of e' = theta N e for observer states p_1, ..,
+    p_m, q_1, .., q_m with gains `k` (m, 2). `shares` (m + 1) is 1 or
+    0: whether the saturation passes the error of y, q_1, .., q_m."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -141,8 +141,8 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """Return the `Core` A - K C of n integrators, K (n) the `gains`, for an observer that injects a part of the output
-    error, or varies its gain: as if the whole error were injected."""
+    """Return A - K C of n integrators, K (n) the `gains`. An observer that injects a part of
+    the output error, or varies its gain, is treated as if it injected the whole error."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -266,7 +266,6 @@ def one_sided_inclusion(context: Context, observer: Observer, evidence: Mapping[
 
 
 def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the `ErrorInclusion` of an observer in `CORES`, with its own fields, on one chain of integrators."""
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
@@ -281,8 +280,9 @@ def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the `ErrorInclusion` of z' = A z + b + diag(theta, theta^2, ..) K (y - C z) with a constant K: S (A - K C)
-    S^-1 is the evidence's `core` (n, n) of numbers, or its a_i vary in the evidence's `ranges`."""
+    """Return the error inclusion of z' = A z + b + diag(theta, theta^2, ..)
+    K (y - C z) with a constant K: S (A - K C) S^-1, S = diag(scale), is
+    a matrix of numbers, or the a_i vary in ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
         raise Unproved("its chains are not aligned at the top or at the end")
@@ -310,7 +310,6 @@ def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
-    """Return the error of the argument z + N_theta (y - C z) of b as `Argument`; e itself without N_theta."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
         return replace(argument, from_y=argument.from_y @ _means(context, observer)) if argument.known else argument
@@ -337,8 +336,6 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """Return S K (n, p), S = diag(`scale`), K the observer's gain, each chain's column distributed over the outputs
-    that measure its first state; an empty matrix if it is not numeric."""
     blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))
@@ -346,9 +343,9 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
-    """Return W (p, p), row k for chain k: the weights of the outputs' errors in the mean of the outputs that measure
-    the chain's first state, all samples present: w_j/r_j over the sum of the w, y_j = r_j y up to known terms, y the
-    chain's output. An output that measures none has weight 0; a mean that includes it weighs the others less."""
+    """Return W (p, p): row k has the weights of the outputs' errors in the mean
+    of all outputs that measure the first state of chain k. For y_j = r_j y,
+    weighted w_j, the weight is w_j/r_j over the sum of the w."""
     outputs, observed = range(len(context.form.output)), context.observed
     together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -368,8 +365,6 @@ def _means(context: Context, observer: Observer) -> Matrix:
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
 ) -> tuple[list[Slope], int]:
-    """Return a `Slope` for each a_i that varies in its range of the evidence, and the number of boxes: a_1 of a chain
-    acts by its column of -K, the others by A. Raises: `Unproved` unless `scale` is 1 and K is numeric."""
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
@@ -423,7 +418,6 @@ def bounded_slopes(
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """Return the evidence's ranges of slopes db_i/dz_j by (i, j), from 0: low, high, one maybe infinite, bisection."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))

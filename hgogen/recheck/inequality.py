@@ -183,8 +183,8 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Change:
-    """Return the `Change` X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1) of a method that realises the
-    linear part L of e': (phi_1, phi_2, error) = `weights`(h L), r the rest of e'. Raises: `Unproved` if L varies."""
+    """Return the step of an exponential integrator on e' = L e + r as linear maps: X_2 = e + h phi_1
+    (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1). `weights`(h L) gives (phi_1, phi_2, error)."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
     nonlinear, X = parts.M - parts.L, h * parts.L
@@ -289,8 +289,9 @@ def _slack(
     off_D: Matrix,
     off_X: Matrix,
 ) -> Matrix:
-    """Return a diagonal matrix that bounds the increase of a quadratic `form` in v by errors of D, e+ = e + h D v, and
-    of the last stage X of at most `off_D` and `off_X`, entry by entry; `reads`: the rows H X of all stages."""
+    """Return a diagonal matrix that bounds the increase of a quadratic `form`
+    in v by entrywise errors: of D by `off_D`, where e+ = e + h D v, and of
+    the last stage X by `off_X`; `reads` are the rows H X of all stages."""
     n, m, size = len(P), len(H), len(form)
     PD = abs(P) @ off_D
     linear = Matrix([*PD, *zeros(size - n, size)]) + h * (abs(D).T @ PD)

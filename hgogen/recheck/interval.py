@@ -74,7 +74,6 @@ class Interval:
 
 
 def _rounded(value: Fraction | float, direction: str) -> Any:
-    """Return a number rounded to mpmath's in a direction; an infinity is unchanged."""
     if not isinstance(value, Fraction):
         if math.isinf(value):
             return libmp.from_float(value)
@@ -119,7 +118,6 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _outward(value: Any, up: bool) -> Any:
-    """Return a value, accurate to a few units of its last place, moved outward by a much larger margin."""
     if value in (libmp.fzero, *_INFINITE):
         return value
     margin = libmp.mpf_shift(libmp.mpf_abs(value), -PRECISION)
@@ -130,8 +128,6 @@ def _outward(value: Any, up: bool) -> Any:
 def _rising(
     function: Callable[..., Any], within: tuple[float, float] = (-math.inf, math.inf), complaint: str = "no value"
 ) -> Callable[[Interval], Interval]:
-    """Return the interval extension of an increasing function, whose argument must be in the range `within`."""
-
     def apply(x: Interval) -> Interval:
         if not (x.at_least(within[0]) and x.at_most(within[1])):
             raise Undefined(complaint)
@@ -144,8 +140,6 @@ def _rising(
 
 
 def _saturating(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
-    """Return the interval extension of an increasing function with the range `whole`, whose ends bound the values at
-    arguments that are too large."""
     rising, largest = _rising(function), between(-_LARGEST, _LARGEST)
 
     def apply(x: Interval) -> Interval:
@@ -165,7 +159,6 @@ def _log(x: Interval) -> Interval:
 
 
 def _small(x: Interval) -> bool:
-    """Return whether an angle is small enough for a cheap range reduction."""
     return all(end == libmp.fzero or (end not in _INFINITE and end[2] + end[3] < 64) for end in x.ends)
 
 
@@ -184,7 +177,6 @@ def _turned(angle: Ends) -> tuple[Ends, Ends]:
 
 
 def _tan(x: Interval) -> Interval:
-    """Return the range of tan, which increases where the cosine keeps its sign in less than a period."""
     width = libmp.mpf_sub(x.ends[1], x.ends[0], PRECISION, _UP)
     if not _small(x) or libmp.mpf_gt(width, libmp.from_int(3)) or _cos(x).sign == 0:
         raise Undefined("a pole of tan")
@@ -204,13 +196,12 @@ def _sign(x: Interval) -> Interval:
 
 
 def _side(x: Interval) -> Interval:
-    """Return the derivative of |x|: one-sided at an edge of the box; [-1, 1] if 0 is inside x, or x is 0."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
 
 
 def _jump(x: Interval) -> Interval:
-    """Return the derivative of `side`: 0 if `side` is constant on the box, else the whole line."""
+    """Return the derivative of the sign function: 0 where x keeps its sign, else the whole real line."""
     side = _side(x)
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
@@ -223,7 +214,6 @@ def _atanh(x: Interval) -> Interval:
 
 
 def _atan2(y: Interval, x: Interval) -> Interval:
-    """Return atan2 away from its cut, by the quotient that has no pole."""
     half = _pi() * point(Fraction(1, 2))
     if x.sign > 0:
         return _atan(y / x)
@@ -245,7 +235,6 @@ def _pi() -> Interval:
 
 
 def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
-    """Return a function of intervals: `choose`, smaller or larger, of all lower ends and of all upper ends."""
     return lambda *args: Interval(
         (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
     )
@@ -279,7 +268,6 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 
 @lru_cache(maxsize=1 << 10)  # the orders of a series share their first values
 def _table(name: str, *place: Interval) -> Interval:
-    """Return the range of a table, by its exact pieces, at arguments in the intervals `place`."""
     ends = range_on(name, [x.exactly for x in place])
     if ends is None:
         raise Undefined("a derivative of a table where the one before jumps")
@@ -293,7 +281,6 @@ def _exactly(end: Any) -> Fraction | float:
 
 
 def _power(x: Interval, exponent: int) -> Interval:
-    """Return x^k of an interval x from its ends; an even power of an interval around zero begins at 0."""
     if exponent < 0:
         return point(Fraction(1)) / _power(x, -exponent)
     if exponent == 0:
@@ -365,7 +352,6 @@ class Taylor:
 
 
 def _sum_of(terms: Iterable[Interval]) -> Interval:
-    """Return the sum of intervals, without the terms that are exactly 0."""
     there = [term for term in terms if term is not _ABSENT]
     return reduce(add, there) if there else _ABSENT
 
@@ -408,15 +394,16 @@ def taylor(order: int) -> Arithmetic:
 
 
 def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
-    """Return the series by the derivatives on the one piece that holds all initial arguments, breakpoints excluded: at
-    a cut of a bisection a derivative may jump, and neither side has both values."""
+    """Return the Taylor series on the one piece that holds all initial arguments, breakpoints
+    excluded: at a breakpoint a derivative may jump, and the series of neither piece is valid."""
     if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
         raise Undefined("no series where a table may be at one of its points")
     return _expanded(name, args, 0)
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
-    """Return a table T as a series T + d (T' + d/2 (T'' + ..)), d = x - x_0, in argument k and all later ones."""
+    """Return the Taylor series of a table T as T + d (T' + d/2
+    (T'' + ..)), d = x - x_0, in argument k and later ones."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
         return begin((value,), len(args[0].coefficients))
@@ -445,7 +432,7 @@ def _share(i: Fraction | int, k: int) -> Interval:
 
 
 def _integral_term(a: Sequence[Interval], f: Sequence[Interval], k: int) -> Interval:
-    """Return the coefficient k >= 1 of the series of the integral of a' f."""
+    """Return coefficient k >= 1 of the Taylor series of the integral of a' f."""
     return _sum_of(_product_of(a[i], _share(i, k) * f[k - i]) for i in range(1, k + 1) if a[i] is not _ABSENT)
 
 
@@ -457,13 +444,13 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
-    """Return the series of a function f(x), `name`, of a series x, by that of its derivative, `slope`."""
     a, rate = x.coefficients, slope.coefficients
     return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, len(a)))))
 
 
 def _rotation_series(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:
-    """Return the series of sin and cos of a (`way` -1), or sinh and cosh (1); `way` is the sign in cos' = -sin."""
+    """Return the series of sin and cos of a (`way` -1), or
+    sinh and cosh (1); `way` is the sign in cos' = -sin."""
     s, c = ([intervals.function(name, (a[0],))] for name in names)
     for k in range(1, len(a)):
         rise, other = _integral_term(a, c, k), _integral_term(a, s, k)
@@ -500,7 +487,7 @@ def _log_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval]:
-    """Return the series of atan2 by (x^2 + y^2) a' = y' x - x' y."""
+    """Return the Taylor series of a = atan2(y, x) by (x^2 + y^2) a' = y' x - x' y."""
     angle, square = [intervals.function("atan2", (y[0], x[0]))], intervals.power(x[0], 2) + intervals.power(y[0], 2)
     around = (Taylor(tuple(x)) * Taylor(tuple(x)) + Taylor(tuple(y)) * Taylor(tuple(y))).coefficients
     for k in range(1, len(x)):
@@ -510,15 +497,12 @@ def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval
 
 
 def _way(x: Interval) -> int:
-    """Return the sign 1 or -1 of an interval that does not contain 0: at a kink there is no series. Raises:
-    `Undefined`."""
     if not x.sign:
         raise Undefined("no series at a kink")
     return x.sign
 
 
 def _chosen_series(a: Sequence[Interval], b: Sequence[Interval], way: int) -> Sequence[Interval]:
-    """Return the larger of two series for `way` 1, the smaller for -1."""
     return a if _way(a[0] - b[0]) == way else b
 
 

@@ -151,13 +151,11 @@ class Remainder:
 def _after(
     series: Sequence[Sequence[Interval]], orders: Sequence[int], bounds: Sequence[Fraction]
 ) -> list[tuple[Interval, Fraction]]:
-    """Return pairs: the Taylor coefficient q + 1 of a row of the order q, and its bound; without rows of order 0."""
     each = zip(series, orders, bounds, strict=True)
     return [(x[order + 1], most) for x, order, most in each if order]
 
 
 def _degree(row: Expression, constant: Container[str]) -> int:
-    """Return 0 for a constant row, 1 for a linear one in the names that are not in `constant`, else more."""
     degrees = list[int]()
     for op, args, value in row.instructions:
         column_ = [degrees[arg] for arg in args]
@@ -198,7 +196,7 @@ def demand_remainder(
 
 
 def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
-    """Return the order q (n) of the bound h^q (..) of each row's local error, from 0 to the method's."""
+    """Return the order q (n) of the bound h^q (..) of each state's local error, from 0 to the method's."""
     orders = column(follows, "orders", n)
     if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
         raise Unproved(f"one of its orders is none of 0 to {tableau.order}")
@@ -206,8 +204,6 @@ def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    """Return bounds (p, ..) of the third Taylor coefficients of each output at the stages `tableau.cubic`; no columns
-    if the evidence has none."""
     count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
     return matrix(follows, "lines", p, count)
 
@@ -241,13 +237,13 @@ def lipschitz_error(
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
-    """Return M x, M the `rows`, x = `by`; the last entries of a row may belong to constants, without an entry of x."""
     return [sum((x * y for x, y in zip(row, by, strict=False)), _ZERO) for row in rows]
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """Return the integral from 0 to 1 of |min(s, c) - sum of the weights w_l with c_l <= s| ds, which bounds the error
-    of a quadrature with nodes c_l from 0 to c. Raises: `Unproved` if the weights do not add to c."""
+    """Return the integral from 0 to 1 of |min(s, c) - sum of the weights
+    w_l with c_l <= s| ds: the Peano kernel, which bounds the error of a
+    quadrature with nodes c_l from 0 to c. The weights must add to c."""
     if sum(weights, _ZERO) != c:
         raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
@@ -263,7 +259,6 @@ def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction)
 
 
 def _size(a: Fraction, b: Fraction) -> Fraction:
-    """Return the mean of |v| over a line v from a to b."""
     if a * b >= 0:
         return abs(a + b) / 2
     return (a * a + b * b) / (2 * abs(b - a))
@@ -352,8 +347,6 @@ def demand_core_error(
 def _by_derivatives(
     motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return the evidence's bounds (n) of a time derivative of z', those (.., n) of time derivatives of b, and the
-    function that proves them and returns the number of boxes. Raises: `Unproved`."""
     context, n = motion.context, len(motion.context.z)
     flow, nonlinear = column(follows, "flow", n), matrix(follows, "rest", realisation.nonlinear, n)
     derivatives = [Derivative(row, realisation.flow, most) for row, most in zip(context.rates, flow, strict=True)]
@@ -365,9 +358,9 @@ def _by_derivatives(
 def _by_steepness(
     motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return bounds (n) of the first time derivative of z', (.., n) of b, by the evidence's bounds of |dF/dx| and
-    |db/dx| times speeds, 4/h times as much for each higher derivative, and the function that proves them and returns
-    the number of boxes."""
+    """Return bounds (n) of the first time derivative of z', (.., n) of b,
+    by bounds of |dF/dx| and |db/dx| times speeds, with a factor 4/h
+    for each higher derivative, and a function that proves them."""
     context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
     if follows["flow"] != [] or follows["rest"] != []:
         raise Unproved("its sizes follow from derivatives or from steepness")

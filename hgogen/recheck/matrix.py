@@ -97,7 +97,6 @@ class Matrix:
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
-    """Return fractions times their least common denominator, and the denominator."""
     common = lcm(*(value.denominator for value in values))
     return [value.numerator * (common // value.denominator) for value in values], common
 
@@ -186,8 +185,8 @@ def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
 
 
 def _is_positive(M: Matrix, strictly: bool) -> bool:
-    """Return whether a symmetric matrix has no negative eigenvalue, and if `strictly` no zero one, by the pivots of
-    elimination: a zero pivot requires a row of zeros."""
+    """Return whether a symmetric matrix is positive semidefinite (`strictly`: definite)
+    by the pivots of exact elimination: a zero pivot requires a row of zeros."""
     rows = [list(row) for row in M]
     for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and (strictly or any(row[k:]))):

@@ -110,8 +110,8 @@ Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
 
 
 def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
-    """Return Taylor series in time below t^order by name, with states' = `rows`; `started`: the first coefficients of
-    states, and the series of inputs and parameters. Raises: `Undefined`."""
+    """Return the Taylor series in time, below t^order, of the states with states' = `rows`;
+    `started` has their first coefficients and the series of inputs and parameters."""
     series = dict(started)
     for k in range(1, order):
         here = _begun(series, k)
@@ -172,7 +172,7 @@ class PlantSeries:
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
-        """Return by input u the coefficients (u, `at` u') of its series in s at the time `at` s, s <= h."""
+        """Return by input u the Taylor coefficients (u, `at` u') in s at the time `at` s, s <= h."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
             orders_of = point(at) * between(-rate, rate)
@@ -181,7 +181,6 @@ class PlantSeries:
         return known
 
     def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
-        """Return the Taylor series of F (n) below s^order from those of states and inputs."""
         values = {name: begin([side], order) for name, side in sides(self.box).items()}
         values |= zip(self.states, states, strict=True)
         values |= {name: begin(x, order) for name, x in inputs.items()}
@@ -228,9 +227,6 @@ def _derivatives(
     orders_of: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
-    """Return time derivatives along the plant as intervals on the box `here`, with slopes in its names, for each row
-    and order in `orders_of`: `rates` are F of the `states`, `whole` the plant's box, `steered` the names of u and u'.
-    Raises: `Undefined`."""
     orders = dict(sorted(orders_of, key=lambda one: one[1]))
     every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
     rate = dict(steered)
@@ -248,7 +244,6 @@ def _derivatives(
 
 
 def _started(*coefficients: Dual) -> Dual:
-    """Return a Taylor series with slopes, a `Dual` of series, from its coefficients, each a `Dual`."""
     (none,) = begin((), 1).coefficients
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
@@ -288,7 +283,6 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
 
 
 def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Return the list of `count` numbers >= 0 under a key. Raises: `Unproved`."""
     numbers = column(follows, key, count)
     if min(numbers, default=Fraction(0)) < 0:
         raise Unproved(f"one of its {key} is negative")
@@ -298,8 +292,8 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 def _late(
     context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], drift: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
-    """Return tau (|y'| + |dy/dz| m) for each output (p), the error of a sample at a time wrong by tau = `sizes`, m =
-    `drift` (n) a disturbance of z'; and the number of boxes."""
+    """Return tau (|y'| + |dy/dz| m) for each output (p): the error of a sample whose time is wrong
+    by tau = `sizes`, for a disturbance m = `drift` (n) of z'; and the number of boxes."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
         if not tau:
@@ -316,7 +310,6 @@ def _late(
 
 
 def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """Return bounds of |dT/dx| (n, n), z = T(x), disturbances d (n) of x', both stated, and the number of boxes."""
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
@@ -324,7 +317,6 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """Return bounds of |dF/dp|, z' = F, errors of the parameters p, both stated, and the number of boxes."""
     form, names = context.form, context.file.parameters
     sizes = _signless(follows, "sizes", len(names))
     wrong = {name: size for name, size in zip(names, sizes, strict=True) if size}
@@ -336,8 +328,8 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
-    """Return upper bounds (n) of the sum over k of (h J)^k m/(k + 1)!, the mean effect in a step of length h of a
-    disturbance m = `drift` of z' = F, |dF/dz| <= J (n, n). Raises: `Unproved`."""
+    """Return upper bounds (n) of the sum over k of (h J)^k m/(k + 1)!: the mean effect over
+    a step h of a disturbance m = `drift` (n) of z' = F with |dF/dz| <= J (n, n)."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

@@ -142,7 +142,7 @@ def _size(value: Interval) -> Interval:
 
 
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
-    """Return a bound of a program's error of x^exponent, in u = 2^-24 or 2^-53. Raises: `Undefined` without one."""
+    """Return a bound of the rounding error of x^exponent in units u = 2^-24 or 2^-53."""
     least, each = map(point, POWER)
     steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
@@ -305,7 +305,6 @@ def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
 
 
 def _exponent(text: str) -> Fraction:
-    """Return the exponent in an operand. Raises: `Unproved` for a large one, or 1/2, which is the operation sqrt."""
     try:
         exponent = number(text)
     except Unreadable:
@@ -316,7 +315,6 @@ def _exponent(text: str) -> Fraction:
 
 
 def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:
-    """Return the value of the operation `word` at values. Raises: `Unproved` for an unknown word."""
     count = _OPERANDS.get(word)
     if count is None:
         raise Unproved(f"its program has the operation {word!r}, whose rounding is not known")
@@ -388,7 +386,6 @@ class Equation:
         return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, injection, self.scales, strict=True)]
 
     def _core_rates(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
-        """Return x' (N) without b, and the argument of b (n), for an observer with fields x of its own."""
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.zero)
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
@@ -401,7 +398,7 @@ class Equation:
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 
     def _missed(self, algebra: Algebra, there: Mapping[str, Quotient], y: Row) -> list[Quotient]:
-        """Return v = theta^-late (y - h) (p), h the outputs `there`, 0 for an output that measures no state."""
+        """Return v = theta^-late (y - h) (p), h the outputs `there`; 0 for an output that measures no state."""
         nothing, context = algebra.zero, self.context
         each = zip(y, context.form.output, context.observed, self.error.late, strict=True)
         return [
@@ -416,7 +413,6 @@ class Equation:
 
 
 def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:
-    """Return min(max(x, low), high), without infinite ends."""
     for name, end in (("Max", low), ("Min", high)):
         x = algebra.function(name, (x, algebra.number(end))) if isinstance(end, Fraction) else x
     return x
@@ -473,7 +469,6 @@ class StepProgram:
         return [*(f"x{k}" for k in fields), *ends]
 
     def _there(self, algebra: Algebra, walk: Walk, name: str, node: Fraction) -> list[Quotient]:
-        """Return samples (`name` y) or inputs (u) at the share `node` of the time between two."""
         count = len(self.equation.context.form.output if name == "y" else self.equation.context.file.inputs)
         share = Fraction(1) if name == "u" and self.between == "hold" else node
         pairs = [(walk.value(f"{name}{j}_last"), walk.value(f"{name}{j}")) for j in range(1, count + 1)]
@@ -526,8 +521,6 @@ class Deviations:
 
 
 class _Letters(dict[str, Interval]):
-    """A mapping from letters to the intervals of the values that a walk has for them."""
-
     def __init__(self, walk: Walk, marks: Mapping[str, str]) -> None:
         super().__init__()
         self.walk, self.marks = walk, marks
@@ -573,7 +566,6 @@ class Rounded:
 
     @property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The ranges (n) of the form's states, for each combination of pieces of the measured states' ranges."""
         context = self.step.equation.context
         heads, sides = {z for z in context.observed if z}, list[list[Side]]()
         count = round(_PIECES ** (1 / max(1, len(heads))))
@@ -584,7 +576,6 @@ class Rounded:
         return list(product(*sides))
 
     def _values(self, ranges: Sequence[Side]) -> dict[str, Computed]:
-        """Return the values that the program reads while the plant is in these ranges at the beginning of a call."""
         equation, context, values = self.step.equation, self.step.equation.context, dict[str, Interval]()
         known = zip(equation.units, equation.scales, equation.error.index, equation.error.fed, self.within, strict=True)
         for k, (unit, scale, i, fed, error) in enumerate(known, 1):
@@ -598,7 +589,6 @@ class Rounded:
         return {name: Computed(self.precision, value) for name, value in values.items()}
 
     def _sample(self, output: int, ranges: Sequence[Side]) -> Interval:
-        """Return the range of an output from the beginning of a call to its end."""
         context = self.step.equation.context
         shifted = zip(context.z, ranges, self.drifts, strict=True)
         box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in shifted}}
@@ -653,7 +643,6 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return "line" or "hold", the inputs between samples; hold wants constant inputs. Raises: `Unproved`."""
     between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
     rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
     if between == "hold" and any(rates):

@@ -34,8 +34,6 @@ _NEVER = 5  # more than any order that jumps
 
 
 def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, int]:
-    """Return the indices of the first and the last piece on [low, high]; `places[first:last]` are the breakpoints
-    inside; at one breakpoint, the pieces on both sides."""
     first, last = bisect_left(places, low), bisect_right(places, low)
     return (last, bisect_left(places, high)) if low < high else (first, last)
 
@@ -70,14 +68,11 @@ class Grid:
 
 
 def _beyond(places: Sequence[Fraction], jumps: Order, order: int, side: Side) -> bool:
-    """Return whether a derivative of less than `order` jumps on a side; `jumps`: the lowest that does, by place."""
     first, last = _pieces_on(places, *side)
     return any(jump < order for jump in jumps[first:last])
 
 
 def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Weights]:
-    """Yield the weights whose sums enclose a derivative along one axis: for the value at the ends and the breakpoints
-    within, for the slope on the pieces."""
     low, high = side
     first, last = _pieces_on(places, low, high)
     if order == 0:
@@ -87,7 +82,8 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """Return pairs (k, weight): the value of a linear table at t, constant beyond its ends, is sum of weight y_k."""
+    """Return pairs (k, weight): the value of a linear table at
+    t, constant beyond its ends, is the sum of weight y_k."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -96,7 +92,7 @@ def _between_places(places: Sequence[Fraction], t: End) -> Weights:
 
 
 def _rise(places: Sequence[Fraction], k: int) -> Weights:
-    """Return pairs (k, weight): the slope of piece k is the sum of weight y_k; first and last piece are constant."""
+    """Return pairs (k, weight): the slope of piece k is the sum of weight y_k; beyond the table it is 0."""
     if not 0 < k < len(places):
         return ()
     width = places[k] - places[k - 1]
@@ -112,7 +108,6 @@ def _sums(weights: Sequence[Sequence[Weights]], values: Any) -> Iterator[Fractio
 
 
 def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
-    """Return the sum of weight values_k over pairs (k, weight), of numbers or of rows."""
     if not isinstance(values[0], tuple):
         return sum((weight * values[k] for k, weight in weights), _ZERO)
     rows = [tuple(weight * number for number in values[k]) for k, weight in weights]
@@ -175,7 +170,8 @@ def _at(piece: Piece, t: Fraction) -> Fraction:
 
 
 def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    """Return a polynomial's range on [a, b]; for a cubic with an inner extremum, bounds by its control points."""
+    """Return a polynomial's range on [a, b]; for a cubic with an
+    inner extremum, bounds by its Bezier control points."""
     values = [_at(piece, a), _at(piece, b)]
     if len(piece) == 3 and piece[2]:
         turn = -piece[1] / (2 * piece[2])
@@ -209,7 +205,8 @@ def _between(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
-    """Return the slope of a monotone cubic at the end of its last chord D, of width h, after C of width g."""
+    """Return the slope of a monotone cubic at the end of its last interval, of
+    width h and chord slope D, after one of width g and chord slope C."""
     slope = D + h * (D - C) / (g + h)
     if slope * D <= 0:
         return _ZERO
@@ -220,7 +217,6 @@ def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _points(numbers: Sequence[Fraction]) -> tuple[tuple[Fraction, Fraction], ...]:
-    """Return the points of numbers x and y in turn. Raises: `ValueError` with the fault."""
     if len(numbers) % 2 or not 4 <= len(numbers) <= 2 * MOST:
         raise ValueError(f"a table has x and y of 2 to {MOST} points")
     return tuple(zip(numbers[::2], numbers[1::2], strict=True))
@@ -232,7 +228,7 @@ def _line(numbers: Sequence[Fraction]) -> Grid:
 
 
 def _map(numbers: Sequence[Fraction]) -> Grid:
-    """Return the grid of n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
+    """Return the grid of the numbers n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
     n = int(numbers[0]) if numbers and numbers[0].denominator == 1 and 2 <= numbers[0] < len(numbers) else 0
     m, excess = divmod(len(numbers) - 1 - n, n + 1)
     if not n or excess or m < 2 or n * m > MOST:

@@ -149,7 +149,6 @@ class _Reader:
         self.next()
 
     def fault(self, reason: str) -> Unreadable:
-        """Return the error that the text violates the grammar."""
         return Unreadable(self.text, reason)
 
     def _tokens(self) -> Iterator[tuple[str, str]]:
@@ -162,19 +161,16 @@ class _Reader:
             yield match.group(match.lastindex or 0), ("number", "name", "sign")[(match.lastindex or 1) - 1]
 
     def next(self) -> str:
-        """Advance and return the passed token."""
         passed = self.token
         self.token, self.kind = next(self.tokens, ("", ""))
         return passed
 
     def expect(self, token: str) -> None:
-        """Advance past `token`."""
         if self.token != token:
             raise self.fault(f"{token!r} is missing")
         self.next()
 
     def put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
-        """Add an instruction, or the number that it yields for numbers, and return its index."""
         known = [self.numbers.get(arg) for arg in args]
         folded = value if op == "number" else self._fold(op, known)
         if isinstance(folded, Fraction):
@@ -215,7 +211,6 @@ class _Reader:
         return self.power(base, self.factor(depth + 1))
 
     def power(self, base: int, exponent: int) -> int:
-        """Add base ** exponent, both indices of instructions, by the kind of the exponent, and return its index."""
         known = self.numbers.get(exponent)
         if known is None:
             return self.put("raise", (base, exponent))

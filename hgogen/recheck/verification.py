@@ -184,7 +184,6 @@ def recheck(text: str) -> Rechecked:
 
 
 def _plain(text: str) -> str:
-    """Return a name of the file, quoted if it may be more than a name."""
     return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
 
 
@@ -224,14 +223,12 @@ def rows(context: Context) -> Iterator[Row]:
 
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
-    """Return the ids of the claims that a row's claim assumes, and that no row of `known` has as verified."""
     claim = certificate.claim(row.id)
     needed = assumed_claims(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _row(context: Context, claim: Claim) -> Row:
-    """Return the `Row` of a claim: verified, nothing asserted, or failed with the reason."""
     kind, verdict = context.form.kind, _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
@@ -251,7 +248,6 @@ def _row(context: Context, claim: Claim) -> Row:
 
 
 def _narrow(context: Context) -> str:
-    """Return a remark such as "; at u = 0 alone, a range of one point" on states and inputs, or ""."""
     plant = context.plant
     every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
     signals = (*plant.states, *context.file.inputs, *context.z)
@@ -260,7 +256,6 @@ def _narrow(context: Context) -> str:
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
-    """Demand that the claim's evidence has no other keys than these."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
         raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
@@ -300,7 +295,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
 
 
 def _unmodelled(context: Context) -> bool:
-    """Return whether the form has b = 0 and the lambda_tracking observer, whose last row may have no model."""
+    """Return whether b = 0 and the observer is lambda_tracking: its last equation may then lack a model."""
     observer = context.file.observer
     return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
 
@@ -320,8 +315,6 @@ def _unshown(context: Context) -> str:
 
 
 def _differences(context: Context) -> Iterator[str]:
-    """Yield one sentence, for the first of some points of the plant's box where form and plant differ in an
-    equation."""
     try:
         box, speeds = _moving(context)
     except Unproved:
@@ -341,7 +334,6 @@ def _differences(context: Context) -> Iterator[str]:
 
 
 def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
-    """Return the plant's box with the derivatives u' of inputs, and their names by u, if to_form reads u."""
     box, rates = box_of_rates(context)
     read = {name for row in context.form.to_form for name in row.names}
     return box, {u: rate for u, rate in rates.items() if u in read}
@@ -350,8 +342,8 @@ def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[st
 def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
-    """Yield name and residual of each equation of the form, z' = A z + b, y = output, X(Z(x)) = x, at values `at` of
-    the plant's names; `rates`: the names of u' by u."""
+    """Yield name and residual of each equation of the form, z' = A z + b, y = output,
+    X(Z(x)) = x, at values `at` of the plant's names; `rates`: the names of u' by u."""
     form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}

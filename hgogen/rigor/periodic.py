@@ -1,4 +1,4 @@
-"""Whether an expression is periodic in a symbol, exactly: what it changes by as the symbol goes on by one turn."""
+"""Return by how much an expression changes over one turn of a symbol, exactly, to find whether it is periodic."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def exact_turn(period: Any) -> sp.Expr:
 
 
 def advance(expression: sp.Expr, symbol: sp.Symbol, turn: sp.Expr) -> sp.Expr:
-    """Return expression(symbol + turn) - expression(symbol), simplified: a number where that is shown to be constant.
+    """Return expression(symbol + turn) - expression(symbol), simplified: a number where that is constant.
 
     The sums in the arguments of functions are expanded, after which SymPy takes whole turns out of sines and the like.
     """

@@ -113,7 +113,8 @@ def attenuation(context: Context, claim: Claim) -> Finding:
 
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
-    """Prove the L2 gain by the claim's V, at the ends of gamma and of each gamma^-i with a nonzero row of G_1."""
+    """Prove the L2 gain by the claim's storage function V, at the ends of the
+    range of the gain gamma and of each gamma^-i with a nonzero row of G_1."""
     observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
@@ -139,7 +140,7 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
 
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
-    """Prove the claim's bound of the L2 gain by (87) of Alessandri (2020), with the P of the other claims."""
+    """Prove the claim's bound of the L2 gain by (87) of Alessandri (2020)."""
     observer, evidence = observer_of(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
@@ -177,7 +178,8 @@ def _printed(M: Matrix) -> str:
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
-    """Return the claim's bound of |T^-1 dc/dw T|, w' = A w + c, T = diag(gain, gain^2, ..), and the number of boxes."""
+    """Return the claim's bound of |T^-1 dc/dw T|, w' = A w + c,
+    T = diag(gain, gain^2, ..), and the number of boxes."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
         raise Unproved(f"its units are not the powers of {printed(gain)}")
@@ -192,7 +194,6 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """Return the claim's matrix P, which must be equal in all claims on the paper's inequalities."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
         if other.maker == claim.maker and other.fact not in _CONVERGENCE and other.evidence.get("P", P) != P:
@@ -266,8 +267,8 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V, V = e'P e by the claim's P, at every gain from `level` on and every rate of the gain;
-    `slopes`: evidence; return the number of boxes."""
+    """Prove V' <= -alpha V, V = e'P e, at every gain from `level`
+    on and every rate of the gain; return the number of boxes."""
     observer, n = observer_of(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
     D = unit(n).weighed(b + i for i in range(n))
@@ -282,7 +283,8 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """Return p_1, the largest rate of decrease of the gain L, and True, as it is zero at the least gain, p_2."""
+    """Return p_1, the largest rate of decrease of the gain L,
+    and True: the rate is zero at the least gain, p_2."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
         raise Unproved("its p_2 is not from 0 to its cap")
@@ -291,7 +293,8 @@ def _updated(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """Return sigma, the largest rate of decrease of the gain gamma, and False, as it also applies at the least gain."""
+    """Return sigma, the largest rate of decrease of the gain
+    gamma, and False: it also applies at the least gain."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
@@ -329,8 +332,8 @@ def core(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, by P, mu, tau of the claim, for all slopes in the ranges of the evidence
-    `slopes`; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, by P, mu, tau of the claim, for all
+    partial derivatives in the ranges `slopes`; return the number of boxes."""
     observer, evidence = observer_of(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
@@ -355,8 +358,8 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
-    """Return the matrix of `form` at N plus an upper bound of the effect of each slope, N + d step with |d| <= 1: d (v
-    h' + h v') <= S h h' + v v'/S, h the rows of H."""
+    """Return the matrix of `form` at N plus an upper bound of the effect of each uncertainty
+    N + d step, |d| <= 1: d (v h' + h v') <= S h h' + v v'/S, h the rows of H."""
     whole = base = form(N)
     for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
@@ -375,8 +378,8 @@ def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
 
 
 def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
-    """Yield, as functions of N, the matrices of the quadratic form of V' + a V: (n + 1, n + 1) behind the saturation or
-    dead zone, and (n, n) with the whole error injected."""
+    """Yield, as functions of N, the matrices of the quadratic form of V' + a V: (n + 1, n + 1)
+    with the saturation or dead zone, and (n, n) with the whole error injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")

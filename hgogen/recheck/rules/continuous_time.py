@@ -86,7 +86,6 @@ from ..text import Expression
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
-    """Return the name and value of the observer's least gain: theta_low, which must not be above theta, else theta."""
     name = "theta_low" if "theta_low" in observer.numbers else "theta"
     least = scalar(observer.numbers, name)
     if least > scalar(observer.numbers, "theta"):
@@ -125,8 +124,8 @@ def dwell(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, V = e'P e by the claim's P, for all e' with the evidence's `slopes`;
-    return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, V = e'P e, for all partial
+    derivatives in the ranges `slopes`; return the number of boxes."""
     error = one_sided_inclusion(context, observer_of(context, claim), slopes)
     demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
@@ -166,8 +165,6 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
-    """Return the `ErrorInclusion`, its `Parts` at the observer's theta, the error e_k (N) of each field for an error 1
-    of its state, the claim's inputs (noise, disturbances of b), and words for these."""
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
@@ -194,8 +191,8 @@ Shares = list[tuple[Fraction, Fraction]]
 
 
 def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, V = e'P e by the claim's P, for the high gain on the uniform form with
-    the evidence's `ranges` of slopes; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level`, V = e'P e, for the high-gain observer on the
+    uniform form; `ranges` bound the partial derivatives. Return the number of boxes."""
     _ = context.equations
     observer, n = observer_of(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
@@ -215,7 +212,6 @@ def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], le
 
 
 def _above(context: Context) -> list[Fraction]:
-    """Return the numbers s_k above the diagonal of A, whose other entries must be zero."""
     numbers = []
     for i, row in enumerate(context.form.A):
         for j, text in enumerate(row):
@@ -259,7 +255,7 @@ def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
 
 
 def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
-    """Yield the `Slope` K_i q_1 .. q_(i-1) for each i, the q_k in their ranges `shares`."""
+    """Yield the uncertain gain K_i q_1 .. q_(i-1) for each i, the q_k in their ranges `shares`."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
@@ -267,7 +263,6 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
-    """Yield the error dynamics at each combination of ends of slopes and of the q_k in their ranges `shares`."""
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")

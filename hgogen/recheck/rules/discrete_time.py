@@ -51,7 +51,7 @@ _FINE = 2**200  # parts of a root
 
 @dataclass(frozen=True)
 class _Running:
-    """The error of the certificate's observer in steps of the length `h` by a `method`, at its theta."""
+    """The observer's error in steps of length `h` by a `method`, at its theta."""
 
     context: Context
     error: ErrorInclusion
@@ -62,22 +62,20 @@ class _Running:
 
     @cached_property
     def parts(self) -> Parts:
-        """The `Parts` of the error dynamics e' = M e + G p + (B + R) v at theta."""
+        """The matrices of the error dynamics e' = M e + G p + (B + R) v at theta."""
         return self.error.at(self.theta)
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error e_k of each field (N) for an error 1 of the state that it estimates. Raises: `Unproved`."""
+        """The error e_k of each observer state (N) for an error 1 of the plant state that it estimates."""
         return self.error.scales(self.context, self.theta)
 
     @property
     def at(self) -> str:
-        """A phrase for a finding on the method, dt and theta."""
         return f"by {self.evidence['method']} at dt = {printed(self.h)}, theta = {printed(self.theta)}"
 
     @property
     def estimating(self) -> set[int]:
-        """The indices of the fields (states of the program) that estimate a state of the form."""
         return {k for k, fed in enumerate(self.error.fed) if fed}
 
 
@@ -189,7 +187,6 @@ def start(context: Context, claim: Claim) -> Finding:
 
 
 def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
-    """Return by index the limits of the errors of all fields that estimate a state; `clear`: the evidence."""
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
@@ -200,8 +197,8 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
 
 
 def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """Return the largest |e(0)|_P^2 for initial errors of states of at most `first` (n), at the corners; a field that
-    estimates no state begins with 0."""
+    """Return the largest e'P e at t = 0 for initial errors of the states of at most `first` (n),
+    over the corners; an observer state that estimates no plant state begins with error 0."""
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
@@ -253,8 +250,6 @@ def error(context: Context, claim: Claim) -> Finding:
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
-    """Demand that the sizes in the shares follow from the plant; return words for the sizes, words for the condition,
-    and the number of boxes."""
     context, evidence, method, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not method and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
@@ -277,8 +272,8 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
 
 
 def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
-    """Return a bound of the effect of a share of inputs on the error of each field (N): the share's own bound, or
-    without one that by |e|_P <= 1 for its P."""
+    """Return a bound of the effect of a share of the inputs on the error of
+    each observer state (N): the share's own bound, or that by e'P e <= 1."""
     N, unit = len(scales), scalar(share, "unit")
     bounds = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
     if len(bounds) < N:
@@ -289,17 +284,14 @@ def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fra
 
 
 def _root(value: Fraction) -> Fraction:
-    """Return a close upper bound of the square root of a value."""
     return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
 
 
 def _field(one: Any, count: int) -> int:
-    """Return the index from 0 of the field of a bound in the evidence."""
     return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
-    """Return the nonzero inputs of a share, in its unit: errors of samples, stages, rows of z' and fields."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
     still, inputs = [Fraction(0)] * len(error.N), list[Input]()
@@ -329,7 +321,6 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Return the `count` numbers >= 0 under a key, or []."""
     sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
         raise Unproved(f"a size of its {key} is negative")

@@ -213,8 +213,8 @@ def _demand_same(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that the set x_k = a_k(x) (`along`) is invariant, that F and G of the system are those of plant and
-    observer, and F(0) = 0."""
+    """Demand that the set x_k = a_k(x) (`along`) is invariant, that F and G
+    of the error system are those of plant and observer, and F(0) = 0."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
@@ -246,7 +246,8 @@ def _demand_values(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that plant, observer and system have a value at an interior point with e = 0: identities are not void."""
+    """Demand that plant, observer and system have a value at an interior point
+    with e = 0: identities between undefined expressions prove nothing."""
     zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
     at |= {name: evaluate(value, at, intervals) for name, value in along.items()}
@@ -355,8 +356,6 @@ def level(context: Context, claim: Claim) -> Finding:
 
 
 def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
-    """Return the claim's error system, smooth, with V = 0 and V_e = 0 at e = 0, equal in all claims of the file.
-    Raises: `Unproved`."""
     description = part(claim.evidence, "system", dict)
     known_keys = next((keys for keys in _SYSTEMS if description.keys() == {*keys, *_OF_ALL}), None)
     if known_keys is None:
@@ -373,7 +372,8 @@ def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
 
 
 def _vanishing(claimed: ClaimedGain) -> None:
-    """Prove V(0) = 0 and V_e(0) = 0 by exact algebra, and that V has no kinks and finite slopes on the whole box."""
+    """Prove V(0) = 0 and V_e(0) = 0 by exact algebra, and that
+    V has no kinks and bounded gradients on the whole box."""
     algebra = algebra_of(claimed.around)
     still = dict.fromkeys(claimed.errors, algebra.zero)
     smooth((claimed.V,))
@@ -387,7 +387,8 @@ def _vanishing(claimed: ClaimedGain) -> None:
 
 
 def _regular(claimed: ClaimedGain) -> Any:
-    """Return a function of a box that tries to prove that F has finite slopes in e, and that G is finite."""
+    """Return a function of a box that tries to prove that F has
+    finite partial derivatives in e, and that G is finite."""
     system = claimed.system
 
     def attempt(box: Box) -> Attempt:
@@ -403,8 +404,6 @@ def _regular(claimed: ClaimedGain) -> Any:
 
 
 def _smooth(claimed: ClaimedGain) -> Any:
-    """Return a function of a box that tries to prove that V has finite second derivatives."""
-
     def attempt(box: Box) -> Attempt:
         try:
             hessian = _hessian(claimed, {f"c.{k}": v for k, v in box.items()})
@@ -421,7 +420,6 @@ def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
 
 
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
-    """Return the share of the box of errors where matrices are proved definite, and the proof's basis T (n, n)."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
     if share > 1:
         raise Unproved("its share is above 1")
@@ -429,7 +427,6 @@ def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
 
 
 def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
-    """Yield the slabs of the box of errors outside its `share`, each with its bisection and bound from the evidence."""
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
@@ -457,7 +454,6 @@ def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
 
 
 def _quadratic(claimed: ClaimedGain) -> Matrix | None:
-    """Return the matrix P of V = e'P e, None for another V."""
     algebra = algebra_of(claimed.around)
     H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
     return None if H is None else Fraction(1, 2) * Matrix(H)
@@ -475,7 +471,6 @@ def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithme
 
 
 def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> Box:
-    """Return the box of copies c, d, g of the errors, `share` of their box, and of signals; `reads`: names by copy."""
     box: dict[str, Any] = {}
     for copy, names in reads.items():
         for name in sorted(names):
@@ -488,7 +483,8 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 
 def _definite(claimed: ClaimedGain, T: Matrix, keys: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """Return a function of a box that tries to prove that T'M T is positive definite, M = `keys`(claimed, box)."""
+    """Return a function of a box that tries to prove that T'M
+    T is positive definite, M = `keys`(claimed, box)."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
@@ -511,7 +507,6 @@ def _number(value: Fraction) -> Dual:
 
 
 def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
-    """Return values of errors, from the `copy` c, d or g, and of signals, with slopes in the names of the box."""
     every = seeded(sides(box), box, intervals)
     names = {name: f"{copy}.{name}" if name in claimed.around else name for name in claimed.box}
     return {name: every.get(copied, _number(Fraction(0))) for name, copied in names.items()}

@@ -65,7 +65,7 @@ def _gain(context: Context, claim: Claim) -> Finding:
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
-    """Refute that a_i of a chain is positive, by a point of the box at which it is zero or negative."""
+    """Refute that a_i of a chain of integrators is positive, by a point of the box where a_i <= 0."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)
@@ -76,7 +76,7 @@ def _no_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _offset(context: Context, claim: Claim) -> Finding:
-    """Prove that c = y - a_1 z_1 of a chain is finite on the box."""
+    """Prove that c = y - a_1 z_1 of a chain of integrators is finite on the box."""
     _ = context.equations
     chain = claim.at[0] if claim.at else 1
     head = context.z[place_of(context, chain, 1)]
@@ -92,8 +92,9 @@ def _offset(context: Context, claim: Claim) -> Finding:
 
 
 def _affine(context: Context, claim: Claim) -> Finding:
-    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that d and c read no state; A, b
-    may read states that an output measures alone, with a number for c_k."""
+    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0)
+    for every z, so that d and c depend on no state. A and b may depend
+    on states that one output measures alone, with a constant c_k."""
     _ = context.equations
     z, measured, algebra = context.z, list[str](), context.algebra
     offset_ = {**algebra.names, **dict.fromkeys(z, algebra.zero)}
@@ -116,7 +117,7 @@ def _affine(context: Context, claim: Claim) -> Finding:
 
 
 def _uniform(context: Context, claim: Claim) -> Finding:
-    """Prove that z_i' = F_i reads z_1..z_(i+1), and y reads z_1."""
+    """Prove that z_i' = F_i depends on z_1..z_(i+1) only, and y on z_1."""
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
@@ -139,8 +140,8 @@ def _slope(context: Context, claim: Claim) -> Finding:
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
-    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is zero at a point of the box without a kink; or that it has opposite signs
-    at two points, and h or F_(i-1) is continuous."""
+    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is zero at a point of the box without a
+    kink; or has opposite signs at two points, and h or F_(i-1) is continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
     read = context.at_kinks(text, rate)
@@ -169,7 +170,6 @@ def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
 
 
 def _lipschitz(context: Context, claim: Claim) -> Finding:
-    """Prove |d rows/dz| <= bound for the form's kind: rows of b in chains, else of A z + b, partly with outputs."""
     name, rows = _STEEP[context.form.kind]
     return jacobian_bound(context, claim, rows(context), name)
 
@@ -270,7 +270,8 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """The Jacobian dPhi/dx, Phi = (y, y', ..), as quotients, `rows` (n, n), with Phi, its box and its algebra."""
+    """The Jacobian dPhi/dx of Phi = (y, y', ..) as quotients,
+    `rows` (n, n), with Phi, its box and its algebra."""
 
     rows: list[list[Quotient]]
     Phi: list[Expression]
@@ -290,7 +291,6 @@ def _phase_slopes(context: Context, claim: Claim) -> _Slopes:
 def _bounded_determinant(
     slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
 ) -> tuple[Fraction, Fraction, int]:
-    """Return the evidence's bounds low, high of the determinant of `rows`, once proved, and the number of boxes."""
     text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
     if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
         raise Unproved(f"its expression {text.text} is not the determinant")
@@ -300,7 +300,6 @@ def _bounded_determinant(
 
 
 def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
-    """Return the plant's box with the derivatives u' of inputs, their names by u, and Phi = (y, y', ..)."""
     box, rates = box_of_rates(context)
     return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
 
@@ -320,14 +319,14 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
 
 
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
-    """Demand that rows have no kink function, and no table with a derivative up to an order that jumps."""
     for row in rows:
         if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
             raise Unproved(f"{row.text[:60]} is not shown to be differentiable")
 
 
 def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
-    """Demand finite derivatives of a row, and a polynomial if a side is unbounded; return the number of boxes."""
+    """Demand finite derivatives of a row, and a polynomial if
+    the box is unbounded; return the number of boxes."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     for op, _, value in row.instructions:

@@ -168,13 +168,11 @@ def _up(value: int, share: Fraction) -> int:
 
 
 def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
-    """Return an upper bound of the coefficient k of the product of series a and b, over 2^192."""
+    """Return an upper bound of coefficient k of the product of series a and b, in units of 2^-192."""
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
 def _coefficient(a: Series, b: Series, k: int) -> Balls:
-    """Return the coefficient k of the product of series a and b, by one product of the coefficients of a in a row and
-    those of b in a column."""
     first, last = a[: k + 1], b[k::-1]
     wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
     return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
@@ -258,7 +256,6 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
-    """Return whether `turns` is 2 pi k for an integer k."""
     pi = algebra.function("pi", ())
     each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
     return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
@@ -278,8 +275,9 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
-    """Return a function of a box of parameters that tries to prove det(N'N) not 0, N the rows C, C A + C', .. at the
-    time `at`; det N for one output."""
+    """Return a function of a box of parameters that tries to prove that
+    the observability matrix N with the rows C, C A + C', .. has full
+    rank at the time `at`: det(N'N) is not 0, det N for one output."""
     n = len(context.z)
 
     def attempt(box: Box) -> Attempt:
@@ -374,8 +372,6 @@ def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
 
 
 class _Course:
-    """The course of A and C along inputs of the time, in units of the half widths of the states' ranges."""
-
     def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
         self.context, self.inputs, self.weights = context, inputs, weights
         ranges = (context.form.box[z] for z in context.z)
@@ -387,8 +383,8 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """Demand W >= bound over every window of 2^level pieces of a length, from any of `starts` pieces on. Raises:
-        `Unproved`, `Undefined`."""
+        """Demand that the observability Gramian W >= bound over every window
+        of 2^level pieces of a length, from any of `starts` pieces on."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -402,7 +398,6 @@ class _Course:
         return None
 
     def piece(self, begin: Fraction, length: Fraction) -> Window:
-        """Return the `Window` of the piece of time from `begin` on."""
         A, C = self.series(point(begin), ORDER + 1)
         group = begin // (_GROUP * length)
         if group != self.group:
@@ -411,7 +406,7 @@ class _Course:
         return piece(A, C, self.around, length)
 
     def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
-        """Return a lower bound of |x|^2 at the end of a piece over |x|^2 at any time in it, x' = A x."""
+        """Return a lower bound of |x|^2 at the end of a piece over |x|^2 at any time in it, for x' = A x."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.transposed).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
@@ -419,7 +414,6 @@ class _Course:
         return Fraction(low)
 
     def series(self, time: Interval, order: int) -> tuple[Series, Series]:
-        """Return the Taylor coefficients of A and C at a time, below an order, as balls."""
         A, C = series_of(self.context, self.inputs, self.context.form.box, time, order)
         d = self.half
         shares = (
@@ -435,7 +429,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
 
 
 def _demand(window: Window, bound: Fraction) -> None:
-    """Demand that W - bound I of a window's Gramian W has no negative eigenvalue."""
+    """Demand that W - bound I of a window's Gramian W is positive semidefinite."""
     middle, off = window.W.fractions
     demand_nonnegative({"W less the bound": middle - (bound + off) * unit(len(middle))})
 
