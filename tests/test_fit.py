@@ -207,6 +207,13 @@ def test_samples_may_be_missing_and_an_output_have_an_offset() -> None:
     assert fit.error["y"] == pytest.approx(0.01, rel=0.15)  # in its unit: of 370 draws known to 4 %
 
 
+@pytest.mark.parametrize("by", ["simulation", "prediction"])
+def test_the_fitted_course_is_nearer_to_the_truth_than_the_samples(by: Any) -> None:
+    """It averages their noise of 0.01; on the other side of the samples it would be off by twice that."""
+    fit = hg.fit(PLANT, log(1, count=150), free=("k", "c", "g"), starts=1, by=by)
+    assert np.sqrt(np.mean((fit.fitted[0][:, 0] - moved((1.0, 0.0), 150)) ** 2)) < 0.01
+
+
 def test_what_a_record_does_not_tell_is_said() -> None:
     """Of p q x the product alone is told, and in units of the nominal values both count the same."""
     p, q = hg.Signal("p", nominal=2), hg.Signal("q", nominal=0.5)

@@ -296,7 +296,7 @@ class Shooting(_OnRecords):
             read.append(outputs)
         table = ca.vec(ca.vertcat(*read))  # by segment, sample and output
         place, output = np.nonzero(np.isfinite(record.y))
-        errors = (table[(place * record.y.shape[1] + output).tolist()] - record.y[place, output]) / self.scale[output]
+        errors = (record.y[place, output] - table[(place * record.y.shape[1] + output).tolist()]) / self.scale[output]
         return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
 
     def _stretch(self, samples: int) -> Any:
