@@ -92,7 +92,7 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
 
 @lru_cache(maxsize=4096)
 def _error(e: sp.Expr, around: Sides) -> float:
-    """Return a bound of a program's rounding error of an expression on a box, infinite where none is known."""
+    """Return a bound of the rounding error of a program that computes e on a box, infinite if unknown."""
     if not e.args:
         return UNIT * _largest_size(e, around) + _TINY
     if isinstance(e, sp.Piecewise):  # one branch or another
@@ -113,7 +113,8 @@ def _error(e: sp.Expr, around: Sides) -> float:
 
 
 def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """Return a bound of a function's rounding error, for `errors` of its arguments, by its derivatives or its range."""
+    """Return a bound of a function's rounding error, by its
+    derivatives or its range, for `errors` of its arguments."""
     varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
     dummies = {part: sp.Dummy(real=True) for part, _ in varying}
     ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
@@ -243,7 +244,6 @@ def _number_ends(e: sp.Expr) -> Interval:
 
 
 def _applied(function: Callable[[Any], Any], end: End) -> Interval:
-    """Return an enclosure of a function's value at an end; the real line where the value has too many digits."""
     if not -_STEEPEST <= end <= _STEEPEST:
         return EVERYTHING
     with ctx.workprec(_BITS):
@@ -301,8 +301,6 @@ def _over(end: End) -> End:
 
 
 def _rounded_outward(a: Interval) -> Interval:
-    """Return an interval around a whose ends have about `_BITS` bits."""
-
     def rounded(end: End, whole: Callable[[Fraction], int]) -> End:
         if isinstance(end, float) or max(end.numerator.bit_length(), end.denominator.bit_length()) <= 2 * _BITS:
             return end
@@ -456,7 +454,6 @@ def _simple_values(low: End, high: End) -> list[Fraction]:
 
 
 def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
-    """Return the rational roots, in the box, of a polynomial in one symbol."""
     (symbol,), ((low, high),) = sides.symbols, sides.ends
     if not expression.is_polynomial(symbol):
         return []
@@ -469,7 +466,6 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
 
 
 def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
-    """Yield zeros of an expression that is linear in a symbol, with the other symbols at simple `values`."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
         constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
@@ -775,7 +771,6 @@ def _nonzero(
 
 
 def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sign:
-    """Return the answer PROVED, by a bisection `cover`, or by `exact`, the rational range on the whole box."""
     (low, high), extent, reason = exact or (cover.low, cover.high), range_of(problem, cover, 0.0), counted(cover.boxes)
     if exact:
         extent = replace(extent, low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
@@ -785,7 +780,6 @@ def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sig
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Return whether factors prove that an expression has no zero on the box, and rational ends of its range."""
     low, high = rational(expression, box)
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
@@ -808,7 +802,6 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
 
 
 def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
-    """Return the cause why an expression has no constant sign, the reason in words, and a point; None if unknown."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -847,7 +840,6 @@ def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """Yield divisors and factors of an expression, which make it undefined or zero, each with a reason's pattern."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
@@ -858,7 +850,7 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 
 
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
-    """Return irreducible factors of e, by exact algebra alone where SymPy would factor a high power of exp."""
+    """Return irreducible factors of e by exact algebra alone: SymPy would factor a high power of exp."""
     if any(steep(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []

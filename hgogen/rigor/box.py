@@ -83,8 +83,8 @@ def kind(expression: sp.Expr, point: RationalPoint) -> str:
 
 
 def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
-    """Return whether a function's argument at a point lies so close to an end of its domain that SymPy may round it to
-    the end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
+    """Return whether a function's argument is so close to an end of its domain that SymPy may
+    round it to the end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
     argument = node.args[0].xreplace(at)
     room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
     return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
@@ -109,13 +109,14 @@ def _digits(value: sp.Expr) -> str:
 
 
 def _is_noise(value: sp.Expr) -> bool:
-    """Return whether no digit of SymPy's number is certain, as its precision of 1 says."""
+    """Return whether no digit of SymPy's number is certain: its precision is then 1."""
     return bool(value.is_Float and value._prec == 1)
 
 
 def _near_an_edge(node: sp.Expr) -> bool:
-    """Whether a function's argument may be a point where the function jumps or has no bounded slope, as 0 for a root.
-    SymPy counts digits by the slope, and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
+    """Return whether a function's argument may be at a jump or an unbounded
+    derivative, as 0 for a root. SymPy counts digits by the derivative,
+    and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
     (first, *_) = node.args
     edges = node.args if isinstance(node, _STEEP) else ()  # expressions that are 0 at those points
     if isinstance(node, sp.Pow):
@@ -169,8 +170,7 @@ def exact(expression: sp.Expr) -> sp.Expr:
 
 
 def _range_of(signal: Ranged) -> tuple[sp.Rational, sp.Rational]:
-    """Return the range of a signal, or for a signal without one, which may have any value, one around its nominal
-    value."""
+    """Return the declared range of a signal, or without one a range around its nominal value."""
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
     centre = sp.Rational(str(signal.nominal or 0.0))

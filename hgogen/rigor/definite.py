@@ -82,8 +82,9 @@ def positive(M: Any) -> bool:
 
 
 def _near_unit(M: Any) -> bool:
-    """Return whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every
-    matrix within balls. M has whole numbers or balls, R whole numbers near the inverse of a Cholesky factor."""
+    """Return whether R M R' is diagonally dominant, so that it and M
+    are positive definite (Gershgorin), for every matrix M within
+    error balls; R approximates the inverse of a Cholesky factor."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]

@@ -112,7 +112,8 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
 
 
 def _turns(a: Pair, phase: float) -> Flags:
-    """Return whether phase + 2 pi k may lie in intervals a for a whole k, with more slack than rounding errors."""
+    """Return whether phase + 2 pi k may lie in intervals a for
+    an integer k, with more slack than rounding errors."""
     slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
     first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
     inside = np.floor(last) >= np.ceil(first)
@@ -135,7 +136,6 @@ def _tangent(a: Pair) -> tuple[Pair, Flags]:
 
 
 def _at(name: str, x: Array) -> Pair:
-    """Return floats below and above the value of the function `name` at each x; "p/q" is the power x^(p/q)."""
     return _each(partial(_value, name), x)
 
 
@@ -172,7 +172,6 @@ def _arctangent_at(y: float, x: float) -> tuple[float, float]:
 
 
 def _outward(ball: arb) -> tuple[float, float]:
-    """Return the closest floats that enclose the ball, equal where it is one float."""
     if not ball.is_finite():
         return -math.inf, math.inf
     below, above = ball.lower(), ball.upper()
@@ -275,7 +274,7 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
 
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair:
-    """Return the slope f'(a) a' of f(a), from a function that encloses f'(a)."""
+    """Return f'(a) a', the derivative of f(a), from a function that encloses f'(a)."""
     return a.slope if a.fixed or not len(a.slope[0]) else scale(slope(), a.slope)
 
 
@@ -284,17 +283,14 @@ def _total(first: Pair, second: Pair) -> Pair:
 
 
 def _joint(a: Enclosure, b: Enclosure, first: Pair, second: Pair) -> Pair:
-    """Return the slope of an operation on a and b as the sum of their contributions `first` and `second`."""
     return second if a.fixed else first if b.fixed else _total(first, second)
 
 
 def _nowhere(slope: Pair, wild: Flags) -> Pair:
-    """Return the slope, or the real line on the boxes flagged `wild`."""
     return outward.where_known(~wild, slope)
 
 
 def _jumpy(slope: Pair, wild: Flags, reads: list[Enclosure]) -> Pair:
-    """Return the slope, or the real line where `wild` for those variables with which some of `reads` vary."""
     if not len(slope[0]):
         return slope
     return _nowhere(slope, wild & np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads]))
@@ -326,7 +322,7 @@ def _power(a: Enclosure, n: int) -> Enclosure:
 
 
 def _root(a: Enclosure, r: Fraction) -> Enclosure:
-    """Return the power a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
+    """Return the power a^r, r rational and not an integer: real for a >= 0, for r < 0 for a > 0."""
     clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
     factor = number(r)
     slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
@@ -386,7 +382,8 @@ def _norm(args: list[Enclosure]) -> Enclosure:
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
-    """Return the direction e_i/|e|, i the index, at e = 0 the set of its limits, with which it counts as continuous."""
+    """Return the unit vector's entry e_i/|e|, i the index; at
+    e = 0 the set of its limits, which counts as continuous."""
     value = outward.direction([a.value for a in args], index, wide)
     return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
 
@@ -410,7 +407,6 @@ def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags)
 
 
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
-    """Return a piecewise constant function with the range `value`, which may jump unless the range is one number."""
     still = value[0] == value[1]
     return Enclosure(value, a.defined, a.continuous & still, _jumpy(_flat(a.slope), ~still, [a]))
 
@@ -428,8 +424,8 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
-    """Return the rule of a relation such as a < b; `verdicts`: a function of two intervals to flags where the relation
-    must and where it may hold."""
+    """Return the rule of a relation such as a < b, from a function of two intervals
+    to flags of boxes where the relation must hold and where it may hold."""
 
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
@@ -446,7 +442,7 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
 
 
 def _piecewise(args: list[Enclosure]) -> Enclosure:
-    """Return the hull of the branches that points of a box may take, continuous where there is only one of them."""
+    """Return the hull of the branches that points of a box may take; continuous if there is only one."""
     values, conditions = args[::2], args[1::2]
     shape = values[0].value[0].shape
     undecided, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
@@ -474,7 +470,6 @@ def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
 
 
 def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
-    """Return a table's derivative; where it jumps, the interval between its limits, without a slope along that axis."""
     (cells, order), place = table, [a.value for a in args]
     value, bounded, continuous = _cell_ranges(cells, order, place)
     slopes = [
@@ -486,12 +481,10 @@ def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
 
 
 def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
-    """Return the range of a table's derivative on intervals `place` of its arguments, with all its limits where it
-    jumps; flags whether it is bounded; and for each axis, in a row, flags whether it is continuous.
-
-    Where a box ends on a breakpoint only the cell inside counts, and where an argument is a breakpoint both cells. For
-    a table with rounded arguments (`bounds.as_programmed`) the cell above counts as well.
-    """
+    """Return the range of a table's derivative on intervals `place` of its arguments,
+    with both limits at a jump; flags whether it is bounded; and for each axis flags
+    whether it is continuous. If a box ends on a breakpoint only the cell inside
+    counts. For a table with rounded arguments the cell above counts as well."""
     sides = [zip(low.tolist(), high.tolist(), strict=True) for low, high in place]
     rows = [_on(cells, order, box) for box in zip(*sides, strict=True)]
     low, high, bounded, continuous = zip(*rows, strict=True)

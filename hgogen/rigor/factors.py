@@ -135,8 +135,6 @@ class Elimination:
         return row, scales
 
     def _plain(self, row: list[Any], scales: Product) -> list[Any]:
-        """Return the row with g^q = value applied for each root g, divided by the common factor of its entries; append
-        the factors by which the row was multiplied to `scales`."""
         for root in reversed(self.field.relations):
             row, power = reduced(row, root.index, root.degree, root.value)
             scales.append((root.value[1], power))
@@ -257,8 +255,8 @@ Row = tuple[int, int]  # (output, order of the derivative), both from 0
 def _lie_derivative(
     row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
 ) -> list[Any]:
-    """Return the Lie derivative L_f w = f . dw/dx + w df/dx of a row w of polynomials, for `rates` (time derivative of
-    each generator) and the Jacobian df/dx, both without denominators."""
+    """Return the Lie derivative L_f w = f . dw/dx + w df/dx of a row w of polynomials, for `rates`
+    (time derivatives of the symbols) and the `jacobian` df/dx, both without denominators."""
     derivative = []
     for i, entry in enumerate(row):
         total = entry.context().constant(0)
@@ -332,8 +330,7 @@ def branches(field: Field) -> bool:
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
-    """Return, for each product of some radicands that is a square h^2, the factors of h with odd exponents; the
-    products are a basis of all such products."""
+    """Return, for each product of some radicands that is a square h^2, the factors of h with odd exponents."""
     exponents = []  # of each radicand: irreducible monic polynomials and their exponents, by their text
     for root in roots:
         ends = _irreducible([(root.value[0], Fraction(1)), (root.value[1], Fraction(-1))])
@@ -393,8 +390,8 @@ def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
 
 
 def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """Return a number and factors equal to the product `parts`, with g^k written as g^(k - t q) value^t, for the root
-    g^q = value and the t that leaves the fewest factors; g is no factor where q divides k."""
+    """Return a number and factors equal to the product `parts`, with g^k written as g^(k - t q)
+    value^t, for the root g^q = value and the t that leaves the fewest factors."""
     k = sum((e for p, e in parts if p == generator), Fraction(0))
     if not k:
         return sp.S.One, parts
@@ -407,7 +404,6 @@ def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]
 
 
 def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
-    """Return value^share as a number and powers of irreducible factors, for the root g^q = value."""
     if not share:
         return sp.S.One, []
     factor, ends = _monic([(root.value[0], share), (root.value[1], -share)])
@@ -415,19 +411,17 @@ def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
 
 
 def _monic(parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """Return the product of the leading coefficients, each to its exponent, and the polynomials divided by them."""
     leading = sp.Mul(*(number(p.leading_coefficient()) ** sp.Rational(e) for p, e in parts))
     return leading, [(p / p.leading_coefficient(), e) for p, e in parts]
 
 
 def _irreducible(parts: _Parts) -> _Parts:
-    """Return the monic irreducible factors of monic polynomials, with exponents."""
     return _merged((p / p.leading_coefficient(), e * k) for polynomial, e in parts for p, k in polynomial.factor()[1])
 
 
 def _joined(parts: _Parts, index: int) -> _Parts:
-    """Return the powers with P(g) and P(-g) joined to one factor where both have the same exponent, g the generator of
-    that index: with g^2 = x + 1, (g - 1) (g + 1) is x."""
+    """Return the powers with P(g) and P(-g) multiplied where both have
+    the same exponent: with g^2 = x + 1, (g - 1) (g + 1) is x."""
     pending = {str(p): (p, e) for p, e in parts}
     joined = []
     for p, e in parts:
@@ -445,7 +439,6 @@ def _joined(parts: _Parts, index: int) -> _Parts:
 
 
 def _merged(parts: Iterable[tuple[Any, Fraction]]) -> _Parts:
-    """Return the powers with exponents of equal polynomials added, without constants and exponents 0."""
     merged: dict[str, tuple[Any, Fraction]] = {}
     for polynomial, exponent in parts:
         key = str(polynomial)

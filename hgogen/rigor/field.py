@@ -132,8 +132,6 @@ class Writer:
         return self._kernel(node)
 
     def _kernel(self, node: sp.Expr) -> sp.Expr:
-        """Return the generator of a function, such as log(x + 1); one generator for equal rational functions as
-        arguments."""
         if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
             node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
         return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))
@@ -179,8 +177,9 @@ class Writer:
         return rules.get(type(node), power)
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
-        """Return the divisor g and the whole number k with factor = k g, for exp(factor m) or the angle factor m of the
-        `monomial` m; g = 1/q for a factor p/q that is no multiple of the g of `units`. `kind`: "exp" or "turn"."""
+        """Return g and the integer k with factor = k g, for exp(factor m)
+        or the angle factor m of the `monomial` m; g = 1/q for a factor
+        p/q that is no multiple of a known g. `kind`: "exp" or "turn"."""
         unit = self.units.get((kind, monomial), sp.S.One)
         if not (factor / unit).is_Integer:
             unit = sp.Rational(1, factor.q)
@@ -224,7 +223,6 @@ class Half(sp.Function):  # type: ignore[misc]
 
 
 def _kind(node: sp.Basic) -> str:
-    """Return "exp" for a function of exponentials, such as sinh, "turn" for one of an angle, such as sin, else ""."""
     if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
         return "exp"
     return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
@@ -248,7 +246,6 @@ def _terms(argument: sp.Expr) -> Iterator[tuple[sp.Rational, sp.Expr]]:
 
 
 def _canonical(argument: sp.Expr) -> sp.Expr:
-    """Return an argument in a form that is equal for equal rational functions of its symbols and functions."""
     if argument.is_Atom:
         return argument
     inverse = any(not (node.exp.is_Integer and node.exp > 0) for node in argument.atoms(sp.Pow))
@@ -437,7 +434,7 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """Return the symbols s that roots g^q = c s + r replace, with their values (g^q - r)/c, and the generators g."""
+    """Return the symbols s that roots g^q = c s + r replace, with their values (g^q - r)/c, and the roots g."""
     replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:
@@ -593,13 +590,11 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 
 
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
-    """Return the expression with exact numbers, and a value for each symbol whose range in the box is one point."""
     point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
     return exact(settled(expression, point) if point else sp.sympify(expression))
 
 
 def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
-    """Return those of `symbols` for which two sample points that differ in it alone give different values."""
     every = sorted(expression.free_symbols, key=str)
     try:
         program = tape((expression,), every)
@@ -620,7 +615,6 @@ def _not_zero(ball: Any) -> bool:
 
 
 def _points(symbols: Sequence[sp.Symbol], box: Box | None, count: int) -> Iterator[list[Fraction]]:
-    """Yield `count` rational points (a number for each symbol) inside the box, from a fixed seed."""
     draw = random.Random(1)
     for k in range(count):
         yield [

@@ -178,17 +178,14 @@ class Axis:
 
     @cached_property
     def _floats(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return, for each breakpoint, the nearest float at or below it and the nearest at or above it."""
         nearest = [(float(x), x) for x in self.x]
         below = tuple(f if f <= x else nextafter(f, -inf) for f, x in nearest)
         return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
 
     def _before(self, end: Number) -> int:
-        """Return the number of breakpoints below a number; a float is compared with breakpoints rounded down."""
         return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
 
     def _until(self, end: Number) -> int:
-        """Return the number of breakpoints at or below a number; a float is compared with breakpoints rounded up."""
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
@@ -219,7 +216,6 @@ class Axis:
 
     @cached_property
     def _rational(self) -> tuple[list[Any], list[Any]]:
-        """Return the breakpoints and the cells' starts as FLINT numbers, whose arithmetic is far faster."""
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
@@ -378,7 +374,6 @@ class Cells:
         return self._range(wide, spans, order), continuous
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
-        """Return the range of a derivative of the table on a box that overlaps the cells `spans` (first, last)."""
         whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
@@ -392,8 +387,6 @@ class Cells:
         return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
 
     def _over(self, piece: np.ndarray, cell: Index, spans: Spans, box: Sequence[Ends]) -> Side | None:
-        """Return the range of the polynomial `piece` of one cell on a box that overlaps the cells of `spans` (first,
-        last); None where it is unbounded."""
         sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
             if inf in (-side[0], side[1]):
@@ -421,8 +414,6 @@ def _of_order(cells: Cells, order: Index) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index], np.ndarray]:
-    """Return the range of a derivative of a table on each bounded or constant cell, the indices of the constant cells,
-    and the polynomials of all cells in FLINT numbers."""
     pieces = np.frompyfunc(number, 1, 1)(cells.of_order(order))
     count = len(order)
     varies = pieces.reshape(*pieces.shape[:count], -1)[..., 1:].astype(bool).any(axis=-1)
@@ -531,7 +522,6 @@ def function(cells: Cells, order: Index) -> FunctionClass:
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
-    """Return a function of numpy arrays, one for each argument, to a table's derivative; `order`: by each argument."""
     breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
     starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
     coefficients = by_power(cells.of_order(order)).astype(float)
@@ -615,7 +605,6 @@ class Lookup:
 
     @property
     def _flat(self) -> list[str]:
-        """Return the names of the arguments by which the lookup is a derivative, 0 beyond the breakpoints."""
         ways = zip(self.computed.axes, self.order, _NAMES, strict=False)
         return [names[0] for axis, k, names in ways if k and axis.clamped]
 
@@ -681,8 +670,9 @@ class Lookup:
 
 
 def _formula(shape: Sequence[int], name: str, distances: Sequence[str], cell: str, zero: str) -> str:
-    """Return the text of Horner's scheme for a polynomial. `shape`: the number of powers of each distance; `name`: the
-    prefix of the coefficient arrays; `cell`: the text of their index; `zero`: the slope of a constant polynomial."""
+    """Return the source text of Horner's scheme for a polynomial. `shape`: the number
+    of powers of each distance; `name`: the prefix of the coefficient arrays;
+    `cell`: the text of their index; `zero`: the derivative of a constant."""
     if not distances:
         return f"{name}[{cell}]"
     d, *tail = distances
@@ -781,7 +771,6 @@ def folded(
 
 @lru_cache(maxsize=256)  # a program is evaluated on many pieces of a plant's ranges
 def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
-    """Return for each instruction its code, its input and output places, and the number or the called function."""
     rows, texts = [], instructions(function)
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)

@@ -101,13 +101,11 @@ def scale(a: Pair, b: Pair) -> Pair:
 
 
 def _ends(products: list[Array]) -> Pair:
-    """Return the smallest and the largest of four arrays of products, entry by entry."""
     a, b, c, d = products
     return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
 
 
 def _signs(a: Pair, b: Pair) -> tuple[Flags, Flags, Flags]:
-    """Return flags of boxes where no product a b is negative, where none is positive, and where a factor is 0."""
     (a_up, a_down), (b_up, b_down) = (((ends[0] >= 0), (ends[1] <= 0)) for ends in (a, b))
     return (a_up & b_up) | (a_down & b_down), (a_up & b_down) | (a_down & b_up), (a_up & a_down) | (b_up & b_down)
 
@@ -224,29 +222,30 @@ def _share(e: Array, others: Array) -> Pair:
 
 
 def _below(value: Array, error: Array) -> Array:
-    """Return a rounded value where its error, exact minus rounded, is known to be >= 0, else the next float below."""
+    """Return a rounded value if its error, exact minus rounded,
+    is known to be >= 0, else the next float below."""
     return np.where(error >= 0.0, value, down(value))
 
 
 def _above(value: Array, error: Array) -> Array:
-    """Return a rounded value where its error, exact minus rounded, is known to be <= 0, else the next float above."""
+    """Return a rounded value if its error, exact minus rounded,
+    is known to be <= 0, else the next float above."""
     return np.where(error <= 0.0, value, up(value))
 
 
 def _sum(x: Array, y: Array) -> Pair:
-    """Return the rounded sum x + y and its error, NaN after overflow, for which every comparison is false."""
+    """Return the rounded sum x + y and its error, NaN after overflow: every comparison with it is false."""
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
 
 
 def _outside(value: Array, error: Array) -> Array:
-    """Return `_below` of the first half of the values, and `_above` of the second half."""
     return np.array((_below(value[0], error[0]), _above(value[1], error[1])))
 
 
 def _split(x: Array) -> Pair:
-    """Return two numbers of half the digits of x whose sum is x (Dekker)."""
+    """Return two floats of half the digits of x whose sum is x (Dekker)."""
     t = _SPLIT * x
     high = t - (t - x)
     return high, x - high
@@ -260,7 +259,7 @@ def _residual(x: Array, y: Array, product: Array) -> Array:
 
 
 def _product(x: Array, y: Array) -> Pair:
-    """Return the rounded product x y and its error, NaN where it is not known; 0 times infinity is 0."""
+    """Return the rounded product x y and its error, NaN if unknown; 0 times infinity is 0."""
     product = x * y
     size = np.abs(product)
     known, error = (size > _SMALL) & (size < _LARGE), _residual(x, y, product)  # NaN of factors beyond _LARGE
@@ -271,7 +270,7 @@ def _product(x: Array, y: Array) -> Pair:
 
 
 def _inverted(low: Array, high: Array) -> Pair:
-    """Return floats <= 1/high and >= 1/low, for ends that are not 0; 1/inf is 0 of its sign."""
+    """Return floats <= 1/high and >= 1/low, for nonzero ends; 1/inf is 0 with its sign."""
     x = np.array((high, low))
     inverse, size = 1.0 / x, np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)
@@ -283,7 +282,7 @@ def _inverted(low: Array, high: Array) -> Pair:
 
 
 def _root(x: Array) -> Pair:
-    """Return the rounded sqrt(x), and a number with the sign of its error, NaN where it is not known."""
+    """Return the rounded sqrt(x), and a number with the sign of its rounding error, NaN if unknown."""
     root = np.sqrt(x)
     known = (x > _SMALL) & (x < _LARGE)
     product = root * root

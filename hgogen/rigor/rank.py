@@ -126,9 +126,9 @@ def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
 
 @dataclass(frozen=True)
 class _Search:
-    """A search for points of each branch of `rows`. `places`: points by their key, a tuple with the sign of each test,
-    or its cell or whole number, None where undecided. `counts`: the number of points by key; under None those where a
-    row has no value."""
+    """A random search for points on every branch of piecewise expressions `rows`. `places`:
+    points by branch (the sign, table cell or rounded integer of each test). `counts`:
+    the number of points by branch; under None those where a row has no value."""
 
     rows: tuple[sp.Expr, ...]
     sides: Sides
@@ -138,8 +138,6 @@ class _Search:
 
     @cached_property
     def tests(self) -> tuple[sp.Basic, ...]:
-        """Return the expressions whose signs decide the branch: the argument of |e|, differences of a maximum's
-        arguments and of a relation's sides; and tables and roundings themselves."""
         tests: dict[sp.Basic, None] = {}
         for node in (node for row in self.rows for node in sp.preorder_traversal(row)):
             if isinstance(node, _ONE):
@@ -180,7 +178,6 @@ class _Search:
         return {s: self.on(*side) for s, side in self.sides.items()}
 
     def on(self, low: Any, high: Any) -> Fraction:
-        """Return a random number between the ends of a side, infinite ends allowed."""
         share = Fraction(self.draws.randrange(1, 1 << _BITS), 1 << _BITS)
         if low > -inf and high < inf:
             ends = Fraction(low), Fraction(high)
@@ -191,8 +188,6 @@ class _Search:
         return size if self.draws.random() < 0.5 else -size
 
     def decide(self, place: Place) -> tuple[tuple[Any, ...], list[Any]] | None:
-        """Return the key of the branch at a point (a sign, cell or whole number for each test) and the tests' values;
-        None where a row has no value, or after the last point of the budget."""
         if self.ended:
             return None
         balls = values(self.tape, list(place.values()))
@@ -209,8 +204,6 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Search a point with the `wanted` signs of tests (index -> sign), from one with all but the last along the
-        sides."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -228,7 +221,6 @@ class _Search:
                 here, best = trial, tests[last]
 
     def near(self, end: Any, side: tuple[Any, Any]) -> Fraction:
-        """Return a random number of the side (low, high) next to its end `end`."""
         low, high = side
         if low == -inf or high == inf:
             return self.on(low, high)
@@ -237,7 +229,6 @@ class _Search:
         return Fraction(end) + width * (share if end == low else -share)
 
     def between(self) -> None:
-        """Search branches between each two known ones, by bisection of the line between a point of each."""
         ways = Counter[tuple[Any, Any]]()
         while not self.ended:
             pairs = combinations(list(self.places), 2)
@@ -255,7 +246,6 @@ class _Search:
 
 
 def _ordered(node: sp.Expr) -> list[sp.Expr]:
-    """Return the arguments of a minimum or maximum in a reproducible order."""
     return sorted(node.args, key=sp.default_sort_key)
 
 
@@ -280,8 +270,8 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Walk:
-    """A translation of expressions to one branch: `decided`, the sign, cell or whole number of each test; `where`
-    gathers the conditions under which the translation is valid."""
+    """A translation of piecewise expressions to one branch: `decided` has the sign, cell or integer
+    of each test; `where` gathers the conditions under which the translation is valid."""
 
     decided: Mapping[sp.Basic, Any]
     where: dict[Boolean, None] = field(default_factory=dict)
@@ -308,14 +298,12 @@ class _Walk:
             self.where[condition.canonical] = None
 
     def sign(self, test: sp.Expr) -> int:
-        """Return the decided sign of a test, 0 where it vanishes identically around the point. Raises: `Undecided`."""
         sign = self.decided.get(test)
         if sign is None:
             raise Undecided
         return int(sign)
 
     def way(self, before: sp.Expr, argument: sp.Expr) -> sp.Integer:
-        """Return the sign of `argument`, the translation of the test `before`. Raises: `Undecided` for 0."""
         if argument.is_number and argument.is_zero is not None:
             return sp.sign(argument)
         way = self.sign(before)
@@ -338,7 +326,6 @@ class _Walk:
         return args[best]
 
     def level(self, node: sp.Expr, argument: sp.Expr) -> sp.Expr:
-        """Return the whole number to which `node`, floor or ceiling, rounds `argument`, and note its condition."""
         if argument.is_number:
             return node.func(argument)
         low = self.decided[node]
@@ -361,7 +348,6 @@ class _Walk:
         return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, sp.sympify))
 
     def pieces(self, node: sp.Piecewise) -> Iterator[sp.Expr]:
-        """Yield the branches of a Piecewise whose conditions hold, the first of which counts. Raises: `Undecided`."""
         for piece, condition in node.args:
             if self.holds(condition):
                 yield piece
@@ -433,8 +419,6 @@ def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
 
 
 def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
-    """Return the index, the pivot's column and the reduced row, with 1 in that column, of each independent row; a pivot
-    is the largest entry of its row."""
     reduced: list[tuple[int, int, list[Any]]] = []
     for i, row in enumerate(rows):
         residual = list(row)
@@ -456,7 +440,8 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
 
 
 def _counts_as_zero(entry: Any) -> bool:
-    """Return False for a ball that excludes zero, True for a tiny one that contains it. Raises: `Blurred`."""
+    """Return False for an error ball that excludes zero, True
+    for a tiny one that contains it. Raises: `Blurred`."""
     if not entry.contains(0):
         return False
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
@@ -586,7 +571,6 @@ def branches(plant: Plant) -> str:
 
 
 def _least(a: Rank, b: Rank) -> Rank:
-    """Return the lower of two ranks, in which an unknown is unobservable if it is so in either of them."""
     low = min(a, b, key=lambda rank: rank.rank)
     hidden = {*a.unobservable, *b.unobservable}
     lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
@@ -695,8 +679,9 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
 ) -> Rank | None:
-    """Return the `Rank` once it is full, stationary under one more derivative of each of the p outputs, or at its
-    limit; else None. `rows`: gradients by all unknowns, of which the first `width` count; `prime`: 0 for balls."""
+    """Return the observability rank once it is full, constant under one more
+    derivative of each of the p outputs, or at its limit; else None. `rows`:
+    gradients of the outputs' derivatives; the first `width` columns count."""
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]

@@ -135,7 +135,8 @@ class Rounding:
         return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
 
     def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
-        """Return a result with the `inherited` error and a rounding error of `units` times u. Raises: `Unsure`."""
+        """Return a result with the `inherited` error plus a
+        rounding error of `units` times the unit roundoff u."""
         unit, inherited = self.unit * units, inherited.abs_upper()
         error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
         if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
@@ -156,7 +157,6 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _below(equal: bool, a: Computed, b: Computed) -> Computed:
-    """Return the truth value of a < b, or a <= b (`equal`); unknown where errors may change it."""
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
     holds = bool(gap > error or (equal and sure and gap >= 0))
@@ -166,14 +166,13 @@ def _below(equal: bool, a: Computed, b: Computed) -> Computed:
 
 
 def _all(least: int, a: Computed, b: Computed) -> Computed:
-    """Return "a and b" for `least` 0, "a or b" for 1: decided as soon as a or b is `least`."""
     if bool(least) in (a.known, b.known):
         return exactly(least)
     return _extreme(arb.max if least else arb.min, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
-    """Return `value` where the truth value `test` is true, else 0, with an error bound for a wrong choice."""
+    """Return `value` if `test` is true, else 0, with an error bound for a wrong choice."""
     if test.known is False:
         return exactly(0)
     if test.known is True:
@@ -183,7 +182,6 @@ def _chosen(test: Computed, value: Computed) -> Computed:
 
 
 def _unchanged(op: int, values: list[Computed]) -> Computed | None:
-    """Return the result of a sum or product that rounds nothing (with 0, with 1, a choice as a sum); else None."""
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None
     a, b = values
@@ -200,7 +198,6 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
 
 
 def _either(a: Computed, b: Computed) -> Computed | None:
-    """Return the sum of a and b where their tests exclude each other, so that a or b is 0; else None."""
     yes, no = a.chosen, b.chosen
     if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
         return None
@@ -240,7 +237,8 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
 
 
 def _squared(x: Any) -> Any:
-    """Return the square of a ball. Arb's own contains negative numbers for wide balls, and fails for a midpoint 0."""
+    """Return the square of an error ball. Arb's own contains negative
+    numbers for wide balls, and fails for a midpoint 0."""
     low, high = x.abs_lower(), x.abs_upper()
     return (low * low).union(high * high)
 
@@ -259,7 +257,7 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
 
 
 def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return `function` for angles up to 200, the range of the measured ulps, NaN beyond."""
+    """Return `function` for angles up to 200 rad, the range of the measured ulps, NaN beyond."""
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 

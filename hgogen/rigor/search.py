@@ -192,7 +192,6 @@ def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Co
 
 
 def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
-    """Return the bisection with the leaves of indices `rows` cut; the two children of a leaf are neighbours."""
     parents, columns = cover.leaves.only(rows), np.arange(len(rows))
     centre = middle(parents.low, parents.high)[parents.cut, columns]
     low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
@@ -286,7 +285,6 @@ def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | 
 
 
 def _points(around: Sides, x: Array) -> Pair:
-    """Return intervals around points (m x k); an end of the box that is not a float has its two neighbours."""
     first, last = (end[:, None] for end in around.inner)
     bottom, top = (end[:, None] for end in around.outer)
     low, high = np.where(x < first, bottom, x), np.where(x < first, first, x)
@@ -297,7 +295,6 @@ def _points(around: Sides, x: Array) -> Pair:
 
 
 def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
-    """Return the facts on boxes (m x k) of the indices `node`, and `inner` improved by values at their centres."""
     k = low.shape[1]
     parts = enclose(program, low, high, slopes=True)
     first = parts[0]
@@ -333,7 +330,6 @@ def _values(program: Tape, low: Array, high: Array) -> Values:
 
 
 def _common(parts: list[Enclosure]) -> Pair:
-    """Return the intersection of the ranges of all forms; the range of the first where it is empty (no value there)."""
     return reduce(_meet, (part.value for part in parts))
 
 
@@ -352,7 +348,8 @@ def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
 
 
 def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:
-    """Return Baumann's centres (m x k) for the lower and for the upper bound; the midpoint where no slope is known."""
+    """Return Baumann's centres (m x k) of the mean value form for the lower
+    and for the upper bound; the midpoint where no derivative is known."""
     centre = middle(low, high)
     least, most = slope
     width = most - least
@@ -376,8 +373,6 @@ def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
 
 
 def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
-    """Return the faces of boxes where the expression is least and those where it is largest, along sides in which it is
-    monotone; [] where it is monotone in no side, or where the faces are the centres."""
     rising = sound & (slope[0] >= 0)
     falling = sound & (slope[1] <= 0) & ~rising  # a slope of 0 counts once
     if len(low) == 1 or not (rising | falling).any():
@@ -388,8 +383,8 @@ def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
 
 
 def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Indices:
-    """Return the variable to bisect in each box: that of the largest |slope| times width, or the relatively widest
-    where no slope is known; -1 where no side can be cut."""
+    """Return the variable to bisect in each box: that of the largest |derivative| times
+    width, or the relatively widest if no derivative is known; -1 if no side can be cut."""
     m, k = low.shape
     if m == 0:
         return np.full(k, -1, dtype=np.int64)
@@ -404,7 +399,6 @@ def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Ind
 
 
 def _better(inner: Inner, x: Array, at: Values) -> Inner:
-    """Return the attained values, improved by the values `at` points x (m x k)."""
     value, known = at
     least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
     most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
@@ -417,7 +411,6 @@ def _better(inner: Inner, x: Array, at: Values) -> Inner:
 
 
 def _explore(program: Tape, around: Sides) -> Inner:
-    """Return values attained at corners, at spread points, and in shrinking boxes around the best two points."""
     low, high = around.outer
     m = len(low)
     if m == 0:
@@ -449,7 +442,8 @@ _OVER_CENTRE = 1.25  # factor on the weight of a centre up to which a cell is no
 
 @dataclass(frozen=True)
 class _Cell(Generic[T]):
-    """A box with exact ends, the result on it, None where there is none, and the weight by which boxes are cut."""
+    """A box with exact ends, the result on it or None, and
+    the weight by which the next box to cut is chosen."""
 
     box: Ranges
     known: T | None
@@ -498,8 +492,6 @@ def subdivided(
 
 
 def _best_cut(here: Ranges, whole: Ranges, cell: Callable[[Ranges], _Cell[T]]) -> tuple[str, list[_Cell[T]]]:
-    """Return the name of the side of `here` whose halves have the least weight, and its halves as cells; among equals
-    the widest relative to `whole`."""
     cuts = dict[str, tuple[tuple[float, ...], list[_Cell[T]]]]()
     for x, (low, high) in here.items():
         middle = (low + high) / 2

@@ -204,7 +204,6 @@ def _positive(a: Any) -> Any:
 
 
 def _whole(a: Any, k: int) -> Any:
-    """Return the power a^k, k > 0, by squaring."""
     result = None
     while k:
         if k & 1:
@@ -245,7 +244,8 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """Return the series t = tanh(a) and 1 - t^2 by t' = (1 - t^2) a': wide balls exclude a quotient of exponentials."""
+    """Return the power series t = tanh(a) and 1 - t^2 by t' = (1 - t^2)
+    a': with wide error balls a quotient of exponentials would fail."""
     x = a.coeffs() or [arb(0)]
     t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
@@ -256,7 +256,6 @@ def _tanh(a: Any) -> tuple[Any, Any]:
 
 
 def _area(a: Any, sign: int) -> tuple[Any, Any]:
-    """Return the series asinh(a) (sign 1) or acosh(a) (sign -1), and its derivative by a."""
     root = (a * a + sign).sqrt()
     return (a + root).log(), _inverse(root)
 
@@ -331,7 +330,7 @@ def _ball_root(args: Sequence[Ball], exponent: Fraction) -> Ball:
 
 
 def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
-    """Return e_i/|e| for the balls e (`parts`) and i = `index`; NaN where e may be 0."""
+    """Return e_i/|e| for error balls e (`parts`) and i = `index`; NaN where e may be 0."""
     if len(parts) == 1:
         return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
     size = _norm(*parts)
@@ -345,7 +344,6 @@ def _step(a: Ball, at_zero: Ball = None) -> Ball:
 
 
 def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
-    """Return a table's derivative on the cells that the balls `place` overlap; NaN where it may jump between them."""
     if not all(a.is_finite() for a in place):
         return _NAN
     cells, order = derivative
@@ -376,7 +374,6 @@ def _both(a: bool | None, b: bool | None) -> bool | None:
 
 
 def _first_piece(*parts: Any) -> Ball:
-    """Return the first value of (value, condition, ..) whose condition is true; NaN where one before is undecided."""
     for value, condition in zip(parts[::2], parts[1::2], strict=True):
         if condition is None:
             return _NAN
@@ -638,8 +635,6 @@ def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_or
 
 
 def _several(method: str) -> Callable[..., Any]:
-    """Return the rule of a function of several arguments, whose value and partial derivatives a `method` gives."""
-
     def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
         result, *rates = getattr(numbers, method)(*(value or ()), *(numbers.cut(a, order) for a, _ in parts))
         terms = (_scaled(numbers, slopes, rate, slope_order) for (_, slopes), rate in zip(parts, rates, strict=True))
@@ -679,7 +674,6 @@ _RULES: Mapping[str, Callable[..., Any]] = {
 
 
 def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -> tuple[list[Any], list[Any]]:
-    """Return the Taylor coefficients of gradients: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
     by_states = [[0] * (len(rows) * plant.n) for _ in range(order)]
     by_parameters = [[0] * (len(rows) * plant.wide) for _ in range(order)]
     for i, (_, slopes) in enumerate(rows):
@@ -694,7 +688,7 @@ def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -
 
 
 def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
-    """Return coefficient k of the matrix series slopes(t) phi(t) + forced(t)."""
+    """Return coefficient k of the matrix power series slopes(t) phi(t) + forced(t)."""
     total = forced[k]
     for j in range(k + 1):
         total = total + slopes[j] * phi[k - j]
@@ -704,7 +698,8 @@ def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
 def _newton(
     states: list[list[Any]], flow: Sequence[Any], slopes: list[Any], numbers: Arithmetic, known: int
 ) -> list[list[Any]]:
-    """Return the states to twice the `known` order, x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
+    """Return the Taylor series of the states to twice the `known` order by Newton's
+    method: x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
     n = len(states)
     full = [numbers.coefficients(value, 2 * known - 1) for value, _ in flow]
     correction: dict[int, Any] = {}

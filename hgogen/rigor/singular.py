@@ -106,7 +106,6 @@ def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
 
 
 def _condition(node: sp.Expr, box: Box) -> Condition | None:
-    """Return the condition under which a power or function is smooth; None if intervals prove it on the whole box."""
     if type(node) in _SINGULAR:
         index, low, high, relation = _SINGULAR[type(node)]
         argument = node.args[index]
@@ -189,8 +188,6 @@ def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr])
 
 
 def _demands(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
-    """Return whether the part has a condition in `needs`, or is a Piecewise or Heaviside that may lack a branch, or has
-    a branch with a condition."""
     if not isinstance(part, _CHOOSING):
         return part in needs
     ends = not isinstance(part, sp.Piecewise) or part.args[-1].cond == sp.true
@@ -261,14 +258,14 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient without its singularity at 0: a polynomial's coefficients for |x| < `radius`, else `beyond`."""
+    """A quotient whose removable singularity at 0 is replaced: a
+    polynomial for |x| < `radius`, else the quotient `beyond`."""
 
     coefficients: tuple[sp.Rational, ...]
     radius: sp.Rational
     beyond: sp.Expr
 
     def at(self, base: sp.Expr) -> sp.Expr:
-        """Return the quotient at x = base; an even polynomial of a root becomes one of the root's radicand."""
         even, square = not any(self.coefficients[1::2]), base**2
         if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
             within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
@@ -319,7 +316,6 @@ def _divides(node: sp.Pow) -> bool:
 
 
 def _bases(expression: sp.Expr) -> list[sp.Expr]:
-    """Return the divisors e of terms of a sum, or sqrt(e) where the sum contains this root."""
     roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
     bases = dict[sp.Expr, None]()
     for term in sp.Add.make_args(expression):
@@ -330,7 +326,6 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
 
 
 def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
-    """Return the expression without removable singularities at base = 0; None where it has none of them."""
     summands, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
     for term in sp.Add.make_args(expression):
         coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
@@ -355,8 +350,9 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
-    """Return the terms in x as terms in c x, and c. c is 1 where their sum is regular at 0, else c x is the argument of
-    a function. If c is not rational, all terms must have one power, and depend on x by c x only."""
+    """Return the terms in x as terms in c x, and c: 1 if their sum is regular
+    at 0, else c x is the argument of a function. If c is not rational, all
+    terms must have one power, and depend on x by c x only."""
     if _regular(terms):
         return terms, sp.S.One
     for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
@@ -375,15 +371,12 @@ def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
 
 
 def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Return the products of the factors of h with symbols other than `_X`, and of the others; (h, 1) without the
-    former."""
     factors = sp.Mul.make_args(h)
     several = [f for f in factors if f.free_symbols - {_X}]
     return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
 
 
 def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
-    """Return the term with `_X` in place of the expression `base`."""
     if base.is_Pow and base.exp == sp.S.Half:
         return term.xreplace({base.base: _ROOT**2}).xreplace({_ROOT: _X})
     return term.xreplace({base: _X, -base: -_X})
@@ -391,7 +384,8 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """Return the sum of h(x)/x^m without its singularity at 0; None if not removable, or without a suitable radius."""
+    """Return the sum of h(x)/x^m without its singularity at 0; None
+    if it is not removable, or without a suitable radius."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -424,8 +418,9 @@ def _halved(whole: sp.Expr) -> sp.Expr:
 
 
 def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
-    """Return the number of coefficients q_0, q_1, .. of sum of terms = x^j (q_0 + q_1 x + ..) for which the remainder
-    is at most 2^-57 of the first nonzero term for |x| < radius, or 0."""
+    """Return the number of coefficients q_0, q_1, .. of sum of terms = x^j
+    (q_0 + q_1 x + ..) for which the remainder is at most 2^-57 of the
+    first nonzero term for |x| < radius; 0 if there is none."""
     r = arb(_fraction(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
@@ -453,7 +448,7 @@ def _fraction(value: sp.Rational) -> fmpq:
 
 
 def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
-    """Return the first coefficients of x^m times the sum of the terms, or of its majorant. Raises: `_NoSeries`."""
+    """Return the first coefficients of x^m times the sum of the terms, or of a majorant series."""
     before, ctx.cap = ctx.cap, _ORDER
     try:
         series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
@@ -463,12 +458,10 @@ def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[f
 
 
 def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
-    """Return x^m times the sum of the terms, or its majorant, at a power series or ball x. Raises: `_NoSeries`."""
     return sum((_at(term.number * term.h, x, majorant) * x ** (m - term.power) for term in terms), 0 * x)
 
 
 def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
-    """Return an expression of `_X`, or its majorant, at a power series or ball x. Raises: `_NoSeries`."""
     if e.is_Rational:
         return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
     if e == _X:
@@ -508,7 +501,8 @@ def bounded_logs(expression: sp.Expr) -> sp.Expr:
 
 @dataclass(frozen=True)
 class _LogArgument:
-    """The argument of a logarithm: c b or c/b, b = `base`; or, if `even`, |b| or an even power of b, and c = 1."""
+    """The argument of a logarithm: c b or c/b, b = `base`;
+    or, if `even`, |b| or an even power of b, and c = 1."""
 
     base: sp.Expr
     c: sp.Expr
@@ -529,7 +523,7 @@ def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp
 
 
 def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
-    """Return the factor log(c b) of a product with b^p, p > 0, and its argument's description; None without one."""
+    """Return the factor log(c b) of a product with b^p, p > 0, and its argument; None if there is none."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
@@ -612,7 +606,8 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
         return clamped_cells(node, [one_sided(part, box) for part in node.args], box, program=True)
 
     def unit(squares: sp.Expr) -> sp.Rational:
-        """The unit of a sum of squares: 1, or, if it is small on the whole box, a power of 4 near its maximum."""
+        """Return the unit of a sum of squares: 1, or, if it is
+        small on the whole box, a power of 4 near its maximum."""
         _, high = rational(squares, box)
         small = 0 < high < _SMALL
         return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST)) if small else sp.S.One
@@ -621,7 +616,6 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
-    """Return an expression, with simplified arguments, without its outermost kink if the box decides the side."""
     if isinstance(e, sp.Mul) and any(isinstance(part, sp.sign) for part in e.args):
         whole = signed(e)
         return e if whole == e else _visited(whole, box)
@@ -639,14 +633,12 @@ def _plain(e: sp.Expr, box: Box) -> sp.Expr:
 
 
 def _size(argument: sp.Expr, box: Box) -> sp.Expr:
-    """Return the absolute value |e| of a product, with e or -e for each factor whose sign the box decides."""
     ways = {factor: _side(factor, box) for factor in sp.Mul.make_args(argument)}
     undecided = sp.Mul(*(factor for factor, way in ways.items() if not way))
     return sp.Mul(*(way * factor for factor, way in ways.items() if way), sp.Abs(undecided))
 
 
 def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
-    """Return the Min or Max (`kind`) of those arguments that may attain it on the box."""
     way = 1 if kind is sp.Max else -1
     remaining: list[sp.Expr] = []
     for a in args:
@@ -658,8 +650,6 @@ def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
 
 
 def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
-    """Return the Piecewise without branches whose condition no point of the box meets; a continuous one also without
-    those that only the boundary of their condition takes."""
     branches: list[tuple[sp.Expr, sp.Basic]] = []
     smooth = not with_norms(node).has(sp.Piecewise)
     for value, condition in (tuple(pair.args) for pair in node.args):
@@ -672,8 +662,6 @@ def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
 
 
 def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
-    """Return whether an inequality holds on the whole box (True) or nowhere on it (False); else None. `weakly`: its
-    boundary does not count."""
     if condition in (sp.true, sp.false):
         return bool(condition)
     if not isinstance(condition, (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)):
@@ -687,19 +675,16 @@ def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
 
 
 def _constant(e: sp.Expr, box: Box) -> int:
-    """Return the sign 1 or -1 of e if e > 0 or e < 0 is proved, and e is proved defined, on the whole box, else 0."""
     way = _strict(e, box)
     return way if way and is_defined(e, box) else 0
 
 
 def _side(e: sp.Expr, box: Box) -> int:
-    """Return the weak sign of e on the box: 1 if e >= 0 is proved, else -1 if e <= 0 is, else 0."""
     low, high = rational(e, box) if e.count_ops() <= _OPERATIONS and not e.has(*STRANGE) else EVERYTHING
     return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
 
 
 def _strict(e: sp.Expr, box: Box) -> int:
-    """Return the strict sign of e on the box: 1 if e > 0 is proved, -1 if e < 0 is, else 0."""
     if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
         return 0
     low, high = rational(e, box)

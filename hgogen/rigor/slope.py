@@ -104,8 +104,8 @@ def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover
 
 
 def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
-    """Return enclosures of the field's Jacobian (2 x rows x states x k) on k boxes by the slopes of its tape, flags (k)
-    where they are valid, and flags (k) where the field is continuous."""
+    """Return enclosures of a field's Jacobian (2 x rows x states x k) on k boxes, flags
+    (k) of valid ones, and flags (k) of boxes where the field is continuous."""
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # a jump in a state makes the slope infinite
     continuous = np.logical_and.reduce([row.continuous for row in rows])
@@ -113,8 +113,9 @@ def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]
 
 
 def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
-    """Sharpen the slopes `matrix` in place by the symbolic Jacobian, if there is one, on boxes flagged `sound`, where
-    the field is continuous. Return the weight of each variable (m x k) for the choice of cuts."""
+    """Sharpen Jacobians `matrix` in place by the symbolic Jacobian, if there
+    is one, on boxes flagged `sound`, where the field is continuous.
+    Return the weight of each variable (m x k) for the choice of cuts."""
     if not field.places:
         return None
     entries = enclose(field.jacobian, low, high, slopes=True)
@@ -150,8 +151,8 @@ def _norm(matrix: Array) -> Array:
 
 
 def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
-    """Return upper bounds of the spectral norms of interval matrices [low, high], `size` the largest |entries|, which
-    may be below their Frobenius norms `plain`."""
+    """Return upper bounds of the spectral norms of interval matrices [low, high],
+    `size` the largest |entries|; they may be below the Frobenius norms `plain`."""
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
@@ -161,8 +162,8 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
 
 
 def _scaled(matrix: Array) -> tuple[Array, Indices]:
-    """Return the matrices (.. x k) divided by powers of two, so that their largest entries are below 1, and the
-    exponents; underflow changes a norm by less than `_LOST`."""
+    """Return the matrices (.. x k) over powers of two, so that their largest entries
+    are below 1, and the exponents; underflow changes a norm by less than `_LOST`."""
     largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
@@ -170,7 +171,6 @@ def _scaled(matrix: Array) -> tuple[Array, Indices]:
 
 
 def _largest_sum(size: Array) -> Array:
-    """Return upper bounds (k) of the largest row sums of nonnegative matrices (rows x columns x k)."""
     total = np.zeros((size.shape[0], size.shape[2]))
     for column in np.moveaxis(size, 1, 0):
         total = up(total + column)
@@ -178,7 +178,6 @@ def _largest_sum(size: Array) -> Array:
 
 
 def _frobenius(size: Array) -> Array:
-    """Return upper bounds (k) of the Frobenius norms of nonnegative matrices (rows x columns x k)."""
     return outward.root_up(reduce(outward.add_up, outward.power_up(size, 2).reshape(-1, *size.shape[2:])))
 
 
@@ -215,8 +214,8 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
 
 
 def _attained(matrix: Array, smooth: Flags) -> float:
-    """Return the largest proved lower bound |J v| / |v| of the norms of Jacobians `matrix` (2 x rows x columns x k) at
-    k points, of which those flagged `smooth` count."""
+    """Return the largest proved lower bound |J v|/|v| of the norms of Jacobians `matrix`
+    (2 x rows x columns x k) at k points, of which those flagged `smooth` count."""
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0
@@ -312,7 +311,6 @@ def _lipschitz_bound(
 
 
 def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes: int, relative: float) -> Lipschitz:
-    """Return bounds of the Lipschitz constant of the field `rows` in the states `read`, on which it depends."""
     vector = _field([with_norms(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     first = min(boxes, _FIRST)
@@ -334,7 +332,6 @@ def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes
 
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
-    """Return the rows as a `Field`, with the varying entries of the Jacobian where the rows have no kinks or jumps."""
     smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
     places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
     slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
@@ -347,7 +344,8 @@ def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field
 
 
 def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
-    """Return an entry of db/dx, b = `rows`, and a point towards which it tends to infinity along a line, or None."""
+    """Return an entry of db/dx, b = `rows`, and a point towards
+    which it tends to infinity along a line, or None."""
     real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
     plain = {dummy: s for s, dummy in real.items()}
     around = Sides(tuple(real.values()), around.ends)
@@ -366,7 +364,6 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
 
 
 def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
-    """Yield points of the box where a root, a power, a logarithm or an inverse function of the row is singular."""
     for argument in dict.fromkeys(_singular_arguments(row)):
         symbols = [s for s in around.symbols if s in argument.free_symbols]
         part = around.only(symbols)
@@ -392,7 +389,6 @@ def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
-    """Return whether |slope| tends to infinity towards the point along a line in the box, by limits and samples."""
     t = sp.Dummy("t", positive=True)
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
     for target in islice(around.spread(), 6):  # exponents are constant: powers to long fractions are expensive
@@ -414,7 +410,6 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
 
 
 def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
-    """Return Heaviside, |..|, Min or Max without its kink for small t > 0, if its arguments at t = 0 decide it."""
     if isinstance(node, (sp.Min, sp.Max)):
         way = 1 if isinstance(node, sp.Max) else -1
         ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
@@ -522,8 +517,8 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 def _on_slabs(
     claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
 ) -> Answer:
-    """Return the answer whether S(e, x) < 0, from the `signs` of S on the slabs that cover the box of e outside the
-    `share` on which N is definite (S <= - e'N e); `definite`: the proof for N and its basis."""
+    """Return whether S(e, x) < 0, from the `signs` of S on slabs that cover the box of e outside
+    the `share` on which N is definite (S <= - e'N e); `definite`: the proof for N."""
     proof, basis = definite
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
         total = sum(sign.range.boxes for sign in signs)
@@ -544,7 +539,7 @@ def _on_slabs(
 
 @dataclass(frozen=True)
 class _Grid:
-    """A grid of exact points of a box, each a column of whole numbers 0 .. `_GRID`; unbounded sides are cut."""
+    """A grid of exact points of a box, each a column of integers 0 .. `_GRID`; unbounded sides are cut."""
 
     symbols: tuple[sp.Symbol, ...]
     sides: tuple[tuple[Fraction, Fraction], ...]
@@ -563,7 +558,6 @@ class _Grid:
 
 
 def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.ndarray:
-    """Return random grid points (m, 48) around the point `column` (m), closer at later steps."""
     reach = max(1, _GRID >> (step + 2))
     return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
 
@@ -580,7 +574,8 @@ def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
 
 @dataclass(frozen=True)
 class _Program:
-    """S(e, x) of a claim as a tape (`exactly`) and as a numpy function (`floats`) of e and the other symbols in S."""
+    """The function S(e, x), to be proved negative, in outward-rounded
+    (`exactly`) and in float arithmetic (`floats`)."""
 
     claim: SecondOrder
     grid: _Grid
@@ -595,7 +590,6 @@ class _Program:
         return cls(claim, grid, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        """Yield those of the points where S >= 0 is proved and e is not 0, with the value of S there."""
         symbols, everything = self.grid.symbols, {**self.claim.box, **self.claim.around}
         sides = Sides(symbols, tuple(everything[s] for s in symbols))
         for point in points:
@@ -606,8 +600,8 @@ class _Program:
                 yield point, float(ball.mid())
 
     def ratio(self, columns: np.ndarray) -> np.ndarray:
-        """Return the ratios S/|e|^2 (k) at grid points, one in each column of `columns`, whose last row is a factor of
-        e; -inf where a ratio is not finite."""
+        """Return the ratios S/|e|^2 (k) at grid points, one in each column of `columns`,
+        whose last row is a factor of e; -inf for a ratio that is not finite."""
         x, n = self.grid.floats(columns[:-1]), len(self.claim.errors)
         x[:n] = x[:n] * columns[-1]
         with np.errstate(all="ignore"):
@@ -617,8 +611,8 @@ class _Program:
 
 
 def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
-    """Return the column that random steps from `best`, of the rate `most`, reach; only steps to a larger rate count.
-    `step_to(column, step)`: candidates, as columns; `rate`: their values."""
+    """Return the column that random steps from `best`, of the rate `most`, reach; only steps to a
+    larger rate count. `step_to(column, step)`: candidates, as columns; `rate`: their values."""
     for step in range(_ROUNDS):
         tried = step_to(best, step)
         rates = rate(tried)
@@ -629,7 +623,6 @@ def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], 
 
 
 def _samples(program: _Program) -> Iterator[Point]:
-    """Yield the points of largest S(e, x)/|e|^2 in a fixed random set, each improved by random steps."""
     rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
@@ -647,8 +640,8 @@ def _samples(program: _Program) -> Iterator[Point]:
 
 
 def _along(program: _Program) -> Iterator[Point]:
-    """Yield points with short e along the eigenvector of the smallest eigenvalue at e = 0 of the matrix N in S <= - e'N
-    e, at the x where the eigenvalue is least."""
+    """Yield points with small e along the eigenvector of the smallest eigenvalue at
+    e = 0 of the matrix N in S <= - e'N e, at the x where the eigenvalue is least."""
     claim, n = program.claim, len(program.claim.errors)
     eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
@@ -665,8 +658,8 @@ def _along(program: _Program) -> Iterator[Point]:
 
 
 def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
-    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which the matrix N in S <= - e'N e is proved positive
-    definite, and the proof with its basis; None for the proof where there is none."""
+    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which the matrix N in
+    S <= - e'N e is proved positive definite, and the proof with its basis, or None."""
     share, definite = Fraction(1), None
     if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
         for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
@@ -677,8 +670,8 @@ def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.
 
 
 def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """Return the matrix N(c, x) and the box of its symbols, with each copy c of e in a `share` of the box of e. If N
-    contains x and c by x - c only, the difference is one symbol."""
+    """Return the matrix N(c, x) and the box of its symbols, with each copy c of e in a `share`
+    of the box of e. If N contains x and c by x - c only, the difference is one symbol."""
     box, matrix = dict(claim.box), claim.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
@@ -697,8 +690,8 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 
 
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
-    """Return the proof that a symmetric matrix is positive definite on the whole box, and a T with T'(matrix) T nearly
-    1, or None."""
+    """Return the proof that a symmetric matrix M is positive definite on the
+    whole box, and a T with T'M T nearly 1; None if there is no proof."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
         return None
@@ -727,8 +720,8 @@ def _four_digits(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Eigenvalues:
-    """Eigenvalues `spectra` (k, n) of a symbolic symmetric matrix at sample points, k `columns` of a grid, as floats
-    without proof. `floats`: columns -> matrices (k, n, n)."""
+    """The eigenvalues `spectra` (k, n) of a symbolic symmetric matrix at sample points, k
+    `columns` of a grid, as floats without proof. `floats`: columns -> matrices (k, n, n)."""
 
     grid: _Grid
     floats: Callable[[np.ndarray], np.ndarray]
@@ -753,7 +746,6 @@ class _Eigenvalues:
 
     @property
     def least(self) -> float:
-        """Return the smallest eigenvalue at the sample points, -inf where the matrix is not finite."""
         return float(self.spectra[:, 0].min())
 
     @property
@@ -765,7 +757,6 @@ class _Eigenvalues:
         return np.asarray(self.floats(self.columns[:, :1])[0])
 
     def worst(self) -> Iterator[list[float]]:
-        """Yield the points with the smallest finite eigenvalues, each improved by `_uphill`."""
         rng = np.random.default_rng(2)
 
         def rate(columns: np.ndarray) -> np.ndarray:
@@ -779,7 +770,6 @@ class _Eigenvalues:
 
 
 def _spectrum(matrices: np.ndarray) -> np.ndarray:
-    """Return the eigenvalues (k, n) of matrices (k, n, n), -inf for a matrix that is not finite."""
     good = np.isfinite(matrices).all(axis=(1, 2))
     values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
     return np.where(good[:, None], values, -np.inf)

@@ -52,7 +52,6 @@ class _Printed(sp.Function):  # type: ignore[misc]
         return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def plain(self) -> sp.Expr:
-        """Return the value written in SymPy's own functions, for printing."""
         raise NotImplementedError
 
 
@@ -100,7 +99,7 @@ class Direction(_Printed):
         return None if factor == 1 or not others.free_symbols else sp.sign(factor) * cls(index, others)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        """Return d(e_i/|e|)/ds; of one argument the derivative 2 DiracDelta(e) e' of a sign."""
+        """Return d(e_i/|e|)/ds; for one argument the derivative 2 DiracDelta(e) e' of a sign."""
         e, *more = self.args[1:]
         if not more:
             return 2 * sp.DiracDelta(e) * e.diff(s)
@@ -118,7 +117,6 @@ class Direction(_Printed):
 
 
 def _size(*args: sp.Expr) -> sp.Expr:
-    """Return the norm |e| of the arguments in SymPy's own functions."""
     return sp.Abs(args[0]) if len(args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in args)))
 
 
@@ -211,7 +209,8 @@ def signed(e: sp.Mul) -> sp.Expr:
 
 
 def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
+    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, the
+    numbers among them nonnegative; None for any other e."""
     if e.count_ops() > _LARGE:
         return None
     roots = []
@@ -225,7 +224,7 @@ def _squares(e: sp.Expr) -> list[sp.Expr] | None:
 
 
 def _square(term: sp.Expr) -> sp.Expr | None:
-    """Return r with term = r^2, r a product of powers; None where the term is no such square."""
+    """Return r with term = r^2, r a product of powers; None if the term is no such square."""
     number, others = term.as_coeff_Mul(rational=True)
     if number < 0:
         return None
@@ -243,9 +242,9 @@ def _square(term: sp.Expr) -> sp.Expr | None:
 
 
 def _joined(e: sp.Piecewise) -> sp.Expr:
-    """Return the sum b + sum_i g_i (c_i + |c_i|)/2 for the Piecewise (b + g_i c_i where c_i > 0, .., else b) with no
-    two c_i above 0 at once; the Piecewise itself where it has another shape, or branches that are no polynomials and
-    may lack values."""
+    """Return the sum b + sum_i g_i (c_i + |c_i|)/2 for the Piecewise (b + g_i c_i
+    where c_i > 0, .., else b) with no two c_i above 0 at once; the Piecewise
+    itself if it has another shape, or branches that may lack values."""
     *branches, (default, last) = [tuple(pair.args) for pair in exact(e).args]
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
@@ -270,7 +269,6 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
 
 
 def _polynomial(e: sp.Expr) -> bool:
-    """Return whether an expression is a polynomial in symbols and norms of polynomials, with a value everywhere."""
     if isinstance(e, sp.Pow):
         return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
     if isinstance(e, (sp.Add, sp.Mul, Norm)):
@@ -317,7 +315,6 @@ def shared(expression: sp.Expr) -> sp.Expr:
 
 
 def _introduced(node: sp.Expr) -> set[sp.Expr]:
-    """Return the norms that a kink adds, for a Piecewise also those of its conditions if its branches have them."""
     every = _norms([node])
     if not isinstance(node, sp.Piecewise):
         return every - _norms(node.args)
@@ -452,8 +449,8 @@ class _Writer:
         self.known: dict[sp.Basic, int] = {}
 
     def place(self, node: sp.Basic) -> int:
-        """Return the index of the instruction for `node`, after those of its parts; without recursion, for deep
-        expressions."""
+        """Return the index of the instruction for `node`, after those
+        of its parts; without recursion, for deep expressions."""
         stack = [node]
         while stack:
             top = stack[-1]
