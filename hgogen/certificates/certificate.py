@@ -79,7 +79,6 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
 
 
 def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
-    """Return the checks as a tuple; demand that all arguments of `certificate` have their types. Raises: `NoClaims`."""
     if not isinstance(form, Form):
         raise NoClaims(f"{type(form).__name__} given to certificate", "is no form; give observer.form, observer.checks")
     each = tuple(checks) if isinstance(checks, Iterable) else (checks,)
@@ -105,7 +104,6 @@ def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    """Return a check as a claim {"id", "verdict", "evidence"}, "stated" where no evidence can be written."""
     proofs_by_verdict = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
     if proofs_by_verdict is None:
         return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}

@@ -113,7 +113,6 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
 
 
 def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
-    """Yield the checks OBSERVER.shorter and OBSERVER.tuned, where they are proved."""
     reason = because("the inequality is a polynomial in dt, negative on the whole range, in rational arithmetic")
     if far.pieces:
         longest = far.pieces[-1].high
@@ -127,7 +126,6 @@ def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -
 
 
 def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
-    """Return the `pieces`, proofs at one theta of all step lengths up to a longest, under the keys of a certificate."""
     each = [{"low": one.low, "high": one.high, **one.weights.written} for one in pieces]
     return {"method": rule, "theta": theta, "pieces": each}
 
@@ -156,8 +154,6 @@ def _unknown(
 
 
 def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
-    """Return why a step of length h has no proof: constant slopes with which errors grow, else the slope whose range
-    hinders most, and the share of all ranges that is proved."""
     slopes = unstable(steps.at(h))
     if slopes is None:
         known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), sufficient_share(steps, h)
@@ -169,7 +165,6 @@ def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
 
 
 def _fix(far: Reach) -> str:
-    """Return the advice to take a dt or a theta at which there is a proof."""
     ways = [f"dt = {Down(far.longest, 3)}"] if far.longest else []
     ways += [f"theta = {same(float(far.least))}"] if far.least else []
     known = f"It is proved with {' or with '.join(ways)}. " if ways else ""
@@ -222,8 +217,6 @@ def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fra
 
 
 def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fraction) -> Fraction | None:
-    """Return a number of three digits at or near `end`, in the direction of `start`, for which `certain` holds; None
-    for none."""
     towards = up if start > end else down
     for share in _BACK:
         value = Fraction(towards(end + (start - end) * share, 3))

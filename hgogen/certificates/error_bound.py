@@ -63,8 +63,8 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return sup|dx/dz_j| (n) of a state x given as an `expression` of z, where z may leave its range by `errors` up to
-    where the expression is clamped. Raises: `Unbounded`."""
+    """Return sup|dx/dz_j| (n) of a state x given as an `expression` of z, where z
+    may leave its range by `errors` up to where the expression is clamped."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
@@ -73,8 +73,8 @@ def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction])
 
 
 def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
-    """Return sup|d state/dz_j| (n) of a state that is reported as an expression of the form's system's states, which
-    are recovered from z, clamped to its ranges, and clamped to their own. Raises: `Unbounded`."""
+    """Return sup|d state/dz_j| (n) of a reported state. It is an expression of the plant's states,
+    which are recovered from z, clamped to its ranges, and then clamped to their own."""
     system, inverse = form.system, sided(form)
     (reported,) = (expression for signal, expression in system.reported if signal == state)
     around = system.box_with(system.states)
@@ -91,8 +91,8 @@ def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
 
 
 def _steepest(expression: sp.Expr, form: Form, where: Box) -> tuple[Fraction, ...]:
-    """Return sup|l_j + c r_j| (n) over c in [0, 1] on the box `where`, l_j the slopes in z_j of the expression's linear
-    terms and r_j those of its other terms, which are clamped. Raises: `Unbounded`."""
+    """Return sup|l_j + c r_j| (n) over c in [0, 1] on the box `where`: l_j are the partial derivatives
+    of the expression's linear terms in z_j, r_j those of its other terms, which are clamped."""
     linear, _ = linear_terms(expression, form.states)
     return tuple(max(steepness_in(linear, z, where), steepness_in(expression, z, where)) for z in form.states)
 
@@ -199,8 +199,6 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
 
 
 def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """Return the largest |u'| between samples of each input, as given in `rates` or declared, 0 where inputs are held,
-    None if unknown. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     requested = each_by_name("rates", rates, names_of(inputs), None)
@@ -210,8 +208,6 @@ def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 
 
 def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, ErrorInput]:
-    """Return by cause, but for the method, the inputs of the error with their sizes, from `most`, the declared sizes by
-    cause; without those of size 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     disturbance, mismatch = times(change, pushed), times(by_parameters, wrong)
@@ -239,8 +235,6 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
 def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
-    """Return the bound of the errors of a step, by the `proof` that it contracts; `most`: the declared sizes by cause,
-    `real`: the precision of rounding. Raises: `Unbounded`, `NoSolver`."""
     assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
@@ -271,7 +265,6 @@ def _bounded(
 
 
 def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
-    """Return the share of each cause in the error, with its proof. Raises: `Unbounded`, `NoSolver`."""
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
     for name, one in error_inputs.items():
         relative = one.sizes.over(one.sizes.largest)
@@ -285,15 +278,14 @@ def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Sh
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:
-    """Return, for each k of `fields`, the sum of all shares of the bound of e_k."""
     return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
 def _start_multiple(
     running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
-    """Return the start and the largest multiple of its errors from which the estimate, with errors of `totals` from
-    inputs besides, reaches no limit; or why there is none."""
+    """Return the largest multiple of the initial errors from which the estimate, with
+    further errors `totals` from inputs, reaches no limit; or why there is none."""
     if isinstance(start, Nothing):
         return start
     slack = {k: limit - totals[k] for k, limit in start.limits.items()}
@@ -306,8 +298,8 @@ def _start_multiple(
 
 
 def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
-    """Return the number of calls after which the error from the start, min(1, `multiple`) times it, is at most
-    `residual`, by component of e: V(0) at the corners falls by (1 - alpha h)^k."""
+    """Return the number of calls after which the initial error times min(1, `multiple`) has decayed
+    to `residual`, by component of e: V(0) at the corners decreases by (1 - alpha h)^k."""
     begins, proof = running.begins(start, residual), running.proof
     falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
     for k, most in residual.items():
@@ -324,9 +316,9 @@ def _stated(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> ErrorBound:
-    """Return the bound with its sentences, from the shares. `residual`: the error from the start that is left after
-    settling, by component of e; `calls`: further calls until rounding has settled; `room`: further errors at which no
-    guard acts, None where one may."""
+    """Return the error bound with its sentences, from the shares of its causes. `residual`: the
+    initial error that remains after settling, by component of e; `calls`: further calls until
+    rounding has settled; `room`: further errors at which no guard acts, None if one may."""
     settled, multiple, alone = _settled(running, begun, room, residual, calls)
     totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
@@ -381,8 +373,6 @@ def _settled(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
-    """Return the statements of when the error from the start has decayed, the multiple of initial errors, and whether
-    no guard acts; arguments as of `_stated`."""
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun
@@ -397,7 +387,6 @@ def _settled(
 
 
 def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
-    """Return the sentence that the bound of a state exceeds the `width` of its range, and its largest part."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
     return Sentence.of(
@@ -406,7 +395,6 @@ def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, f
 
 
 def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
-    """Return the sentence of the time from which on the bounds hold, and for which initial errors."""
     if settled.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
         return because(pattern, why=settled.unsettled)
@@ -418,7 +406,6 @@ def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
-    """Return the text of the claim that the error of each state, or of those in `known`, has a bound for ever."""
     subject = f"of the states {', '.join(known)}" if known else "every state"
     return f"{running(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
 

@@ -187,9 +187,9 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """The `error` at `theta`, which decays by the proof `falls`; `driven`: its system with q inputs, first the outputs'
-    noise of the sizes `noise` (p), then the `disturbances`, each as added to the form's rows (n); `scales` (N) of e;
-    `phrases`: the inputs in words."""
+    """The `error` at `theta`, whose decay `falls` proves; `driven`: its system with q
+    inputs, first the outputs' noise of the sizes `noise` (p), then the `disturbances`,
+    each as added to z' (n); `scales` (N) of e; `phrases`: the inputs in words."""
 
     error: Inclusion
     theta: Fraction
@@ -202,8 +202,6 @@ class _Known:
 
 
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
-    """Return the error of an observer with these inputs, or why it is unknown. Raises: `NoSolver`, `BadNames`,
-    `BadGain`."""
     form, system = observer.form, observer.form.system
     noises = sizes_of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
@@ -236,8 +234,8 @@ def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]
 
 
 def _disturbance_rows(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
-    """Return, for each disturbance of a nonzero size in the rate of a plant's state, what it adds to z' (n), z the
-    form's states; or why that is no number."""
+    """Return, for each disturbance of nonzero size of a plant state's rate, what
+    it adds to z' (n), z the states of the form; or why that is no number."""
     states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
     for x, size in zip(states, sizes, strict=True):
         if not size:

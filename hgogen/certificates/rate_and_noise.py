@@ -75,8 +75,6 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
 
 
 def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
-    """Return the point with the longest proved dt of its step, and the bounds under noise if the step has the length
-    `dt`."""
     longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
     gains = noise.gains if isinstance(noise, NoiseGain) else {}
     return replace(point, longest=None if longest is None else float(longest), step=gains)

@@ -116,20 +116,16 @@ def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[A
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
 def _statements(method: Method, part: Ode, clock: Clock) -> tuple[Statement, ...]:
-    """Return the statements of one call of the step in their order."""
     pieces = method.ode(part, clock)
     return tuple(_plain((*pieces.tune, *pieces.predict)))
 
 
 def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
-    """Yield the statements of a program in their order, with loops unrolled."""
     for statement in program:
         yield from _plain(statement.unrolled) if isinstance(statement, Repeat) else (statement,)
 
 
 def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
-    """Return the outputs of a CasADi function of scalars (SX), evaluated in this arithmetic. Raises: `Unsure`."""
-
     def call(function: Graph, values: Sequence[Any]) -> list[Any]:
         if isinstance(function, Lookup):
             raise Unsure("a table")
@@ -187,7 +183,6 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
 
 
 def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
-    """Return the listing without the statements that no result depends on, renumbered."""
     wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
     statements = {operand.text: statement for statement, operand in writer.statements.items()}
     for name in reversed(statements):
@@ -209,8 +204,8 @@ def _named(name: str, end: str, count: int) -> list[Operand]:
 
 
 def _constants(form: Form) -> list[Operand]:
-    """Return the numbers in the plant's equations, with the numeric factor of each sum and product: 2 pi in 2 pi f
-    t."""
+    """Return the numbers in the plant's equations, with the numeric
+    factor of each sum and product: 2 pi in sin(2 pi f t)."""
     nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
     parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
     numbers = {x for x in nodes | parts if x.is_number and x.is_real and x.is_finite}
@@ -222,16 +217,12 @@ def _constants(form: Form) -> list[Operand]:
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:
-    """Yield the numbers of nested sequences."""
     for value in values:
         yield from _flat(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
 
 
 @dataclass(frozen=True)
 class _Writer:
-    """An `Arithmetic` on texts: it lists each operation among its `statements`, and reads constants as those `known`
-    near them."""
-
     known: Sequence[Operand]
     statements: dict[str, Operand] = field(default_factory=dict)
     stages: list[list[Operand]] = field(default_factory=list)
@@ -278,8 +269,8 @@ def _number(value: Fraction) -> Operand:
 
 
 def _unchanged(op: int, values: list[Operand]) -> Operand | None:
-    """Return the operand to which an operation reduces without rounding, as a + 0, 1 a or a test of numbers; None for
-    others."""
+    """Return the operand to which an operation reduces without
+    rounding, as a + 0, 1 a or a test of numbers, or None."""
     known = [each.number for each in values]
     if op in _TESTS and None not in known:
         return _number(Fraction(_TESTS[op](*known)))
@@ -310,12 +301,10 @@ def _as_is(values: list[Operand]) -> list[Operand]:
 
 
 def _numbers_last(values: list[Operand]) -> list[Operand]:
-    """Return the operands with constants last, for commutative operations."""
     return sorted(values, key=lambda each: each.number is not None)
 
 
 def _number_first(number: int) -> Order:
-    """Return the function that puts a constant before the operands."""
     return lambda values: [_number(Fraction(number)), *values]
 
 
@@ -394,8 +383,6 @@ def rounding_share(
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-    """Return the proved bounds for rounding errors of these sizes, over their largest, and by component of e the bound
-    of its error. Raises: `Unbounded`."""
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -403,7 +390,6 @@ def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dic
 
 
 def _ratio(more: Sizes, less: Sizes) -> Fraction:
-    """Return the largest ratio of rounding errors `more` to `less` over the components of e. Raises: `Unbounded`."""
     if not all(less.fields):
         raise Unbounded(because("a field is not rounded"))
     return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
@@ -421,15 +407,13 @@ def _fixed_point(times: Callable[[Fraction], Fraction]) -> Fraction:
 
 
 def _calls(ratio: float, falls: float) -> int:
-    """Return the number of calls after which |e|_P <= 1 + `CLOSE`, from |e|_P <= `ratio`, where each call multiplies
-    |e|_P^2 - 1 by at most 1 - `falls`."""
+    """Return the number of calls after which e'P e is at most (1 + `CLOSE`)^2, from
+    `ratio`^2 on, if each call multiplies e'P e - 1 by at most 1 - `falls`."""
     target = float((1 + CLOSE) ** 2 - 1)
     return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / target)) / -math.log1p(-falls) * _UP))
 
 
 def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """Return, by component of e, the bound of its state's error for inputs of size `unit`: by its own proof, else the
-    least by the P of the others."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
     extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
@@ -438,9 +422,9 @@ def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequ
 
 @dataclass(frozen=True)
 class _Sizing:
-    """The computation of how much one call rounds, while the plant is in its ranges, with sample errors `samples` (p),
-    `displacements` and `speeds` (n) of the plant in a call. The ranges of chains' first states are cut into pieces, on
-    each of which sample and estimate are near each other."""
+    """The bound of the rounding errors of one call while the plant is in its ranges, with sample
+    errors `samples` (p), `displacements` and `speeds` (n) of the plant in a call. The ranges of
+    measured states are cut into pieces, on each of which sample and estimate are near each other."""
 
     running: Running
     real: Real
@@ -449,14 +433,11 @@ class _Sizing:
     speeds: Sequence[Fraction]
 
     def sizes(self, errors: Sized) -> Sizes:
-        """Return the largest rounding errors of a call, for `errors` by component of e. Raises: `Unbounded`."""
         rounded = [self._on_piece(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        """Return the listed program and the numbers from which a certificate derives the rounding errors, for errors of
-        e of at most `within` (N); {} where the program cannot be listed."""
         listing = listed(self.running.step, self.running.error)
         if listing is None:
             return {}
@@ -473,7 +454,6 @@ class _Sizing:
         }
 
     def _on_piece(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
-        """Return the rounding errors (N) of a call, for a plant in `ranges` and `errors` of e. Raises: `Unbounded`."""
         layout, balls = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
@@ -487,8 +467,6 @@ class _Sizing:
 
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The parts of the box of the ranges, each a range for every state (n); only ranges of chains' first states are
-        cut."""
         heads = {head for head, _ in self.running.heads.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.running.step.observer.form.states):
@@ -505,8 +483,8 @@ class _Sizing:
         return known
 
     def _samples(self, ranges: Sequence[Side]) -> list[Any]:
-        """Return balls (p) that hold each output's samples at both ends of a call, for a plant in `ranges` at its
-        beginning."""
+        """Return balls (p) that enclose each output's samples at both
+        ends of a call, for a plant in `ranges` at its beginning."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
             i, slope = self.running.heads[j]
@@ -516,7 +494,7 @@ class _Sizing:
 
     @cached_property
     def _offsets(self) -> list[Side]:
-        """The range of y - (dy/dz_i) z_i of each output y, z_i the first state of its chain. Raises: `Unbounded`."""
+        """The range of y - (dy/dz_i) z_i of each output y, z_i the first state of its chain of integrators."""
         form, offsets = self.running.step.observer.form, list[Side]()
         where = form.box
         slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.heads.items()}
@@ -529,7 +507,6 @@ class _Sizing:
 
     @cached_property
     def _inputs(self) -> list[Any]:
-        """The balls of the inputs' ranges. Raises: `Unbounded`."""
         for signal in self.running.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))

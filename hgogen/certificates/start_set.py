@@ -175,8 +175,6 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
-    """Return the largest initial error of each state (n), from the initial estimate to the ends of its range; or the
-    reason that several numbers in the memory estimate a state and begin differently."""
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
@@ -189,8 +187,8 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """Return, by index k of e_k, the distance from the range of its state to the end of the outer box, in the state's
-    unit."""
+    """Return, by index k of the error e_k, the distance from the range of its
+    state to the limit at which the estimate is clamped, in the state's unit."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
     limits = {}
@@ -203,18 +201,15 @@ def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
 
 
 def _estimating(error: Inclusion, state: int) -> list[int]:
-    """Return the indices k of the e_k that are errors of the estimate of `state` (index from 0)."""
     layout = error.layout
     return [k for k, (i, fed) in enumerate(zip(layout.index, layout.fed, strict=True)) if fed and i == state]
 
 
 def _fields(observer: Observer) -> list[Field]:
-    """Return the variables of the observer's memory that its differential equations change, in the order of e."""
     return [field for part in observer.parts if isinstance(part, Ode) for field in part.fields]
 
 
 def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> list[Fraction]:
-    """Return `values` (N) of the observer's memory in the units of the form's states that they estimate."""
     fields = _fields(observer)
     places: list[Graph] = [sym("state", field.name, field.size) for field in fields]
     slopes = ca.Function("z", places, [ca.jacobian(observer.z, ca.vertcat(*places))])(*(0 for _ in places))
@@ -248,7 +243,6 @@ def restart_calls(step: Step) -> int:
 
 
 def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
-    """Yield pairs of a state's index and the largest error at which no sign of a lost estimate appears."""
     form, heads, inside = running.step.observer.form, running.heads, running.plant.margins
     spans = [high - low for low, high in readings(form)]
     for sign in running.step.code.signs:

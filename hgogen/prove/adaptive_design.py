@@ -101,14 +101,15 @@ def best(task: Task) -> Optimum | None:
 
 
 def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
-    """Return the solution with the least gamma (88), by one program in P/t, Y/t, lambda/t = 1/2; or at a given `gamma`
-    the one with the least mu (89)."""
+    """Return the design with the least gamma (88), by one semidefinite program in P/t, Y/t,
+    lambda/t = 1/2; or at a given `gamma` the one with the least mu (89) of Alessandri (2020)."""
     n, p = task.n, task.n * (task.n + 1) // 2
     A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
     largest, free = task.bounds["largest"], 0 if task.K is not None else n
 
     def blocks(x: Array) -> list[Array]:
-        """Return the matrices that must be >= 0: (54), D P + P D, peak I - P, |Y| <= largest; for (89) also (87)."""
+        """Return the matrices that must be >= 0: (54), D P + P
+        D, peak I - P, |Y| <= largest; for (89) also (87)."""
         (P, Y), (peak, decay, last) = task.unknown(x), (x[-2], 0.5, x[-1]) if gamma is None else x[-3:]
         turned, scale = D @ P + P @ D, last if gamma is None else 1.0
         phi = A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * turned + decay * one
@@ -218,7 +219,6 @@ def adaptive_gain(
 
 
 def _count(n: Any, slope: Any) -> int:
-    """Return the number of integrators of `n`, a number or a form; demand `slope` for a number alone."""
     if isinstance(n, Form):
         if slope is not None:
             raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
@@ -239,8 +239,9 @@ def _count(n: Any, slope: Any) -> int:
 
 
 def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Task:
-    """Return the task with the form's Lipschitz constant k(gamma) at the gamma of the best design. k decreases as gamma
-    grows: where a design's bound is above its gamma, a larger gamma is valid, else a smaller one may be."""
+    """Return the task with the form's Lipschitz constant k(gamma) at the gamma
+    of the best design. k decreases as gamma grows: if a design's bound is
+    above its gamma, a larger gamma is valid, else a smaller one may be."""
     free = task.bounded("mu", math.inf)
 
     def at(gamma: float) -> tuple[Task, Design | None]:
@@ -266,12 +267,10 @@ def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Ta
 
 
 def _objective(design: Design) -> Fraction:
-    """Return the mu of a design, without a disturbance its gamma: the number that the search minimises."""
     return design.gamma if design.mu is None else design.mu
 
 
 def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
-    """Return the best design that is proved within the task's bounds, with K and P in few digits; None for none."""
     for margin in _MARGINS:
         optimum = best(replace(task, margin=margin))
         if optimum is None:
@@ -307,7 +306,8 @@ def _column(K: Any, n: int) -> np.ndarray:
 
 
 def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
-    """Return K and P of a solution in `digits` (of K, of P) with their proofs; None where rounding loses one."""
+    """Return K and P of a solution, rounded to `digits` (of K, of P),
+    with their proofs; None if rounding breaks one."""
     P = [[_to_digits(value, digits[1]) for value in row] for row in optimum.P.tolist()]
     if task.K is None:
         K = [_to_digits(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
@@ -336,7 +336,6 @@ def _to_digits(value: float, digits: int) -> float:
 
 
 def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
-    """Return, by name, for each bound that alone makes the task infeasible, a value with which there is a design."""
     enough = {}
     for name in names:
 
@@ -356,8 +355,8 @@ def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """Return a bound's value with which `at` finds a design, near the least change from `refused`, which is searched by
-    powers of `factor`; None where six of them do not do."""
+    """Return a bound's value with which `at` finds a design, near the least change
+    from `refused`, searched by powers of `factor`; None after six failures."""
     good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None

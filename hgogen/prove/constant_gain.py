@@ -94,8 +94,8 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 
 
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
-    """Return, for each state z_j, the row (n) of e_j - sum_k N_jk a_(k,1) e_k, e_k the error of the first state of
-    chain k: the combination of errors that b reads in the place of e_j."""
+    """Return, for each state z_j, the row (n) of e_j - sum_k N_jk a_(k,1) e_k, e_k the error
+    of the first state of chain k: the argument error of b for a gain N in its argument."""
     rows = [list(field_row(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
@@ -109,7 +109,6 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
 
 
 def _number(value: Any, form: Form) -> Fraction | None:
-    """Return the value as a `Fraction`; None where the expression contains an input or a parameter with a range."""
     known = sp.cancel(exact(sp.sympify(value).xreplace(fixed(form))))
     return Fraction(known.p, known.q) if known.is_Rational else None
 
@@ -199,8 +198,6 @@ def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
 
 
 def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
-    """Yield pairs of the chains that share a block of the gain and this block: all chains for a matrix, else one by
-    one. Raises: `BadGain`."""
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)
@@ -215,7 +212,6 @@ def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequ
 
 
 def _shape(values: Any) -> tuple[int, ...]:
-    """Return the shape of an array-like value; () of any other, such as rows of different lengths."""
     try:
         return np.shape(values)
     except ValueError:
@@ -223,8 +219,8 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Return matrices (k, n, n) with the groups' matrices (k_i, n_i, n_i) along the diagonal; they have all
-    eigenvalues, but not all combinations."""
+    """Return matrices (k, n, n) with the groups' matrices (k_i, n_i, n_i) along the diagonal;
+    they have all eigenvalues of the groups, but not all combinations of groups."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):
@@ -233,7 +229,6 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
-    """Return one sequence of `values` for each chain, of these `sizes`. Raises: `BadGain` for others."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0

@@ -202,8 +202,8 @@ class Flow:
 
     @property
     def _most(self) -> Fraction:
-        """An upper bound of every alpha with V' <= -alpha V at theta: -2 times the largest real part of an
-        eigenvalue."""
+        """An upper bound of every alpha with V' <= -alpha V at
+        theta: -2 times the largest real part of an eigenvalue."""
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
@@ -218,17 +218,18 @@ class Flow:
 
     @cached_property
     def _weights_at_theta(self) -> Any:
-        """The P and S, in floats, with which V = e'P e falls at the declared theta for all slopes; None for none."""
+        """The P and S, in floats, with which V = e'P e decreases at the declared theta
+        for all partial derivatives of b in their ranges; None if none are found."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
     def _system(self) -> Callable[[Fraction], Uncertain]:
-        """The function from theta to the error system e' = M e + G diag(d) H e there; it is cached."""
+        """The function from theta to the error dynamics e' = M e + G diag(d) H e."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
-        """Return the largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at a theta, and its
-        d."""
+        """Return the largest real part of an eigenvalue of M + G
+        diag(d) H over the tried corners d at a theta, and its d."""
         e = self._system(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
@@ -279,7 +280,8 @@ class Flow:
         )
 
     def _hindrance(self) -> Slope | None:
-        """Return the slope of b whose narrowing by a hundredth raises the margin of the forms at theta most."""
+        """Return the partial derivative of b whose range limits the proof most:
+        narrowing it by 1 % raises the margin of the matrix inequalities most."""
         forms = self._floats(self.theta, Fraction(0))
         best = widest(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
         if best is None:
@@ -302,11 +304,10 @@ class Flow:
         return Falls(theta, alpha, known) if known else None
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return rational P and S near those given that prove all forms negative; None where none are found."""
         return proved(forms, P, S)
 
     def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Any:
-        """Return P and S, in floats, with which V' <= -alpha V at a theta; None where none are found."""
+        """Return P and S, in floats, with which V' <= -alpha V at a theta; None if none are found."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
         return weights if weights is not None and negative(forms, *weights, self._coordinates) else None
@@ -321,8 +322,9 @@ class Flow:
         return (best.P, best.S) if best is not None and best.margin > 0 else None
 
     def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
-        """Return P and S with the largest margin of all forms, from programs with few forms: the first and the last,
-        then also those above half of the margin, until none is. The chosen forms are kept for the next call."""
+        """Return P and S with the largest margin of all matrix inequalities. To save
+        time each program has few of them: the first and the last, then also those
+        above half of the margin, until none is. The next call begins with them."""
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
@@ -343,12 +345,11 @@ class Flow:
 
     @cached_property
     def _binding(self) -> list[int]:
-        """The indices of the forms that `_widest` has chosen so far."""
         return []
 
     def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
-        """Return `first`, scaled to the trace n, or else the P of the linear part, and the S that suit it best; None
-        where there is no P. No solver is needed."""
+        """Return a P without a semidefinite solver, and the S that suits it best: `first`, scaled
+        to the trace n, or else the P of the linear part; None if there is no such P."""
         first = self.first
         P = self.error.linear_lyapunov if first is None else np.asarray(first * len(first) / np.trace(first))
         if P is None:
@@ -367,8 +368,8 @@ class Flow:
 
     @cached_property
     def _coordinates(self) -> Array | None:
-        """The matrix P^(-1/2) of `first`, or else of the linear part: coordinates in which a solver's P is near the
-        unit matrix."""
+        """The matrix P^(-1/2) of `first`, or else of the linear part:
+        coordinates in which a solver's P is near the unit matrix."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
@@ -380,8 +381,9 @@ def _reached(
     seek: Callable[[Fraction], Any],
     close: float,
 ) -> Fraction:
-    """Return the value nearest to `end`, from `start` on, for which there are weights: as far as `serving(weights)`
-    holds, then with new weights by `seek`, last by bisection until the ratio of the ends is below `close`."""
+    """Return the value nearest to `end`, from `start` on, at which P and S prove
+    the decrease: as far as `serving(weights)` holds, then with new weights by
+    `seek`, last by bisection until the ratio of the ends is below `close`."""
     for _ in range(_ROUNDS):
         value = farthest(serving(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
@@ -424,8 +426,8 @@ class OneSided(Flow):
         return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Return rational P and S near those given that prove all forms negative; P is a sum of the basis matrices, so
-        that P onto_k = s_k lambda_k reads_k' holds exactly."""
+        """Return rational P and S near the given floats that prove all matrix inequalities. P is
+        a sum of the basis matrices, so that P onto_k = s_k lambda_k reads_k' holds exactly."""
         rows = np.array([floats(matrix).ravel() for matrix in self._basis])
         y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
         for bits in _BITS:
@@ -439,8 +441,8 @@ class OneSided(Flow):
 
     @cached_property
     def _basis(self) -> tuple[Array, ...]:
-        """A basis, in FLINT's rationals, of the symmetric P (n, n) with P onto_k parallel to reads_k for every endless
-        slope k."""
+        """A basis, in rationals, of the symmetric P (n, n) with P onto_k parallel to
+        reads_k for every partial derivative k that is unbounded on one side."""
         n = len(self.error.N)
         units, slopes = list[Array](), self.endless
         for j in range(n):
@@ -458,14 +460,14 @@ class OneSided(Flow):
         return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
 
     def _lambdas(self, P: Array) -> Iterator[Any]:
-        """Yield the lambda_k of P onto_k = s_k lambda_k reads_k' for each endless slope k, in the arithmetic of P."""
+        """Yield lambda_k of P onto_k = s_k lambda_k reads_k' for each partial
+        derivative k that is unbounded on one side, in the arithmetic of P."""
         for slope in self.endless:
             onto, reads = rational(slope.onto), rational(slope.reads)
             onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
             yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
 
     def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
-        """Return P, a sum of the basis matrices, and S with the largest margin, in floats; None for none."""
         basis = [floats(matrix) for matrix in self._basis]
         if not basis or no_solver(_ONE_SIDED):
             return None
@@ -475,7 +477,6 @@ class OneSided(Flow):
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
-    """Return a basis of the vectors x (count) with row x = 0 for all `rows`."""
     if not rows:
         return [[fmpq(int(i == j)) for j in range(count)] for i in range(count)]
     reduced, rank = fmpq_mat([list(row) for row in rows]).rref()

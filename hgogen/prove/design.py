@@ -287,7 +287,6 @@ def _below_exp(x: Fraction) -> Fraction:
 
 
 def _least(enough: Callable[[Fraction], bool]) -> float:
-    """Return a k >= 1 with `enough(k)`, near the least one, where every larger k is enough. Raises: `BadGain`."""
     low, high = 1.0, 1.0
     while not enough(Fraction(high)):
         low, high = high, 2 * high
@@ -300,8 +299,8 @@ def _least(enough: Callable[[Fraction], bool]) -> float:
 
 
 def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candidate, Fraction]:
-    """Return K, P and sigma, demanded to satisfy (54) with lambda = `decay`, and lambda, by default the largest.
-    Raises: `BadGain`."""
+    """Return K, P and sigma, which must satisfy (54) with
+    lambda = `decay`, and lambda, by default the largest."""
     known = candidate(K, P, sigma)
     rate = None if decay is None else Fraction(positive("decay", decay))
     for check in facts("design", known):
@@ -313,8 +312,8 @@ def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candida
 
 
 def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
-    """Return p, the `gains` (n), a P with A'P + P A <= -I, A their companion matrix, and an upper bound of |P|. Raises:
-    `BadGain`, `NotHurwitz`."""
+    """Return p, the `gains` (n), a P with A'P + P A <= -I, A
+    their companion matrix, and an upper bound of |P|."""
     p = _column("gains", gains)
     exactly = np.array([Fraction(x) for x in p.tolist()], dtype=object)
     A = companion(exactly)
@@ -325,7 +324,6 @@ def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
 
 
 def _square(column: Sequence[Fraction]) -> Fraction:
-    """Return |x|^2."""
     return sum((x * x for x in column), Fraction(0))
 
 

@@ -303,14 +303,15 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """Return the expression with common factors cancelled, symbols >= 0 where their range is, for roots of squares."""
+    """Return the expression with common factors cancelled; symbols with a
+    range >= 0 count as nonnegative, so that roots of squares simplify."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
 
 
 def _fault(a: sp.Expr, fixed: Mapping[sp.Symbol, sp.Expr], around: Box) -> str:
-    """Return why x_k = a(x), one of `along`, may jump, or ""; the derivative of a does not contain a jump."""
+    """Return why x_k = a(x), one of `along`, may jump, or "": its derivative would miss the jump."""
     if a.has(*JUMPS):
         return "may jump; write it with Abs, Min and Max"
     # such as atan(tan(x)) at a pole
@@ -382,12 +383,9 @@ class Dissipates:
 
     @property
     def _names(self) -> set[str]:
-        """The names of the errors and of all other symbols of the error system."""
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, origin: Injection | Equations) -> dict[str, Any]:
-        """Return the construction of the error system by `origin`, the ranges of e, V and mu, as texts under a
-        certificate's keys."""
         names = self._names | {s.name for s in origin.names}
         if isinstance(origin, Equations):
             system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
@@ -492,7 +490,6 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
 
 
 def _function(system: ErrorSystem, V: Any) -> sp.Expr:
-    """Return V, given as an expression or as P of e'P e, as an expression of the errors. Raises: `BadErrorSystem`."""
     n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
         level = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
@@ -526,8 +523,8 @@ def _positive(name: str, value: Any) -> sp.Rational:
 
 
 def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
-    """Return why F or dV/de is not proved to be an average of its Jacobian times e, or `NONE`: they and V must vanish
-    at e = 0, have no kinks or jumps, and bounded slopes on the box."""
+    """Return why F or dV/de may differ from an average of its Jacobian times e, or `NONE`: they
+    and V must vanish at e = 0, have no kinks or jumps, and bounded derivatives on the box."""
     zero, box = dict.fromkeys(system.errors, sp.S.Zero), {**system.plain, **around}
     slopes = tuple(V.diff(e) for e in system.errors)
     for what, rows in (("V", (V,)), ("dV/de", slopes)):
@@ -548,15 +545,16 @@ def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
 
 
 def _positive_function(system: ErrorSystem, V: sp.Expr, around: Box) -> SecondOrder:
-    """Return -V with the matrix V_ee(c)/2, V_ee the Hessian: V(e) = e'(average of V_ee/2) e, for the proof of V > 0."""
+    """Return -V with the matrix V_ee(c)/2, V_ee the Hessian:
+    V(e) = e'(average of V_ee/2) e, for the proof of V > 0."""
     copy = _copies(system, "c")
     hessian = sp.hessian(V, system.errors).xreplace(dict(zip(system.errors, copy, strict=True))) / 2
     return SecondOrder(-V, hessian, (copy,), system.errors, around, {})
 
 
 def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -> SecondOrder:
-    """Return the left side of dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38), with the matrix N(c, d) for which it
-    is at most -e'(average of N) e."""
+    """Return the left side of dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38),
+    with the matrix N(c, d) for which it is at most -e'(average of N) e."""
     errors, G = system.errors, sp.Matrix(system.noise)
     here, there, c, d = sp.Matrix(errors), _copies(system, "e"), _copies(system, "c"), _copies(system, "d")
     F = sp.Matrix(system.flow)
@@ -570,8 +568,9 @@ def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -
 
 
 def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
-    """Return a lower bound of V on the faces of the box `around`, in few digits and near the least; None where it is
-    not positive. For e'P e it is min_i end_i^2/(P^-1)_ii, where the ellipsoid first touches a face."""
+    """Return a lower bound of V on the faces of the box `around`, rounded
+    to few digits; None if it is not positive. For V = e'P e it is min_i
+    end_i^2/(P^-1)_ii, where the ellipsoid first touches a face."""
     e = sp.Matrix(list(around))
     P = sp.hessian(V, list(around)) / 2
     other = P.free_symbols or sp.expand(V - (e.T * P * e)[0, 0]) != 0
@@ -585,7 +584,6 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 
 
 def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
-    """Return the check `dissipation.WHAT` of a `claim` that `side`, a text such as "-V", is negative."""
     there = because("{side} is {value:.3g} there", side=side, value=answer.value)
     reason = answer.reason if answer.value is None else there
     witness = {s.name: float(number) for s, number in answer.point.items()}
@@ -598,7 +596,7 @@ def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
 
 
 def _slab(proof: Proof, way: int) -> dict[str, Any]:
-    """Return the bisection that proves an expression negative and half of its bound, times `way` = -1 for -V < 0, so
-    that a weaker arithmetic proves it too."""
+    """Return the bisection that proves an expression negative and half of its
+    bound, so that a weaker arithmetic can verify it; `way` = -1 for -V < 0."""
     assert proof.high is not None  # it is negative
     return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

@@ -107,8 +107,8 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
 
 
 def _no_triangle(form: Form) -> Reason:
-    """Return why z' = A z + b, y is not triangular, z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1 + c(u);
-    `NONE` where it is."""
+    """Return why z' = A z + b, y is not triangular, z_i' = a_(i+1)
+    z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1 + c(u); `NONE` if it is."""
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
@@ -302,8 +302,6 @@ def with_gains(
 
 
 def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
-    """Return {"weights": those of the outputs (p)} for the observer's arguments, {} where no two outputs share a
-    state."""
     return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
 
 
@@ -373,8 +371,8 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
-    """Return the range of each q_k = s_k/F_k', F_k' = dF_k/dz_(k+1), and the evidence for that of 1/F_k'; or why one
-    has none."""
+    """Return the range of each q_k = s_k/F_k', F_k' = dF_k/dz_(k+1),
+    and the evidence for that of 1/F_k'; or why one has none."""
     shares, ranges = Shares(), list[Evidence | None]()
     for k, dF in enumerate(slopes_on(form)):
         inverse, s = exact(sp.sympify(1 / dF)), Fraction(str(form.A[k, k + 1]))
@@ -392,8 +390,9 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
 def _together(
     of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
 ) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the points of [-1, 1]^m at all combinations of the ends of `of_b` slopes of b and of the q_k in `shares`,
-    in each range of the slopes `pushes`, K_i q_1 .. q_(i-1); () where they are too many."""
+    """Return the points of [-1, 1]^m at all combinations of the ends of `of_b`
+    partial derivatives of b and of the q_k in `shares`, in each range of
+    the gains `pushes`, K_i q_1 .. q_(i-1); () if they are too many."""
     ends = [sorted(set(pair)) for pair in shares]
     if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()

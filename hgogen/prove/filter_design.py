@@ -122,8 +122,8 @@ Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
 
 @dataclass(frozen=True)
 class _Search:
-    """The search for a filter with `m` states that decays at `rate` and lets little noise through to the error of state
-    `state` (index from 0) of a chain, at `theta`."""
+    """The search for a filter with `m` states that decays at `rate` and has a small
+    noise gain to the error of state `state` (index from 0) of a chain, at `theta`."""
 
     chain: Integrators
     theta: Fraction
@@ -133,9 +133,9 @@ class _Search:
 
     @property
     def first(self) -> Filter:
-        """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or a faster one of the same
-        static gain, of least bound. With m < n its last state is injected into all later ones; states beyond n are not
-        injected."""
+        """The filter to start from: that of alpha = 3, beta = 1, with all poles at -1, or
+        a faster one of the same static gain with a smaller bound. With m < n its last
+        state is injected into all later states; states beyond n are not injected."""
         n, m = self.chain.n, self.m
         at = [(i, min(i, m - 1)) for i in range(n)]
         filters = []
@@ -147,13 +147,10 @@ class _Search:
         return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
-        """Return the proof that errors decay at the wanted rate, with the bound of the state's error under noise, or
-        None."""
         query = self._query(filter_)
         return bound_at(*query) if query and bound_in_floats(*query) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
-        """Yield filters in few digits, the best first, from a simplex search near `filter_`."""
         from scipy.optimize import minimize  # a dependency of the solver
 
         # filters and costs, and the coordinates of the best P
@@ -174,8 +171,8 @@ class _Search:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
     def _cost(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
-        """Return the logarithm of the bound in floats and the W = P^(-1/2) of its P; 1e6 and None without a bound. The
-        search for P starts at the given W, else at that of the filter."""
+        """Return log(bound) in floats and the W = P^(-1/2) of its P; 1e6 and None without
+        a bound. The search for P starts at the given W, else at that of the filter."""
         for W in (*coordinates, None):
             query = self._query(self._filter(numbers), W)
             known = query and bound_in_floats(*query)
@@ -184,8 +181,6 @@ class _Search:
         return _LARGE, None
 
     def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """Return the arguments of `bound_at` for a filter, in coordinates W, by default those of a V that falls; None
-        where its linear error does not decay."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")
@@ -203,7 +198,6 @@ class _Search:
         return lambda alpha: driven(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
-        """Return the searched numbers of a filter: the diagonal of F, the one above it, and H."""
         F, _, H = filter_
         return np.concatenate([np.diag(F), np.diag(F, 1), H.ravel()])
 

@@ -147,15 +147,16 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The cone program for a gain in scaled units. Its variables (N) are the entries of P and Y = P K, multipliers of
-    the slopes for the rate and again for noise, and the lambda_j; then t, the largest c P^-1 c'."""
+    """The semidefinite program for a gain K in scaled units. Its variables (N) are
+    the entries of P and Y = P K, multipliers of the partial derivatives for the
+    rate and again for noise, and the lambda_j; then t, the largest c P^-1 c'."""
 
     open: Open
     rate: float
     alpha: float
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
-        """Return K = P^-1 Y (n, p) with the least t over the `rows` c; None where the solver finds none."""
+        """Return K = P^-1 Y (n, p) with the least t over the `rows` c; None if the solver finds none."""
         (p, n), (of_P, of_Y, k) = self.open.C.shape, self._sizes
         size, one = self._size, np.eye(self._size + 1)
 
@@ -180,30 +181,27 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        """The error systems with constant slopes at each corner, or a single one whose slopes have multipliers."""
         return ends(self.open.with_gain)
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
-        """The numbers of entries of P and of Y, and of slopes with multipliers, 0 where all corners are checked."""
         n = len(self.open.M)
         return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
     @cached_property
     def _size(self) -> int:
-        """The number of variables: entries of P and of Y, multipliers and lambda_j, without t."""
         of_P, of_Y, k = self._sizes
         return of_P + of_Y + 2 * k + len(self.open.C)
 
     def _falling(self) -> Iterator[Rows]:
-        """Yield, for each system, the cones of V' <= -2 rate V and of V' <= -alpha V + sum_j lambda_j v_j^2."""
+        """Yield, for each error system, the cones of V' <= -2
+        rate V and of V' <= -alpha V + sum_j lambda_j v_j^2."""
         of_P, of_Y, k = self._sizes
         for e in self._ends:
             yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
             yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
     def _negative(self, form: Quadratic, first: int) -> Rows:
-        """Return the cone in which a form is negative; its multipliers are the variables from the index `first` on."""
         brings, shared = entries(form), sum(self._sizes[:2])
         whole = np.zeros((self._size, form.size, form.size))
         whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
@@ -271,8 +269,8 @@ class Search:
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """Return the gain of the program that demands the least part of the rate for which another P still proves all
-        of it, with noise at the rate `noisy`; None for none."""
+        """Return the gain of the program that demands the smallest part of the rate for which a
+        second P still proves all of it, with noise at the rate `noisy`; None if there is none."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -287,7 +285,8 @@ class Search:
         return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
-        """Return the gain of the program that demands `less` times the rate, where another P proves the whole rate."""
+        """Return the gain of the program that demands `less`
+        times the rate, if a second P proves the whole rate."""
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None
@@ -329,8 +328,8 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
 
 
 def _half(slope: Slope) -> Slope:
-    """Return a slope d in [low, high] with half of its range: around its middle, or around 0 where it is a
-    db_i/dz_j."""
+    """Return a partial derivative d in [low, high] with half of its
+    range, around its middle, or around 0 if it is a db_i/dz_j."""
     centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
     return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
 
@@ -383,7 +382,6 @@ def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
 
 
 def _reached(task: Task, rates: Iterable[float]) -> float:
-    """Return the first of the `rates` at which one P gives a gain; 0.0 where none does."""
     return next((rate for rate in rates if task.gain(rate, rate * _NOISY) is not None), 0.0)
 
 
@@ -497,8 +495,6 @@ def gain(
 
 
 def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:
-    """Return the N to try, each as its entries: () for none, and N as given in `argument`, or as searched where it is
-    True. Raises: `NoSolver`, `BadGain`."""
     if argument is None or argument is False:
         return ((),)
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
@@ -545,8 +541,6 @@ def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) ->
 
 
 def _measures(form: Form, per: Any) -> list[float]:
-    """Return the unit of each state's error, of `per` or half of its range; 0 for none. Raises: `BadNames`,
-    `BadGain`."""
     each = each_by_name("per", per, form.names, _FROM_RANGE)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
     return [
@@ -556,7 +550,6 @@ def _measures(form: Form, per: Any) -> list[float]:
 
 
 def _moderate(what: str, value: Any) -> float:
-    """Return `value`, demanded to be in [1e-15, 1e15]; `what` names it in an error. Raises: `BadGain`."""
     size = positive(what, value)
     if not 1 / _FAR <= size <= _FAR:
         raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")
@@ -577,5 +570,4 @@ def _stated(form: Form, best: Candidate) -> Gain:
 
 
 def _numbers(K: Any) -> str:
-    """Return a gain K, nested tuples of numbers, as text that evaluates to the same numbers."""
     return f"({', '.join(map(_numbers, K))})" if isinstance(K, tuple) else same(K)

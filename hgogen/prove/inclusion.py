@@ -146,8 +146,8 @@ class Inclusion:
 
     @cached_property
     def _balanced_lyapunov(self) -> tuple[Array, Array] | None:
-        """A vector d (N) and P (N, N) with A'P + P A = -I, where A = diag(d)^-1 N diag(d) and N is `limit`: d = 1, or
-        where P is then too ill-conditioned for floats a d that balances N. None where neither gives a P > 0."""
+        """A vector d (N) and P (N, N) with A'P + P A = -I, A = diag(d)^-1 N diag(d): d = 1, or a d
+        that balances N if P is then too ill-conditioned for floats. None if neither gives a P > 0."""
         N = self.limit
         for units in (lambda N: np.ones(len(N)), balance):
             d = units(N)

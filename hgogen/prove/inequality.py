@@ -181,7 +181,6 @@ def flow(e: Uncertain) -> Inequality:
 
 
 def _one(like: Array, size: int) -> Array:
-    """Return the unit matrix (size, size), of floats or of FLINT's rationals, as the entries of `like` are."""
     return np.eye(size) if like.dtype == float else identity(size)
 
 
@@ -241,9 +240,9 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
 def _with_samples(
     h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
 ) -> Inequality:
-    """Return the step of D (N, ..) and Q (s m, ..) with N + s m + s p columns, the last s p of which belong to the
-    errors of p samples at each stage, and become the `stages`. `nodes` (s): times of the stages; `degree` of the form
-    in h."""
+    """Return the step of D (N, ..) and Q (s m, ..) with N + s m + s p columns:
+    the last s p belong to the errors of p samples at each of s stages.
+    `nodes` (s): times of the stages; `degree` of the quadratic form in h."""
     (n, m), p = e.G.shape, e.B.shape[1]
     size = n + len(nodes) * m
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
@@ -253,7 +252,7 @@ def _with_samples(
 
 @cache
 def _exactly(coefficient: float) -> Any:
-    """Return a tableau's coefficient as FLINT's rational, the quotient that its float rounds, such as 1/6."""
+    """Return a tableau's coefficient as the exact quotient that its float rounds, such as 1/6."""
     return number(Fraction(coefficient).limit_denominator(_DENOMINATOR))
 
 
@@ -278,7 +277,8 @@ def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
 
 
 def _phi_2(X: Array) -> Array:
-    """Return phi_2(X) = sum_k X^k/(k + 2)! in balls, the upper right block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
+    """Return phi_2(X) = sum_k X^k/(k + 2)! with error balls: the
+    upper right block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
     n = len(X)
     wide = 0 * identity(3 * n)
     wide[:n, :n], wide[:n, n : 2 * n], wide[n : 2 * n, 2 * n :] = X, identity(n), identity(n)
@@ -287,15 +287,15 @@ def _phi_2(X: Array) -> Array:
 
 
 def _halvings(X: Array) -> int:
-    """Return k such that the row sums of |X|/2^k are at most 1/2, in the coordinates scaled by a diagonal matrix that
-    are best for it: there the largest row sum is the spectral radius of |X|."""
+    """Return k such that the row sums of |X|/2^k are at most 1/2 in the best diagonally
+    scaled coordinates: there the largest row sum is the spectral radius of |X|."""
     radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
     return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
 
 
 def _program_phi_2(X: Array, halvings: int) -> Array:
-    """Return the program's phi_2(X) in balls: a Taylor polynomial of X/2^halvings, doubled `halvings` times. Each
-    further halving multiplies the truncation error by 2^-14."""
+    """Return the emitted program's phi_2(X) with error balls: a Taylor polynomial of X/2^halvings,
+    doubled `halvings` times. Each further halving multiplies the truncation error by 2^-14."""
     one = _balls(identity(len(X)))
     X = _balls(X) / 2**halvings
     phi_2 = one
@@ -456,8 +456,8 @@ def unstable(step: Inequality) -> Array | None:
 
 
 def _frozen(step: Inequality) -> tuple[float, Array]:
-    """Return the largest spectral radius of T in e+ = T e over the tried corners d of constant slopes, and this corner
-    (m)."""
+    """Return the largest spectral radius of T in e+ = T e over the tried
+    corners d (m) of constant partial derivatives, and this corner."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
@@ -508,8 +508,8 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
 
 @lru_cache(maxsize=8)
 def _bernstein(degree: int) -> Array:
-    """Return the matrix (d + 1, d + 1) that maps the values of a polynomial of degree d at k/d, k = 0, .., d, to its
-    Bernstein coefficients on [0, 1]."""
+    """Return the matrix (d + 1, d + 1) from the values of a polynomial of degree
+    d at k/d, k = 0, .., d, to its Bernstein coefficients on [0, 1]."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
     return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

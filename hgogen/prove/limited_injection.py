@@ -235,8 +235,8 @@ class LimitedInjection(Flow):
 
     @cached_property
     def _weights_at_theta(self) -> Decay | None:
-        """The proof in `decays` whose V falls at the declared theta, preferably V' <= -alpha V with alpha > 0; None for
-        none."""
+        """The proof whose V decreases at the declared theta,
+        preferably V' <= -alpha V with alpha > 0, or None."""
         return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 
     @property
@@ -273,15 +273,14 @@ class LimitedInjection(Flow):
         return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
-        """Return the P (n, n) of V = e'P e + .. for the V of `one`, in the units of the error e."""
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 
     def _values(
         self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
     ) -> list[Array]:
-        """Return the matrices that prove V' <= -alpha V where all are negative, from `parts` M/theta, G/theta and H,
-        for the V of `one`, a = alpha/theta."""
+        """Return the matrices that prove V' <= -alpha V if all are negative, from
+        `parts` M/theta, G/theta and H, for the V of `one`, a = alpha/theta."""
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
         base = way.form(N, K, P, mu, tau)
@@ -302,8 +301,8 @@ def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
 
 
 def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
-    """Return `form` plus, for each v of `by` and row h of `reads`, S h h' + v v'/S, which is at least d (v h' + h v'),
-    |d| <= 1."""
+    """Return `form` plus, for each v of `by` and row h of `reads`, S
+    h h' + v v'/S, which is at least d (v h' + h v'), |d| <= 1."""
     for move, h, s in zip(by, reads, S, strict=True):
         v = move @ h - h * (h @ move @ h) / 2
         form = form + s * np.outer(h, h) + np.outer(v, v) / s
@@ -311,7 +310,6 @@ def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequen
 
 
 def _multiplier(v: Array) -> Fraction:
-    """Return |v|, rounded to 24 bits after the point, above 0."""
     return Fraction(max(1, round(float(np.linalg.norm(v.astype(float))) * 2**_BITS)), 2**_BITS)
 
 

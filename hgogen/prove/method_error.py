@@ -127,8 +127,8 @@ def lipschitz_remainder(
 
 
 def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
-    """Return the integral of |K(s)| from 0 to 1, K(s) = min(s, `end`) - sum of the `weights` at `places` <= s
-    (Peano)."""
+    """Return the integral of |K(s)| from 0 to 1 of the Peano kernel
+    K(s) = min(s, `end`) - sum of the `weights` at `places` <= s."""
     cuts, total = sorted({_ZERO, end, _ONE, *places}), _ZERO
     for low, high in pairwise(cuts):
         passed = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
@@ -191,8 +191,8 @@ class StageDeviation:
 
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
-        """The least bound of |x(t + h) - Phi_h(x)|_i/h over the orders of Taylor's formula and the Lipschitz bound, for
-        each i (n). Raises: `Unbounded`."""
+        """The least bound of |x(t + h) - Phi_h(x)|_i/h over the orders of Taylor's formula
+        and the Lipschitz bound, for each state i (n), Phi_h the method's step."""
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
         if not known or known.weight(plant.h, self._negligible) > 1:
@@ -211,26 +211,25 @@ class StageDeviation:
 
     @cached_property
     def _output_steepness(self) -> Rows:
-        """The Lipschitz constants (p, n + m) of each output's y' in the n states and m inputs, 0 for outputs not
-        injected."""
+        """The Lipschitz constants (p, n + m) of each output's y' in the
+        n states and m inputs, 0 for outputs that are not injected."""
         plant, outputs = self.plant, range(len(self.plant.form.output))
         return plant.steep(plant.rate(output) if output in self._used else sp.S(0) for output in outputs)
 
     @property
     def _used(self) -> Mapping[int, int]:
-        """The injected outputs by index, with the index of the first state of each one's chain."""
         return heads(self.plant.form)
 
     @cached_property
     def _line_weights(self) -> Rows:
-        """The weights c_i b_j - a_ij (s, s) of h F(X_j) in the difference between the line through two samples and
-        stage i."""
+        """The weights c_i b_j - a_ij (s, s) of h F(X_j) in the difference
+        between the line through two samples and stage i."""
         a, b, c = self._coefficients
         return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
 
     @cached_property
     def _cubic(self) -> list[int]:
-        """The stages at which the line through two samples differs from the stage by h^3 only."""
+        """The stages at which the line through two samples differs from the stage by O(h^3) only."""
         a, _, c = self._coefficients
         if [sum(row) for row in a] != c:
             return []
@@ -239,8 +238,8 @@ class StageDeviation:
 
     @cached_property
     def _lines(self) -> Rows:
-        """The factors of h^3 of the differences between each output's line and the `_cubic` stages (p, ..); empty rows
-        where the flow has no Taylor series."""
+        """The factors of h^3 in the differences between each output's line through two samples and
+        those stages (p, ..) where they are O(h^3); empty rows if the flow has no Taylor series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
             expression = y if output in self._used else sp.S(0)
@@ -250,12 +249,10 @@ class StageDeviation:
 
     @cached_property
     def _known(self) -> "Coefficients | None":
-        """The largest Taylor coefficients over all cells of the ranges, None where the flow has no series on a cell."""
         return Coefficients.largest(self._cells.cells) if self._cells else None
 
     @cached_property
     def _cells(self) -> "Subdivision[Coefficients] | None":
-        """The ranges cut into cells until the remainder is small against the plant's speed. Raises: `Unbounded`."""
         weight = partial(Coefficients.weight, h=self.plant.h, little=self._negligible)
         return subdivided(self.plant.read, self._on_cell, weight)
 
@@ -278,8 +275,8 @@ class StageDeviation:
         return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Return the Taylor coefficients in the step length, at any length up to h from a point of `cell`, of all
-        stages (s, n, ..) and of the result (n, ..)."""
+        """Return the Taylor coefficients in the step length, up to h, from a
+        point of `cell`, of all stages (s, n, ..) and of the result (n, ..)."""
         (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
         order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
@@ -382,7 +379,6 @@ class CoreDeviation:
             return replace(self, smooth=False)._by_derivatives(realisation, local)
 
     def _by_derivatives(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
-        """Return the deviation by derivatives, or by Lipschitz constants where not `smooth`. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, local.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
@@ -453,7 +449,7 @@ class CoreDeviation:
         return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
-        """Demand L s + B C = s A, that the plant obeys the observer's equations. Raises: `Unbounded`."""
+        """Demand L s + B C = s A: then the plant obeys the observer's equations."""
         form, each = self.plant.form, range(self.plant.form.n)
         for output in heads(form):
             self.plant.demand_no_input(form.output[output])
@@ -463,8 +459,6 @@ class CoreDeviation:
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))
 
     def _demand_smooth(self) -> None:
-        """Demand that the flow's derivatives exist on the ranges, also where it contains kinks or tables. Raises:
-        `Unbounded`."""
         if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
             return
         try:
@@ -517,7 +511,7 @@ def _integral(L: Array, h: Fraction, source: Array) -> Array:
 
 
 def _power(L: Array, low: Fraction, high: Fraction) -> Array:
-    """Return balls (N, N) that hold exp(s L) for every s in [low, high]."""
+    """Return balls (N, N) that enclose exp(s L) for every s in [low, high]."""
     half, each = (high - low) / 2, range(len(L))
     ends = (arb(number(low + half)), between(-half, half))
     middle, around = (arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp() for s in ends)

@@ -135,8 +135,6 @@ class PlantStep:
 
     @property
     def _recast(self) -> dict[sp.Symbol, sp.Expr]:
-        """The states of the form's system, each as an expression of the plant's states as first declared; {} where they
-        are equal."""
         origin = self.form.system.origin
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
@@ -220,7 +218,6 @@ class PlantStep:
 
     @cached_property
     def _ranges(self) -> Ranges:
-        """The exact ranges of all states, inputs and parameters, by symbol. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         for signal in (*form.states, *system.inputs):
             if not signal.bounded:
@@ -266,7 +263,6 @@ def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
 
 
 def _rate_of(u: sp.Symbol) -> sp.Symbol:
-    """Return the symbol "u'" of the rate of an input u, a name that no signal has."""
     return sp.Symbol(f"{u}'", real=True)
 
 

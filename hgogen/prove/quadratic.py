@@ -55,8 +55,8 @@ class Quadratic:
         return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
-        """Return the matrix (N, N) of the form at rational P and S, in integers over a common denominator, ten times
-        as fast."""
+        """Return the matrix (N, N) of the quadratic form at rational P and S.
+        Integers over a common denominator make it ten times as fast."""
         parts = []
         for X, Y in self.pairs:
             half, below = _product(X.T, P, Y)
@@ -245,7 +245,7 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 
 
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
-    """Return the matrices (k, N, N) of `forms` (floats) at P and S, and P, in coordinates x of e = W x."""
+    """Return the matrices (k, N, N) of `forms` (floats) at P and S, and P, in coordinates x with e = W x."""
     if W is not None:
         view, fast = View.paced(forms, W)
         forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
@@ -317,7 +317,6 @@ def _array(M: Any) -> Array:
 
 
 def _product(*factors: Array) -> tuple[Any, Any]:
-    """Return the product of rational matrices as FLINT's integer matrix and its denominator."""
     each = [fmpq_mat(*M.shape, M.ravel().tolist()).numer_denom() for M in factors]
     return reduce(mul, (whole for whole, _ in each)), reduce(mul, (below for _, below in each))
 

@@ -92,7 +92,6 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
     tried, coordinates = dict[Fraction, float](), W
 
     def bound(share: Fraction) -> float:
-        """Return a bound of |c e| at alpha = share * most, in floats; 1e30 where none is found."""
         alpha = share * most
         forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
         weights = weights_in_floats(forms, row, float(alpha), coordinates, q, MARGINS[0])
@@ -113,7 +112,6 @@ def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound |
 
 
 def _search_shares(bound: Callable[[Fraction], float]) -> None:
-    """Evaluate `bound` at shares of the largest alpha, from 0.6 upwards while the bound falls, else downwards."""
     least = bound(_SHARES[_FIRST])
     for way in (_SHARES[_FIRST + 1 :], _SHARES[:_FIRST][::-1]):
         before = least
@@ -153,8 +151,6 @@ def weights_in_floats(
     c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
-        """Return P and S with a small largest c P^-1 c', in the coordinates e = W x, inputs in a unit in which x is
-        near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
         view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
         return shortest(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
@@ -184,8 +180,6 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
     in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
 
     def sought_in(W: Array, margin: float) -> Solution | None:
-        """Return P and S with a small largest c P^-1 c', in the coordinates e = W x, corners in a unit in which they
-        are near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = norm_limits(in_floats, begins / far)
@@ -350,7 +344,8 @@ def joint_bound_in_floats(
 
 
 def _rescaled(e: Uncertain, pace: Any) -> Uncertain:
-    """Return the system e in a unit of time 1/`pace` as long: e' divided by `pace`, so that rates are near 1."""
+    """Return the system e with e' divided by `pace`, in a time
+    unit 1/`pace` as long, so that rates are near 1."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)
 
 

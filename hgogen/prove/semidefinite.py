@@ -280,8 +280,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """Return the cones F <= -(`share` t + `by`) I of all `forms`, t the last variable, and diag(S) - T r r' >= (..) I
-    of the merged `groups`."""
+    """Return the cones F <= -(`share` t + `by`) I of all `forms` F, t the last
+    variable, and diag(S) - T r r' >= (..) I of the merged `groups`."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -313,8 +313,6 @@ def _solved(
     what: str,
     span: Span | None = None,
 ) -> tuple[tuple[Array, Array, float], Array] | None:
-    """Return P, S >= 0 and t, the last variable, with the least `cost` * t under the cones `rows`, and the prices of
-    these; P in the `span`. None where the solver fails. Raises: `NoSolver`."""
     n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
     p = q = n * (n + 1) // 2
     if span:
@@ -387,8 +385,6 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    """Return the result of `solved`, from numbers as bytes and cones as (size, whether of matrices), which a cache can
-    hash."""
     solver, sparse = cones("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
@@ -435,7 +431,8 @@ def upper_triangles(matrices: Array) -> Array:
 
 
 def _packed(matrices: Array) -> Array:
-    """Return the `upper_triangles` of matrices, scaled so that columns have the scalar product of the matrices."""
+    """Return the upper triangles of matrices, scaled so that
+    columns have the scalar product of the matrices."""
     return np.asarray(upper_triangles(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
@@ -447,7 +444,6 @@ def _weights(size: int) -> Array:
 
 @cache
 def _places(size: int) -> tuple[Array, Array]:
-    """Return the indices i and j of the entries on and above the diagonal, column by column."""
     j, i = np.tril_indices(size)
     return i, j
 
@@ -482,13 +478,11 @@ def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
 
 
 def _columns(form: Quadratic) -> Array:
-    """Return the coefficients (rows, k) of each of the k multiplied columns in all matrices of the form."""
     n = len(form.pairs[0][0])
     return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
 
 
 def _directions(form: Quadratic) -> Iterator[list[int]]:
-    """Yield, for each set of parallel multiplied columns, their indices, the longest column first."""
     columns, remaining = _columns(form), list(range(len(form.Q)))
     lengths = np.linalg.norm(columns, axis=0)
     while remaining:

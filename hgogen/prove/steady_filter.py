@@ -125,8 +125,6 @@ def in_chains(form: Form) -> None:
 
 
 def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
-    """Return z and u (n + m) of a point given as states `at` and inputs `u`, and its text. Raises: `BadNames`,
-    `BadGain`."""
     states, inputs = form.system.declared.states, form.system.inputs
     values = {**_values("at", at, states), **_values("u", {} if u is None else u, inputs)}
     z = state_field(form, values, 1.0).initial
@@ -135,8 +133,6 @@ def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
 
 
 def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, float]:
-    """Return the numbers of all signals by name, each demanded in its range; `what` names the argument in an error.
-    Raises: `BadNames`, `BadGain`."""
     names = names_of(signals)
     if not isinstance(values, Mapping):
         example = ", ".join(f"{name!r}: 0" for name in names)
@@ -151,8 +147,7 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
 
 
 def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: str) -> np.ndarray:
-    """Return K = P C'R^-1 (n, p) of the P > 0 with N P + P N' + Q - P C'R^-1 C P = 0. Raises: `BadGain` where (C, N) is
-    not observable at the `place`, or where none is found."""
+    """Return the steady Kalman gain K = P C'R^-1 (n, p) of the P > 0 with N P + P N' + Q - P C'R^-1 C P = 0."""
     observed, F = [C], N / max(np.linalg.norm(N), 1e-300)
     for _ in N[1:]:
         observed.append(observed[-1] @ F)

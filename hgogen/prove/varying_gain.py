@@ -152,8 +152,8 @@ class VaryingGain:
         return np.asarray(identity(len(self.plant)) * rational([p + 1 for p in self.error.layout.power]))
 
     def _systems(self) -> Iterator[Driven]:
-        """Yield the error systems at both ends of gamma, and at both ends of each gamma^-i for which row i of G_1 is
-        not 0."""
+        """Yield the error dynamics at both ends of gamma, and at both
+        ends of each gamma^-i for which row i of G_1 is not 0."""
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
         noise = e.driven_by(rational([self.measurement]) / number(self.low))
@@ -474,7 +474,6 @@ def varying_gain_checks(
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
-    """Return both checks with the name of the gain's least value in their claims."""
     convergence, above = checks
     name, value = law.name, same(law.least)
     exists = f"in continuous time, without noise, the error converges exponentially for every {name} above a bound"
@@ -545,8 +544,6 @@ def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Che
 
 
 def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
-    """Return the check `updated_gain.FACT` that M > 0; `pattern` and `fix`: the reason and the advice where it is
-    not."""
     about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
     id = ClaimId("updated_gain", fact)
     if positive(exact(M)):
@@ -668,5 +665,4 @@ def _factor(P: Array, Q: Array) -> Fraction:
 
 
 def _up(value: arb, below: float = inf) -> Up:
-    """Return the upper end of a ball, which prints rounded up."""
     return Up(float(value.upper()) * (1 + 1e-12), below=below)
