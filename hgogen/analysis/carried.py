@@ -217,8 +217,8 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
 
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
-    """Return whether `det` = det dPhi/dx is undefined at the point although all entries of dPhi/dx have values
-    there."""
+    """Return whether `det` = det dPhi/dx is undefined at the
+    point although all entries of dPhi/dx have values."""
     at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
 
@@ -256,8 +256,8 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
 
 
 def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
-    """Return the check that Phi is one to one, proved if all principal minors of L dPhi/dx are above 0 for a constant
-    matrix L. With a proved check `rank` the inverse of Phi is smooth."""
+    """Return the check that Phi is one to one, proved if all principal minors of L dPhi/dx are
+    positive for a constant matrix L. With a proved check `rank` the inverse of Phi is smooth."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
@@ -272,7 +272,6 @@ def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
-    """Return the check that Phi is one to one for a Phi that is lower triangular in some order of states, else None."""
     visited: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - visited
@@ -329,7 +328,6 @@ class OneToOne:
 
 
 def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
-    """Return the range on the plant's box of a determinant of the plant's signals and its inputs' derivatives."""
     system, det = form.system, exact(determinant)
     known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
     every = box((*known, *system.signals), system.nominal)
@@ -343,7 +341,6 @@ def _jacobian(form: Form) -> sp.Matrix | None:
 
 
 def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
-    """Return (y, y', .., y^(n-1)) of the plant as it was declared; None for a recast plant."""
     system = form.system
     if system.origin is not None:
         return None

@@ -225,9 +225,9 @@ def levelwise(rows: Rows) -> Chains:
 def _stop(
     name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], remaining: Sequence[sp.Symbol], must: bool
 ) -> tuple[Reason, bool] | None:
-    """Return why a chain ends at the equation called `name`, and whether this is proved; None where it does not end.
-    `sure`, `maybe`: the new states that the equation depends on, or may depend on; `remaining`: states in no chain yet;
-    `must`: whether a next state is needed."""
+    """Return why a chain of integrators ends at the equation called `name`, and whether
+    this is proved; None if it goes on. `sure`, `maybe`: the new states that the
+    equation depends on, or may depend on; `remaining`: states in no chain yet."""
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True
@@ -256,9 +256,9 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
 def _line(
     row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
-    """Return gain, offset, and whether row = gain * state + offset with gain and offset free of `state`. `clean`: the
-    row without the states that it does not depend on. The gain is the slope, or for a slope that is not exact the
-    difference of the row between state = 0 and 1."""
+    """Return gain, offset, and whether row = gain * state + offset with both free of `state`.
+    `clean`: the row without the states that it does not depend on. The gain is the partial
+    derivative, if it is exact, else the difference of the row between state = 0 and 1."""
     gain = without_norms(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
     # row - gain * state is the same at every value of the state: at 0, or where that is 0/0 at 1, 2 or 3
@@ -277,7 +277,6 @@ def _line(
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
-    """Return the row with `state` = `value`, or nan where a comparison in the row has no real value there."""
     at_value = put(row, {state: sp.Integer(value)})
     return sp.nan if at_value is None else at_value
 
@@ -325,7 +324,6 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
 
 
 def _heads(rows: Rows) -> list[Link] | Chains:
-    """Return the first link of each output, or chains with the reason `broken` if an output has none."""
     heads = []
     for name, row in zip(rows.names, rows.output, strict=True):
         sure, maybe = rows.reads(row, rows.states)
@@ -344,8 +342,6 @@ def _heads(rows: Rows) -> list[Link] | Chains:
 def _path(
     head: Link, heads: set[sp.Symbol], chosen: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], Reason, bool]:
-    """Return a chain from the link `head` through states not in `chosen`, why it stops early or `NONE`, and whether
-    this is proved. `heads`: the first states of all outputs, which are no next states."""
     links = [head]
     while True:
         state = links[-1].state
@@ -391,7 +387,8 @@ def end_aligned(rows: Rows) -> Chains:
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
-    """Return a reason naming the first rate x_(i,j)' that may depend on x_(k,l), l > j + n_k - n_i; else `NONE`."""
+    """Return a reason naming the first rate x_(i,j)' that may
+    depend on x_(k,l), l > j + n_k - n_i; else `NONE`."""
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -405,9 +402,9 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
-    """Return chains that grow by one state each in sweeps over all outputs, in the order `priority` of the outputs. A
-    rate with several new states waits until no other chain can be extended: the rates of a long chain depend on states
-    far from the ends, the last rate of a chain on any state."""
+    """Return chains of integrators that grow by one state each in sweeps over all outputs, in the
+    order `priority`. A rate with several new states waits until no other chain can be extended: the
+    rates of a long chain depend on states far from the ends, the last rate of a chain on any state."""
     heads = _heads(rows)
     if isinstance(heads, Chains):
         return heads
@@ -423,8 +420,6 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
 
 
 def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
-    """Append the next state to the chain `links` of output `j` if its last rate has exactly one new state, and return
-    whether it did. `remaining`: states in no chain; `waiting`: outputs whose last rate has several new states."""
     state = links[-1].state
     sure, maybe = rows.reads(rows.rate(state), remaining)
     if len(sure) + len(maybe) > 1:

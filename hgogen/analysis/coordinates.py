@@ -188,8 +188,8 @@ def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None 
 
 
 def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
-    """Return a finite difference quotient (row(b) - row(a))/(b - a) of `row` between two values a, b of `state`, the
-    other states in the middle of their ranges; 0 if no quotient is finite."""
+    """Return a finite difference quotient (row(b) - row(a))/(b - a) between two values a, b of
+    `state`, the other states in the middle of their ranges; 0 if no quotient is finite."""
     middle, row = dict(next(points(plant.states))), exact(row)
     values = list(dict.fromkeys(point[state] for point in islice(points((state,)), _VALUES)))
     for i, a in enumerate(values[:2]):

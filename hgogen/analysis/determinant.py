@@ -122,12 +122,9 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determina
 
 
 def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
-    """Return the determinant of a matrix over the field `domain` as a product of powers of polynomials, by elimination.
-    In a field with roots a division may leave a pole that the determinant does not have: there it is expanded without
-    divisions, if that is short enough (`limit` terms) or a division is wrong.
-
-    Raises: `TooLarge`; `ZeroDivisionError` where the determinant is 0.
-    """
+    """Return the determinant of a matrix over the field `domain` as a product of powers
+    of polynomials, by elimination. A division may leave a pole that the determinant
+    does not have; the determinant is then expanded without divisions."""
     doubtful = branches(domain)
     if doubtful or domain.relations:
         try:
@@ -150,12 +147,9 @@ def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) ->
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
-    """Return the product of powers P^e of polynomials, `parts`, as an expression.
-
-    With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a homogeneous form of degree d over C^d. Forms of even
-    degree are written one by one. The others are multiplied, in the numerator and the denominator, with the remaining
-    power of C.
-    """
+    """Return the product of powers P^e of polynomials, `parts`, as an expression. With C = cos(m/2), a
+    polynomial P of degree d in tan(m/2) is a homogeneous form of degree d over C^d. Forms of even
+    degree are written one by one; the others are multiplied, with the remaining power of C."""
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
     forms = [(p, d, e) for p, e, d in every if even_degrees(d)]
     cosines = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
@@ -222,7 +216,6 @@ def alive(field: Field, product: Product) -> bool:
 
 
 def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
-    """Return whether the polynomial's value at `balls`, an interval for each generator of its ring, excludes 0."""
     total = flint.arb(0)
     for exponents, c in polynomial.terms():
         total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=flint.arb(c))
@@ -262,9 +255,9 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 
 
 def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
-    """Return polynomials with an even degree in the generator tan(m/2) of each angle m: those of `zeros` that have one,
-    and the product of the others, times cos(m/2) where the product of `parts` is 0 at m = pi, squared where its degree
-    is odd."""
+    """Return polynomials with an even degree in tan(m/2) of each angle m: those
+    of `zeros` that have one, and the product of the others, times cos(m/2) if
+    the product of `parts` is 0 at m = pi, squared if its degree is odd."""
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
     forms = [(p, degrees(field, p)) for p in zeros if even_degrees(degrees(field, p))]
     odd = [p for p in zeros if not even_degrees(degrees(field, p))]
@@ -282,7 +275,6 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
 
 
 def _signed(e: sp.Expr) -> sp.Expr:
-    """Return an expression with the zeros of the factor `e` and a fixed sign; a root is replaced by its radicand."""
     if isinstance(e, sp.Pow) and e.exp.is_Rational and e.exp.is_positive:
         return _signed(e.base)
     return -e if e.could_extract_minus_sign() else e
@@ -328,8 +320,8 @@ def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
 
 
 def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
-    """Return the values (k, n, n) of a Jacobian at sample points of the box where it is finite, the middle of the box
-    first. `read`: the signals that the Jacobian depends on."""
+    """Return the values (k, n, n) of a Jacobian at sample points
+    of the box where it is finite, the middle first."""
     n = jacobian.rows
     try:
         program = tape(list(jacobian), read)

@@ -135,7 +135,6 @@ def with_fallback(form: Form, accepted: Iterable[str]) -> Form:
 
 
 def _links(form: Form) -> set[tuple[int, int]]:
-    """Return the entries of A that link the states of a chain, (i, i + 1); none of a form without chains."""
     if form.kind in ("original", "state_affine"):
         return set()
     chains = zip(form.heads, form.blocks, strict=True)
@@ -233,7 +232,6 @@ class Dynamics:
         return self._clamped(z, self.box)
 
     def _clamped(self, values: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
-        """Return the column `values`, each element clamped to its range (low, high) of `ends` if the form clamps."""
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
@@ -250,11 +248,10 @@ class Dynamics:
         return self._limited(self._graphs(self._argument(z), u)[1])
 
     def _argument(self, z: Graph) -> Graph:
-        """Return the argument of b: z clamped to the box, or z itself where only values are limited."""
+        """Return the argument of b: z clamped to the box, or z itself if only the values of b are limited."""
         return z if self.form.free else self.saturated(z)
 
     def _limited(self, b: Graph) -> Graph:
-        """Return b (n), each b_i clamped to the form's `limits` of its value, if there are any."""
         ends = self.form.limits
         return column(clamp(b[i], *end) for i, end in enumerate(ends)) if ends else b
 
@@ -354,7 +351,6 @@ class Dynamics:
         return {j: (values[j], self.fallback.output_valid(j, whole[j])) for j in self.fallback.outputs}
 
     def _whole(self, z: Graph, u: Graph) -> Graph:
-        """Return A z + b (n) without fallbacks."""
         linear, nonlinear = self._without_fallback(z, u)
         return linear @ z + nonlinear
 
@@ -410,7 +406,6 @@ class Dynamics:
 
     @property
     def _recovered_states(self) -> list[tuple[int, Signal]]:
-        """The bounded states of the form's system that are not some z_i or -z_i, each with its index."""
         states = enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
         return [(i, s) for i, (s, e) in states if s.bounded and not (e.is_Symbol or (-e).is_Symbol)]
 
@@ -427,8 +422,8 @@ class Dynamics:
         return self._saturating(self._inverse.rows, z, u)
 
     def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
-        """Return the states x of the form's system from their values `raw` (n): each clamped to its range, or at its
-        resting value if it is no number; and whether all are numbers. A form that does not clamp keeps the values."""
+        """Return the plant's states x from their values `raw` (n), each clamped to
+        its range, or at its default if it is NaN; and whether all are numbers."""
         if not self.form.clamped:
             return raw, ca.SX(1)
         states = self.form.system.states
@@ -461,7 +456,8 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return A (n, n), b (n) at z, already clamped; an invalid rate has its last valid b_i, and gains 0."""
+        """Return A (n, n), b (n) at z, already clamped; an
+        undefined rate has its last defined b_i, and gains 0."""
         linear, nonlinear = self._without_fallback(z, u)
         if not self.fallback.rates:
             return linear, nonlinear
@@ -480,25 +476,24 @@ class Dynamics:
         return linear, column(self._convert(self.form.b, z, u, boxed=not self.form.free))
 
     def _behind(self, z: Graph, u: Graph) -> Graph:
-        """Return the plant's states x = Psi(z), for z already clamped, each in its range."""
+        """Return the plant's states x = Psi(z), for z already clamped, each clamped to its range."""
         return self._ranged(column(self._convert(self._inverse.rows, z, u)))[0]
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
-        """The Jacobian dPhi/dx (n, n) of the form's map to chain coordinates, for a form that has one."""
+        """The Jacobian dPhi/dx (n, n) of the map z = Phi(x) to chain coordinates."""
         assert self.form.jacobian is not None
         return self.form.jacobian
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
-        """Return the expressions, with their terms linear in a state evaluated at z and all others at sat(z)."""
+        """Return the expressions, with their terms linear in
+        a state evaluated at z and all others at sat(z)."""
         linear, nonlinear = zip(*(linear_terms(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, self.saturated(z), u))
 
     def _convert(
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
-        """Return the expressions as graphs of z (n) and u (m). `states`: the symbols for z, by default the form's;
-        `boxed`: whether a form that clamps evaluates the expressions at sat(z)."""
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}

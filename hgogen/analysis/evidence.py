@@ -92,7 +92,6 @@ def tree(bisection: Range | Proof, form: Form | None = None) -> str:
 
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    """Return, for each plant state x_j with z_i = x_j or -x_j, the name of z_i and whether the sign changes."""
     names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
@@ -116,7 +115,6 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         return "exp(1)"
 
     def table(self, node: Table) -> str:
-        """Return a derivative of a table, with all its breakpoints."""
         cells = node.cells
         if len(node.args) == 1:
             points = zip(cells.axes[0].x, cells.values, strict=True)
@@ -301,12 +299,9 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Return the observer's name, and the gains that a proof of it depends on; None where the certificate names no
-    observer.
-
-    A claim about a member of a bank of observers is no claim about the bank. Gains that no rule of the checker uses are
-    left out, since nothing is verified with them. Raises: `OtherNumbers`.
-    """
+    """Return the observer's name and the gains that a proof depends on. Other
+    gains are left out, since nothing is verified with them; None for a
+    member of a bank of observers, whose claims are not about the bank."""
     if not name:
         return None
     proofs = (proof for check in checks if check.id.maker == name for proof in check.proofs)

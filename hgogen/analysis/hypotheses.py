@@ -125,8 +125,6 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
-    """Return the check as proved by `first`, the proved sign of a, with the narrowest known range of a in its
-    reason."""
     extent = first.range if first.exact else bound(a, system.box)
     low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == math.inf:
@@ -143,7 +141,6 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
 
 
 def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:
-    """Return the check as unknown: because one of the `signals` has no range, else for the `reason`."""
     return _unranged(check, signals) or replace(check, reason=because("no point refutes it, {reason}", reason=reason))
 
 
@@ -155,13 +152,11 @@ def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
-    """Return a with constants at their exact values, and the signals that it then depends on."""
     a = exact(settled(a, system.constants))
     return a, tuple(s for s in system.signals if s in a.free_symbols)
 
 
 def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
-    """Return the remedy for the claim about `name`, and what follows for a user who accepts it although refuted."""
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
     names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))
@@ -357,7 +352,6 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 
 
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
-    """Return the verdict, reason and fix where neither a bound of the slopes of `rows` nor its absence is proved."""
     around = system.box
     nodes = {node for row in map(with_norms, rows) for node in row.atoms(*JUMPS)}
     jumps = sorted((node for node in nodes if node.has(*system.states)), key=str)
@@ -411,7 +405,6 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
 
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
-    """Return the proof of a bound of |d rows/d states| on the box of the states, or the reason why none is proved."""
     around = form.system.box_with(states)
     try:
         steepest = lipschitz_bound(rows, states, around, boxes=boxes)

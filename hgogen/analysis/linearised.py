@@ -100,7 +100,8 @@ def _variables(dynamics: Dynamics) -> tuple[Graph, Graph]:
 
 
 def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
-    """Return points (1 + 2 samples, n + m) of the box of states and inputs: its middle, corners and random points."""
+    """Return points (1 + 2 samples, n + m) of the box of states
+    and inputs: its middle, corners and random points."""
     signals = [*dynamics.form.states, *dynamics.form.system.inputs]
     rng = np.random.default_rng(1)
     corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
@@ -110,8 +111,9 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
 
 
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the matrix (r, c) of z and u as a function of points (k, n + m) with the result (k, r, c). Parameters with
-    a range are nominal, unless the points are (k, n + m + q) and contain their values."""
+    """Return the matrix (r, c) of z and u as a function of points (k, n + m)
+    with the result (k, r, c). Parameters with a range are nominal, unless
+    the points are (k, n + m + q) and contain their values."""
     plant, inputs_end = dynamics.form.system.tunable, dynamics.n + len(dynamics.form.system.inputs)
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
 
@@ -248,7 +250,6 @@ def slopes(
 
 
 def _functions(plant: System) -> Any:
-    """Return f, h, df/dx and dh/dx, the latter as columns, as a CasADi function of x (n) and u (m)."""
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
     symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
@@ -271,7 +272,8 @@ def _half(signal: Signal) -> float:
 
 
 def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
-    """Return points of the box (N, k): its middle, and those of Roberts' additive recurrence (2018), evenly spread."""
+    """Return points of the box (N, k): its middle, and those of
+    Roberts' additive recurrence (2018), evenly spread."""
     k = len(signals)
     phi = 1.5
     for _ in range(60):  # the root of phi^(k+1) = phi + 1

@@ -116,8 +116,6 @@ def tidy(expression: sp.Expr) -> sp.Expr:
 def _next(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return {x: expression} from the first equation z_i = `rows`[z_i] with one unknown state x that can be solved.
-    `remaining`: the unknown states; `forward`: z to Phi, to test the solution."""
     for z, row in rows.items():
         read = [x for x in remaining if x in row.free_symbols]
         if len(read) == 1:
@@ -130,8 +128,6 @@ def _next(
 def _linear(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return all `remaining` states by solving the equations z_i = `rows`[z_i] together, if they are linear in
-    these."""
     numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(remaining)]
     try:
         matrix, right = sp.linear_eq_to_matrix(numerators, remaining)
@@ -144,7 +140,6 @@ def _linear(
 
 
 def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
-    """Return solutions of equation = 0 for x: of degree 1 or 2, or inside a function that occurs alone."""
     numerator = sp.fraction(sp.together(equation))[0]
     if numerator.is_polynomial(x):
         coefficients = sp.Poly(numerator, x).all_coeffs()
@@ -173,7 +168,8 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
 
 
 def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
-    """Return an expression that is 0 where f = value: g - log(value) for f = exp(g); None without an inverse."""
+    """Return an expression that is 0 exactly if f = value, as
+    g - log(value) for f = exp(g); None without an inverse."""
     if isinstance(f, sp.Pow):
         return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
     back = _BACK.get(type(f))
@@ -181,7 +177,6 @@ def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
 
 
 def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    """Return whether x = `candidate`, an expression of z, holds identically for z = Phi(x), the mapping `forward`."""
     error = tidy(candidate.xreplace(dict(forward)) - x)
     if error == 0 or size([error]) > _LIMIT:
         return bool(error == 0)
@@ -197,7 +192,8 @@ def _holds(
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """Return whether Psi(Phi(x)) = x, Psi = `candidate`, Phi = `images`, holds within balls at all sample points."""
+    """Return whether Psi(Phi(x)) = x, Psi = `candidate`,
+    Phi = `images`, up to rounding errors at all sample points."""
     errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     try:
@@ -248,7 +244,6 @@ def _denominators(row: sp.Expr) -> list[sp.Expr]:
 
 
 def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
-    """Return half of a proved bound of the denominator away from 0, with its sign; 0 where no bound is proved."""
     sign = nonzero(denominator, ranges, boxes=_SIDED, refute=False)
     if sign.verdict is not Verdict.PROVED:
         return sp.S.Zero
@@ -256,7 +251,7 @@ def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
 
 
 def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
-    """Return `row` with each denominator d in `leasts` as max(d, least), or min(d, least) where least < 0."""
+    """Return `row` with each denominator d in `leasts` as max(d, least), or min(d, least) if least < 0."""
     powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative and p.base in leasts)
     changed = {}
     for p in powers:

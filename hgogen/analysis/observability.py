@@ -80,8 +80,8 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class _Sample:
-    """The `values` of states and parameters at a random point, and the independent `rows` of the observability matrix
-    there; `prime`: the modulus of these numbers, 0 for real ones."""
+    """The `values` of states and parameters at a random point, and the independent `rows`
+    of the observability matrix; `prime`: the modulus of these numbers, 0 for reals."""
 
     values: tuple[Any, ...]
     rows: tuple[tuple[Any, ...], ...]
@@ -128,7 +128,6 @@ def symmetries(
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
-    """Yield lists of terms (component, unknowns of its monomial) of a field: scalings, shifts, degree 1, degree 2."""
     at = [unknowns.index(s) for s in hidden]
     yield [(i, m) for i in at for m in ((), (i,))]
     every = range(len(unknowns))
@@ -137,8 +136,8 @@ def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Itera
 
 
 def _enough(plant: Plant, order: int, samples: list[_Sample], hidden: int, terms: int) -> list[_Sample]:
-    """Return samples of the observability matrix, all modulo one prime, with more equations than `terms` unknown
-    coefficients. `hidden`: the number of unobservable unknowns; an observable unknown gives no equation."""
+    """Return samples of the observability matrix, all modulo one prime, with more equations than
+    `terms` unknown coefficients. Only the `hidden` unobservable unknowns give equations."""
     samples = list(samples)
     each = max(len(samples[0].rows) - (plant.wide - hidden), 1)
     k = len(samples)
@@ -163,7 +162,8 @@ def _sample(plant: Plant, order: int, k: int) -> _Sample:
 def _fields(
     samples: Sequence[_Sample], terms: Sequence[tuple[int, tuple[int, ...]]], unknowns: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Return a basis of the vector fields v, sums of `terms`, with row . v = 0 for all rows of all samples."""
+    """Return a basis of the vector fields v, sums of `terms`, with row . v = 0 for
+    all rows of all samples: symmetries that leave the outputs unchanged."""
     prime = samples[0].prime
     with flint.ctx.workprec(FEW_BITS):
         equations = [
@@ -189,7 +189,8 @@ def _fields(
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """Return a vector modulo a prime (0: real) as small fractions, its first nonzero entry scaled to 1; or None."""
+    """Return a vector modulo a prime (0: real) as small
+    fractions, its first nonzero entry scaled to 1; or None."""
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
@@ -200,7 +201,7 @@ def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
 
 
 def _residue(a: int, prime: int) -> Fraction | None:
-    """Return the small fraction that is `a` modulo the prime, by the extended Euclidean algorithm."""
+    """Return the small fraction that equals `a` modulo the prime, by the extended Euclidean algorithm."""
     (r, s), (b, t) = (prime, 0), (a, 1)
     while b > _LARGEST:
         (r, s), (b, t) = (b, t), (r - r // b * b, s - r // b * t)
@@ -214,7 +215,6 @@ def _number(a: Any) -> Fraction | None:
 
 
 def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
-    """Return the simplest vector fields that are linearly independent at a point, scalings and translations first."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
     point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
@@ -234,8 +234,8 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """Return for each field v whether L_v h = 0 and [f, v] in the span of such fields are proved; f `rates`, h
-    `output`."""
+    """Return for each vector field v whether L_v h = 0 and [f, v] in the span of such fields are
+    proved, f = `rates`, h = `output`: moving the unknowns along v then changes no output."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -246,7 +246,8 @@ def _proved(
         return [_together(along(v, rates) - along(f, field)) for v, f in zip(field, rates, strict=True)]
 
     def spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:
-        """Return whether the bracket is a combination of independent fields with functions as coefficients, exactly."""
+        """Return whether the Lie bracket is a combination of independent
+        fields with functions as coefficients, exactly."""
         rows = sp.Matrix([*family, bracket])
         return bool(rows.rank(iszerofunc=_vanishes, simplify=_together) == len(family))
 
@@ -280,7 +281,8 @@ def _letter(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> sp.Symbol:
 
 
 def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """Return the scaling that a vector field generates, "x -> c x, k -> k/c", "z -> z + log(c)" included; or ""."""
+    """Return the scaling that a vector field generates, such
+    as "x -> c x, k -> k/c" or "z -> z + log(c)", or ""."""
     powers = {s: v / s for s, v in field if not v.is_Rational}
     if not powers or not all(power.is_Rational for power in powers.values()):
         return ""
@@ -298,7 +300,8 @@ def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
 
 
 def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """Return the translation "x -> x + c v" along a vector field v that is free of the moved unknowns, or ""."""
+    """Return the translation "x -> x + c v" along a vector
+    field v that is free of the moved unknowns, or ""."""
     changed = {s for s, _ in field}
     if any(v.free_symbols & changed for _, v in field):
         return ""
@@ -496,7 +499,6 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 
 
 def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
-    """Return a sentence: the number of branches examined, by random points in which ranges, and how many left out."""
     if not reached.branching:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
@@ -509,20 +511,17 @@ def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: i
 
 @dataclass(frozen=True)
 class _Question:
-    """The question which states and `parameters` are observable on a `branch` of a plant with kinks or jumps."""
-
     plant: System
     branch: Branch
     parameters: tuple[sp.Symbol, ...]
 
     @property
     def rows(self) -> tuple[Exprs, Exprs, Exprs, Exprs, Exprs]:
-        """Flow, output, states, inputs and unknown parameters."""
         n = len(self.plant.states)
         return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
 
     def ranks(self) -> Ranks | None:
-        """The ranks of d(y, y', ..)/dx on the branch; None where no random point decides them."""
+        """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""
         try:
             return ranks(*self.rows, places=self.branch.places)
         except NowhereDefined:
@@ -530,12 +529,10 @@ class _Question:
 
     @property
     def where(self) -> tuple[sp.Basic, ...]:
-        """The conditions of the branch, without those that hold on the whole box."""
         around = self.plant.box
         return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
-        """Return the answer on the branch from the rank; `proofs`: whether symmetries are searched."""
         hidden = rank.unobservable
         if not hidden or not proofs:
             return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())
@@ -550,8 +547,8 @@ class _Question:
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """Return for each observable unknown the order of y', y'', .. from which its unit vector is in the row
-        space."""
+        """Return for each observable unknown the order of y', y'', .. from
+        which its unit vector is in the row space of d(y, y', ..)/dx."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
@@ -568,12 +565,9 @@ class _Question:
         return tuple((s, orders[s]) for s in rank.observable if s in orders)
 
     def repairs(self, rank: Rank) -> tuple[sp.Symbol, ...]:
-        """Return the hidden unknowns whose measurement alone gives full rank. All are measured in one run, and each is
-        tested by itself.
-
-        Each order of derivatives up to the stationary one adds to the rank, so `rank.order` and as many more as the
-        deficiency suffice.
-        """
+        """Return the unobservable unknowns whose measurement alone gives full
+        rank. Each order of derivatives up to the stationary one adds to the
+        rank, so `rank.order` and as many more as the deficiency suffice."""
         flow, output, states, inputs, parameters = self.rows
         hidden, p = rank.unobservable, len(output)
         plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters, self.branch.places)
@@ -591,8 +585,8 @@ class _Question:
         return somewhere(plant, answer)
 
     def direction(self, order: int) -> tuple[Any, Any]:
-        """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx v = 0 at a random real point, and the point;
-        or ()."""
+        """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
+        v = 0 at a random real point, and the point; or ()."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
@@ -613,7 +607,6 @@ class _Question:
 
 
 def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
-    """Return the answer on the branch with the highest rank, with the answers of branches that hide unknowns."""
     best, rank = max(ranked, key=lambda pair: pair[1].rank)
     blind = [(question, other) for question, other in ranked if other.unobservable and question is not best]
     elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]

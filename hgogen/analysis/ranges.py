@@ -245,8 +245,6 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 
 
 def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
-    """Return the expression and the box of the arguments `source` and `where` of the function `what`, and a sentence
-    where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
     around = plant.box_with(plant.states) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
@@ -269,7 +267,6 @@ def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box
 
 
 def _ranges(where: Any) -> Box:
-    """Return the box that a user's mapping declares. Raises: `BadRange`."""
     if not isinstance(where, Mapping):
         raise BadRange(str(where), "is neither a plant nor a mapping")
     ranges: dict[sp.Symbol, tuple[End, End]] = {}
@@ -284,7 +281,7 @@ def _ranges(where: Any) -> Box:
 
 
 def _end(key: Any, end: Any) -> End:
-    """Return an end as a number; a float is the value of its shortest decimal, as in a Signal."""
+    """Return the end of a range as a number; a float has the value of its shortest decimal: 0.1 is 1/10."""
     if isinstance(end, sp.Rational):
         return Fraction(end)
     if isinstance(end, bool) or not isinstance(end, Real):

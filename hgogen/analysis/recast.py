@@ -126,8 +126,6 @@ def _substituted(
     plant: System,
     tidy: Callable[[sp.Expr], sp.Expr] = sp.sympify,
 ) -> sp.Expr:
-    """Return an expression `row` of the plant with `backward` for the replaced states, expanded unless that removes a
-    place without a value."""
     plain = row.subs(backward)
     unexpanded, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
     signals = (s for s in unexpanded.free_symbols if isinstance(s, Signal))
@@ -136,7 +134,8 @@ def _substituted(
 
 
 def _readable(change: Change) -> None:
-    """Raise `BadSystem` where a map reads an input, whose derivative is not known, or an undeclared symbol."""
+    """Raise `BadSystem` if a map depends on an input, whose
+    derivative is not known, or on an undeclared symbol."""
     plant = change.plant
     for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.states})):
         for s, e in maps.items():
@@ -171,9 +170,9 @@ def checks(change: Change) -> tuple[Check, ...]:
 
 
 def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
-    """Return the check `recast.inverse` that the maps w(x) and x(w) of a change as it is `written` are smooth and
-    inverse to each other. `change`: with both maps simplified; `signed`: symbols with the signs of the declared ranges.
-    The values of one map need not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
+    """Return the check that the maps w(x) and x(w) of a change of states are smooth and
+    inverse to each other. `signed`: symbols with the signs of the declared ranges.
+    Only one composition is not enough: w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
     id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
@@ -212,8 +211,6 @@ def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason
 
 
 def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> RationalPoint | None:
-    """Return a sample point where the value of e is of one of the `kinds`; None without ranges, or without such a
-    point."""
     read = tuple(s for s in signals if s in e.free_symbols)
     if not all(s.bounded for s in read):
         return None
@@ -267,7 +264,6 @@ def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
 
 
 def _value(expression: sp.Expr, box: Box) -> Interval:
-    """Return the range on the box; for an irrational number by the digits that evalf guarantees."""
     if expression.is_number and not expression.is_Rational and expression.is_real:
         with suppress(PrecisionExhausted):
             value = Fraction(str(expression.evalf(30, strict=True)))
@@ -277,8 +273,6 @@ def _value(expression: sp.Expr, box: Box) -> Interval:
 
 
 def _at_least(e: sp.Expr, signals: tuple[Signal, ...], reached: Interval) -> str:
-    """Return the end of a sentence with the range of e: `reached`, the proved one, where it is finite, else the range
-    at the sample points, its ends rounded outwards to few digits; "" where they exceed a float."""
     if not finite(reached):
         read = tuple(s for s in signals if s in e.free_symbols)
         values = [value for point in points(read) if (value := e.xreplace(dict(point)).evalf()).is_Float]

@@ -190,8 +190,8 @@ def sharing(form: Form) -> frozenset[int]:
 
 
 def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
-    """Return r, not 0, where y_j depends on no state but z and y_j - r y_i does not depend on z; else None. A constant
-    ratio of the slopes is not enough: y_j may jump."""
+    """Return r, not 0, if y_j depends on no state but z and y_j - r y_i does not depend on z;
+    else None. A constant ratio of the partial derivatives is not enough: y_j may jump."""
     if form.output[j].free_symbols & {*form.states} != {z}:
         return None
     one, other = (exact(sp.sympify(form.output[k]).xreplace(form.system.constants)) for k in (i, j))

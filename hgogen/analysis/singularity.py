@@ -195,9 +195,9 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
 
 @dataclass(frozen=True)
 class _Derived:
-    """The outputs' derivatives y_j, y_j', .. along the plant (`chains`, by j), and in `rows` the gradient of y_j^(k) by
-    the states with y_j^(k) appended, by (j, k). They are computed when they are needed, because each is longer than the
-    one before."""
+    """The outputs' derivatives y_j, y_j', .. along the plant (`chains`, by j), and in
+    `rows` the gradient of y_j^(k) by the states with y_j^(k) appended, by (j, k).
+    They are computed on demand, since each is longer than the one before."""
 
     plant: System
     flow: Mapping[sp.Symbol, sp.Expr]
@@ -206,7 +206,6 @@ class _Derived:
     rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
 
     def order(self, k: int) -> dict[Row, list[sp.Expr]]:
-        """Return `rows` up to the k-th derivatives of the outputs. Raises: `TooLarge` beyond `limit` nodes."""
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
@@ -222,7 +221,7 @@ class _Derived:
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
     def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
-        """Return the plant's rates in the derivatives y_j^(k), (j, k) in `rows`, whose poles may cancel there."""
+        """Return the plant's rates in the derivatives y_j^(k), (j, k) in `rows`: poles may cancel there."""
         expressions = [e for j, order in rows for e in self.chains[j][:order]]
         read = set[sp.Symbol]().union(*(e.free_symbols for e in expressions))
         return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)
@@ -234,7 +233,6 @@ class _Derived:
 
 
 def _check_length(derivative: sp.Expr) -> None:
-    """Raise `TooLarge` where an expression is too long to compute its slopes."""
     rooted = any(not power.exp.is_Integer for power in derivative.atoms(sp.Pow))
     written, most = length(derivative), _WITH_ROOTS if rooted else _WRITTEN
     if written > most:
@@ -242,20 +240,18 @@ def _check_length(derivative: sp.Expr) -> None:
 
 
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
-    """Return the box of all signals and the inputs' derivatives; a parameter without a range has its value."""
     orders = range(1, len(plant.states) + _FURTHER)
     return {**plant.box, **box_of(u.derivative(k) for u in plant.inputs for k in orders)}
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Return those of the factors that may be 0 somewhere on the plant's box."""
     box = _box(plant)
     return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
-    """Return the first n derivatives y_j^(k), by k up to `last`, whose gradients are independent on the set `where`,
-    with the factors of their determinant."""
+    """Return the first n derivatives y_j^(k), k up to `last`, with independent
+    gradients on the set `where`, and the factors of their determinant."""
     n = len(derived.plant.states)
     for order in range((n - 1) // len(derived.plant.outputs), last + 1):
         gradients = derived.order(order)
@@ -271,13 +267,10 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
 
 
 def _triangle(plant: System) -> Jet | None:
-    """Return det d(y, y', ..)/dz of a chain, as a jet, without computing a derivative: y depends on z_1 alone, the rate
-    of z_i on no state beyond z_(i+1).
-
-    Then y^(k) depends on no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i =
-    dz_i'/dz_(i+1), and d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). The result is None for
-    any other plant, for one with kinks, and for one with roots, whose derivatives are singular where the root is not.
-    """
+    """Return det d(y, y', ..)/dz of a chain without computing a derivative of y. If y
+    depends on z_1 alone and z_i' on no state beyond z_(i+1), the Jacobian is triangular,
+    dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and the
+    determinant is prod_i s_i^(n-i). None for other plants, or with kinks or roots."""
     order: list[sp.Symbol] = []
     slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
     rows = []
@@ -301,7 +294,8 @@ def _triangle(plant: System) -> Jet | None:
 
 
 def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
-    """Return the product sign prod_i s_i^(n-i), i = 0, .., n - 1, of the slopes s_i in `each`, and its factors."""
+    """Return the product sign prod_i s_i^(n-i), i = 0, .., n - 1,
+    of the partial derivatives s_i in `each`, and its factors."""
     value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
     known = [one.factors for one in each if one.factors is not None]
     every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
@@ -309,8 +303,6 @@ def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
-    """Return the jets on the zero sets of the jet's factors, to `depth` levels, without those that would be too
-    large."""
     jets: list[Jet] = []
     last = len(derived.plant.states) - 1 + _FURTHER
     for factor in _open(derived.plant, jet.factors or ()) if depth else ():
@@ -401,7 +393,6 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
 
 
 def _brief(e: sp.Expr) -> sp.Expr:
-    """Return an expression as it is printed: of a sum with many terms the first ones and their number."""
     sums = [a for a in e.atoms(sp.Add) if len(a.args) > _PRINTED]
     abbreviations = {}
     for a in sums:
@@ -411,7 +402,6 @@ def _brief(e: sp.Expr) -> sp.Expr:
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:
-    """Return the check of a jet, the `k`-th: its determinant is not 0. where: perhaps a zero; unknown: no full rank."""
     marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
     rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES
@@ -542,8 +532,6 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
 def _deficient(
     rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
 ) -> UniformObservability:
-    """Return the negative result for a `rank` below n: proved where states are hidden without input, else found at
-    random points."""
     n = len(states)
     reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
     drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
@@ -559,8 +547,8 @@ def _deficient(
 
 
 def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
-    """Return the rank of d(h, L_f h, ..)/dx at this point, and at rank n a reason that names an i and j for which
-    d(L_gj L_f^(i-1) h) is not in span(dh, .., d L_f^(i-1) h), or `NONE`."""
+    """Return the rank of d(h, L_f h, ..)/dx at this point, and at rank n a reason that names an
+    i and j for which d(L_gj L_f^(i-1) h) is not in span(dh, .., d L_f^(i-1) h), or `NONE`."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
@@ -587,7 +575,7 @@ def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, p
 
 
 def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:
-    """Return x' and its Jacobian by the states at `point`, with the input number `j` at 1 and the others at 0."""
+    """Return x' and its Jacobian by the states at `point`, with input number `j` at 1 and the others at 0."""
     values = [numbers.series([x], 1) for x in point.states]
     values += [numbers.series([int(i == j)], 1) for i in range(plant.m)]
     values += [numbers.series([c], 1) for c in point.constants]

@@ -112,9 +112,6 @@ def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
 def _check(
     plant: System, signal: Signal, what: Sentence, expressions: Sequence[sp.Expr], accepted: str
 ) -> Check | None:
-    """Return the check that `expressions` (an equation or its derivatives, called `what`) of the rate or output
-    `signal` have a finite value; None where this is proved on the whole box. `accepted`: the consequence for a rate
-    whose refutation is accepted."""
     failures = gaps(expressions, plant)
     if not failures:
         return None
@@ -152,7 +149,6 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
 
 
 def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
-    """Return the parts not proved to be finite; a quotient with a removable singularity counts by its parts."""
     rows = list(expressions)
     quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
     parts = doubtful((row.xreplace(quotients) for row in rows), around)
@@ -162,7 +158,8 @@ def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
 
 
 def _chooses_values(part: sp.Expr, around: Box) -> bool:
-    """Return whether a choice evaluates roots only of radicands that are not negative, and no other doubtful part."""
+    """Return whether a Piecewise or Min/Max evaluates roots only of radicands
+    that are not negative, and no other part that may be undefined."""
     if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
         return False
     needed = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
@@ -205,8 +202,6 @@ def _holds(condition: Condition, around: Box) -> bool:
 
 
 def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
-    """Return a proved point of the box `around` where `condition` of `part` fails and the part has no value; else
-    None."""
     try:
         problem = problem_of(part, around)
         if problem is None:  # at the fixed values

@@ -179,7 +179,6 @@ _RESOLUTION = (
 
 
 def _signals(step: Step, real: Real) -> list[str]:
-    """Return the lines of the Markdown tables of a step's inputs, outputs, estimate, state and parameters."""
     lines = list[str]()
     head = ("member", "meaning", "unit", "range")
     for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
@@ -211,13 +210,10 @@ def _range(low: float, high: float) -> str:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    """Return the initial values of a field of memory as text: one number where all are equal."""
     return ", ".join(map(same, values if len(set(values)) > 1 else values[:1]))
 
 
 def _first_estimate(step: Step, tuned: np.ndarray) -> list[float]:
-    """Return the estimate x (n) that a step has after its init function, before the first call; `tuned`: its
-    parameters then."""
     reading = Reading(step.code.estimate, step.layout.groups, step.layout.bits)
     values = {Place(struct, item.name): item.initial for struct, _, item in _state(step)}
     values |= {Place(kind, f.name): tuned[kind][f.name][0] for kind, fields in parameters(step) for f in fields}
@@ -227,7 +223,6 @@ def _first_estimate(step: Step, tuned: np.ndarray) -> list[float]:
 
 
 def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
-    """Yield for each field of a step's state its struct, the C text that reaches it (`state->`), and its `Field`."""
     yield from (("state", f"s.{item.name}", item) for item in step.layout.state)
     for line in lines_of(step.layout.groups):
         start = ".".join(["s", *(f"{group.name}[{k}]" for group, k in zip(line, "kj", strict=False))])
@@ -235,8 +230,6 @@ def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
 
 
 def _members(step: Step, tuned: np.ndarray) -> Iterator[tuple[str, Field]]:
-    """Yield for each member of the structs of state and parameters the C text that reaches it and its `Field`, without
-    the marks that tag initialised memory; `tuned`: the parameters that init leaves, those that it derives included."""
     for _, place, item in _state(step):
         yield place, replace(item, unit=step.unit(item))
     for kind, fields in parameters(step):
@@ -249,7 +242,6 @@ def _members(step: Step, tuned: np.ndarray) -> Iterator[tuple[str, Field]]:
 
 
 def _coordinates(step: Step, real: Real) -> list[list[str]]:
-    """Return the rows of a Markdown table: for each element of the estimate in the state, its outer range."""
     z, declared = step.observer.z, step.observer.dynamics.box
     boxes = {place_of(z[i])[:2]: box for i, box in enumerate(declared) if z[i].is_symbolic()}
     units = {signal.name: signal.unit for signal in step.states}

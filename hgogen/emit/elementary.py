@@ -84,7 +84,6 @@ def elementary(real: Real) -> Mapping[str, Any]:
 
 
 def _polar(x: Graph) -> tuple[Graph, Graph]:
-    """Return the sign of x, 1 or -1, and |x|."""
     sign = 1 - when(x < 0, 2.0)
     return sign, sign * x
 
@@ -96,8 +95,8 @@ def when(condition: Graph, value: Graph | float) -> Graph:
 
 @dataclass(frozen=True)
 class _Precision:
-    """The numbers that one working precision (float or double) needs to compute elementary functions, such as the
-    coefficients of minimax polynomials (`.._tail`) and bit widths (`.._widths`), and the functions themselves."""
+    """The elementary functions in one working precision (float or double), with the
+    coefficients of their minimax polynomials (`.._tail`) and bit widths (`.._widths`)."""
 
     real: Real
     bits: int  # of the significand
@@ -114,17 +113,14 @@ class _Precision:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """The CasADi function v -> the whole number nearest to v, computed as v + C - C, where C and its neighbours are
-        whole numbers.
-
-        CasADi would simplify that to v; so the sum is a call, and the result goes through floor, whose derivative is 0.
-        """
+        """The CasADi function v -> the integer nearest to v, computed as v + C - C,
+        where C and its neighbours are integers. CasADi would simplify that to v; so
+        the sum is a call. The result goes through floor, whose derivative is 0."""
         v, C = ca.SX.sym("v"), ROUNDS[self.real]
         add = ca.Function("add", [v], [v + C], {"never_inline": True})
         return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
 
     def near(self, value: Fraction | float) -> float:
-        """Return the number of this precision that is nearest to a value."""
         return float(DTYPE[self.real](float(value)))
 
     def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
@@ -142,7 +138,6 @@ class _Precision:
 
     @property
     def smallest(self) -> float:
-        """The smallest positive normal number of this precision."""
         return float(2.0 ** (2 - 2**self.octaves))
 
     def polynomial(self, x: Graph, coefficients: Sequence[float]) -> Graph:
@@ -160,8 +155,8 @@ class _Precision:
 
     @cached_property
     def power_of_two(self) -> ca.Function:
-        """2^k for whole k, where that is a normal number; the portable definition, in place of which readers set the
-        bits."""
+        """The CasADi function k -> 2^k for integers k, if 2^k is a normal number.
+        This is the portable definition; emitted code sets the bits."""
         k = ca.SX.sym("k")
         half, power = self.lower_unless(k >= 0, 2 ** (self.octaves - 1)), 1.0
         exponent = k + when(k < 0, 2.0**self.octaves)
@@ -172,8 +167,8 @@ class _Precision:
         return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
 
     def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
-        """Return the function v -> 2^k v for a whole number k, |k| < 2 (2^octaves - 2); its result may overflow or
-        underflow."""
+        """Return the function v -> 2^k v for an integer k, |k| < 2
+        (2^octaves - 2); its result may overflow or underflow."""
         half = self.nearest(k * 0.5)
         first, second = self.power_of_two(half), self.power_of_two(k - half)
         return lambda v: v * first * second
@@ -334,7 +329,7 @@ class _Precision:
         return self.arch(r)
 
     def odd(self, k: Graph) -> Graph:
-        """Return 1/4 for an odd whole number k, 0 for an even one."""
+        """Return 1/4 for an odd integer k, 0 for an even one."""
         half = k * 0.5
         fraction = half - self.nearest(half)
         return fraction * fraction
@@ -362,8 +357,8 @@ class _Precision:
 
     @property
     def bounded_widths(self) -> tuple[int, ...]:
-        """The bits of pieces of pi whose products with k or k + 1/2, |k| <= `BOUNDED`/pi, are exact but for the
-        last."""
+        """The bits of pieces of pi whose products with k or k + 1/2,
+        |k| <= `BOUNDED`/pi, are exact except for the last."""
         wide = self.bits - 7
         return (wide, wide, self.bits)
 
@@ -407,8 +402,8 @@ class _Precision:
         return sign * ca.if_else(x < 0, high - (angle - low), angle)
 
     def arc(self, x: Graph) -> tuple[Graph, Graph, Graph, Graph]:
-        """Return of an arcsine's x: the sign; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else |x|; and c = asin s
-        - s."""
+        """Return the terms of asin x: its sign; wide = |x| > 1/2;
+        s = sqrt((1 - |x|)/2) if wide, else |x|; and c = asin s - s."""
         (sign, a), octaves = _polar(x), self.bits.bit_length()
         wide = a > 0.5
         z = ca.if_else(wide, (1 - a) * 0.5, a * a)

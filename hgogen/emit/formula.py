@@ -56,7 +56,6 @@ def symbol_name(name: str) -> str:
 
 
 def _latex(text: str) -> str:
-    """Return LaTeX of a text that consists of words, names, numbers and mathematical signs."""
     latex, at, depth = "", 0, 0
     while at < len(text):
         match = _PARTS.match(text, at)
@@ -104,7 +103,6 @@ def _part(match: re.Match[str]) -> str:
 
 
 def _name(name: str, mark: str, spoken: bool) -> str:
-    """Return LaTeX of a name, or of a word where `spoken`; `mark`: the sign that follows it, such as '."""
     if name in _OPERATORS:
         return rf"\operatorname{{{name}}}{mark}"
     if spoken or (len(name) > 1 and "_" not in name and name not in _NAMES and not name[1:].isdigit()):

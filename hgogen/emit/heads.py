@@ -85,7 +85,6 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 
 def _doxygen(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
-    """Return the Doxygen comment of a C function: meaning, parameters (name, direction, meaning), return value."""
     lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {text}" for way, name, text in parameters)]
     first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
     *others, last = (f"/** {first}", *(f" * {line}" for line in others))
@@ -110,7 +109,6 @@ def _status(step: Step) -> list[str]:
 
 
 def _constants(step: Step, real: Real) -> list[str]:
-    """Return the lines of a header that define its constants: sampling period, version, digests."""
     rows = [("DT", C.literal(step.dt, real), f"sampling period in {plural(step.time)}")]
     rows += [("VERSION", f'"{version()}"', "of hgogen, which generated this file")]
     digest = model_digest(step.observer)
@@ -125,14 +123,12 @@ def _constants(step: Step, real: Real) -> list[str]:
 
 
 def _initialiser(step: Step, real: Real) -> list[str]:
-    """Return the lines of the C macro that initialises a struct of constant parameters."""
     values = pystep.tuned(step, real)
     rows = ",\n".join(_row(step, real, values[kind]) for kind in values.dtype.names or ())
     return [f"#define {step.name.upper()}_PARAMS_INIT {{ \\", *(f"{line} \\" for line in rows.split("\n")), "}"]
 
 
 def _row(step: Step, real: Real, values: np.ndarray) -> str:
-    """Return the C initialiser {v_1, v_2, ..} of a member of the parameters, broken into lines."""
     if not values.dtype.names:
         return f"    {step.name.upper()}_READY" if step.layout.mark else "    0u"
     members = []

@@ -237,7 +237,6 @@ class LaneWriter(Writer):
         self.masks.pop()
 
     def _on(self, test: str) -> str:
-        """Return the C text of a mask: the active lanes in which `test` holds."""
         return " & ".join(filter(None, (self.masks[-1].name, test)))
 
     def _named(self) -> str:
@@ -296,8 +295,6 @@ class LaneWriter(Writer):
         return braced("{", start + braced(turns, inside + once))
 
     def _members(self, loop: Loop, k: str, count: int, tests: list[str], reserved: frozenset[str]) -> Code:
-        """Return the body of a loop over members of a group for member number `k` of `count`, in the lanes in which all
-        `tests` hold; `reserved`: names that locals may not have."""
         array = self.place_text(self._array(loop.group))
         head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
         member = code(self._member(loop.group, array, k))
@@ -311,7 +308,6 @@ class LaneWriter(Writer):
         return braced(head, inner) + Code((), uses)
 
     def _number(self, text: str) -> str:
-        """Return the C text of a number, given as text, that is equal in all lanes."""
         return f"{self.lane_prefix}_count({text})"
 
     # --- lane by lane
@@ -331,7 +327,6 @@ class LaneWriter(Writer):
         return braced("{", declared + loop) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
-        """Return the call of a matrix kernel for all lanes at once; arrays of inactive lanes are restored."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
         before, after, mask = Code(), Code(), self.masks[-1]
@@ -355,8 +350,8 @@ class LaneWriter(Writer):
 
 @dataclass(frozen=True)
 class _Array:
-    """An array argument of a matrix kernel: its place of memory and C text, its number of elements, and whether it
-    holds the columns of a matrix."""
+    """An array argument of a matrix kernel: its place of memory and C text,
+    its number of elements, and whether it holds the columns of a matrix."""
 
     place: Place
     text: str
@@ -365,11 +360,9 @@ class _Array:
 
     @property
     def element(self) -> str:
-        """The C text of one element of the array, indexed by the counters of the loops of `all`."""
         return f"{self.text}[j]{'.v[i]' * self.columns}"
 
     def all(self, line: str) -> Code:
-        """Return loops that apply the C line to each element of the array."""
         heads = (f"for (unsigned {k} = 0u; {k} < {self.size}u; ++{k})" for k in ("j", "i")[: 1 + self.columns])
         return code(f"{' '.join(heads)} {{ {line} }}")
 
@@ -385,6 +378,5 @@ def table(prefix: str, real: Real, lookup: Lookup) -> Code:
 
 
 def _counted(program: Program) -> Counter[Place]:
-    """Return for each place of memory the number of statements of a program that use it."""
     known = ({place for place, _ in (*statement.reads, *statement.written)} for statement in walk(program))
     return Counter(chain.from_iterable(known))

@@ -68,7 +68,6 @@ def consequence(check: Check) -> str:
 
 
 def _has_number(value: Any) -> bool:
-    """Return whether a sentence, or one of the sentences nested in it, contains a number."""
     if isinstance(value, Sentence):
         return any(_has_number(each) for name, each in value.values if name != "boxes")  # of a search
     if isinstance(value, tuple):
@@ -77,7 +76,6 @@ def _has_number(value: Any) -> bool:
 
 
 def _first_clause(text: str) -> str:
-    """Return a sentence up to its first comma or semicolon outside of parentheses."""
     depth = 0
     for k, sign in enumerate(text):
         depth += {"(": 1, ")": -1}.get(sign, 0)
@@ -435,14 +433,12 @@ def _settled(step: Step, known: Signed) -> str:
 
 
 def _signal(step: Step, name: str) -> Signal:
-    """Return the state `name` of the plant or of the observer's form."""
     form = step.observer.form
     names = dict(zip(form.names, form.states, strict=True))
     return {**names, **{signal.name: signal for signal in step.states}}[name]
 
 
 def _with_unit(value: str, signal: Signal, over: str = "") -> str:
-    """Return the text of a value with the unit of a signal; `over`: the unit of time of a rate, else ""."""
     unit = signal.unit if signal.unit != "1" else ""
     if over:
         return f"{value} ({unit})/{over}" if unit else f"{value}/{over}"
@@ -474,7 +470,6 @@ def _derived_states(known: Signed) -> list[str]:
 
 
 def _inner_range(name: str, state: Signal, most: float) -> str:
-    """Return the text of a state's range, shortened by `most` at each end."""
     (low, high), inner = map(Fraction, state.interval), Fraction(most)
     return f"{up(low + inner)} <= {name} <= {down(high - inner)}"
 
@@ -485,7 +480,6 @@ def _range(u: Signal) -> str:
 
 
 def _constant_inputs(step: Step, rates: Each) -> Iterator[str]:
-    """Yield the sentences on how inputs may vary between two calls, for the bounds `rates` of |du/dt|."""
     if step.clock.between == "hold" and step.inputs:
         yield f"between two calls {', '.join(u.name for u in step.inputs)} is held"
         return
@@ -512,7 +506,6 @@ _ASSUMED: Mapping[str, Callable[[Step, Signal, float], str]] = {
 
 
 def _tuning_ranges(step: Step, known: Signed) -> Iterator[str]:
-    """Yield the ranges of theta and dt for which the error decays without noise and disturbances."""
     theta = next(gain.initial[0] for gain in step.layout.gains if gain.name == "theta")
     least = known.least and Fraction(up(known.least, _DIGITS))
     decays = "Without what enters the error decays"

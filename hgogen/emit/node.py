@@ -82,7 +82,8 @@ def operations(function: ca.Function) -> list[int]:
 
 
 def _number(a: Bound, b: Bound) -> bool:
-    """Return whether a sum, difference or product of values in `a` and `b` is never NaN: no operand may be infinite."""
+    """Return whether a sum, difference or product of values in
+    `a` and `b` is never NaN: no operand may be infinite."""
     return a.number and b.number and max(a.size, b.size) < _LARGE
 
 
@@ -254,7 +255,6 @@ def ordered(roots: Iterable[Node]) -> list[Node]:
 
 
 def _settle(node: Node) -> None:
-    """Make a clamp that is 0 for a value which is not finite one node of the operation `KEEP`."""
     if node.op == ca.OP_IF_ELSE_ZERO:
         test, value = node.args
         if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
@@ -262,7 +262,6 @@ def _settle(node: Node) -> None:
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
-    """Return the node of `op` on `args`; a choice, a clamp and a test for a finite number become one node each."""
     if (same := _decided(op, args)) is not None:
         return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
@@ -287,8 +286,9 @@ def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
 
 
 def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
-    """Return the one of `args` that equals the result of `op` bit for bit, None without any: of a choice nested in a
-    choice by an equal test, and of `and`, `or` of a truth value with itself or with a constant that decides nothing."""
+    """Return the one of `args` that equals the result of `op` bit for bit, or
+    None: for a choice nested in a choice by an equal test, and for `and`,
+    `or` of a truth value with itself or with a neutral constant."""
     if op == ca.OP_IF_ELSE_ZERO and args[1].op == op and args[1].args[0] is args[0]:
         return args[1]
     if op in (ca.OP_AND, ca.OP_OR):
@@ -300,8 +300,9 @@ def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
 
 
 def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
-    """Return a simpler node for a comparison with constants, None without any: v < -b or b < v becomes b < |v|, and -b
-    <= v and v <= b becomes |v| <= b; with two other constants it becomes a test of the interval."""
+    """Return a simpler node for a comparison with constants, or None: v < -b
+    or b < v becomes b < |v|, and -b <= v and v <= b becomes |v| <= b;
+    with two other constants it becomes a test of the interval."""
     (a, b), (c, d) = (arg.args for arg in args)
     v, low, high, w = (a, b, c, d) if op == ca.OP_OR else (b, a, d, c)
     if v is not w or {low.op, high.op} - {ca.OP_CONST, AT, ca.OP_NEG}:
@@ -393,7 +394,6 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
 
 
 def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
-    """Return how calls of a routine pass the arguments `moving`, which differ: few numbers by value, more as arrays."""
     read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
     few = sum(len(elements) for _, _, elements in read) <= REGISTERS
     return tuple(
@@ -409,7 +409,6 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 
 
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
-    """Yield every call of a routine in a step's program, with the block of expressions around it."""
     programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
     for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
@@ -418,7 +417,6 @@ def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
 
 
 def _lies(block: Block, argument: Argument, column: list[Node]) -> bool:
-    """Return whether a call passes for an argument just the struct member that the routine can read itself."""
     if argument.place is None or reached([argument.place]) != {"p"}:
         return False
     sources = [node.source for node in column if node.op == ca.OP_INPUT]

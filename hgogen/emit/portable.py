@@ -79,8 +79,6 @@ def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -
 
 
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
-    """Return the function that interpolates in a table of the model: its arrays, a search along each axis, and the
-    polynomial of the cell. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     definitions = functions_of(helpers)
     declared = Code()
@@ -181,9 +179,6 @@ def _annotation(node: ast.expr | None) -> str:
 
 @dataclass(frozen=True)
 class _Words:
-    """The meaning of the names in a Python function that is translated: words of the language, other functions,
-    constants, types, counts."""
-
     syntax: Syntax
     prefix: str
     real: Real
@@ -206,8 +201,6 @@ class _Function:
         self.once = {name for name in stores if stores.count(name) == 1}
 
     def text(self, declared: Code = NO_CODE) -> Code:
-        """Return the translated function: comment, head, declarations `declared`, statements, and compiler
-        directives."""
         syntax, tree = self.syntax, self.tree
         docstring = ast.get_docstring(tree) or ""
         inner = chosen(syntax, self.words.real, tree.name, declared + self._block(tree.body))
@@ -244,7 +237,6 @@ class _Function:
     # --- statements
 
     def _block(self, body: list[ast.stmt]) -> Code:
-        """Return the translated statements of a block; its local names end with the block."""
         before = dict(self.kinds)
         text = joined(self._statement(statement) for statement in body)
         self.kinds = before
@@ -314,7 +306,6 @@ class _Function:
         return "real"
 
     def _value(self, node: ast.expr, level: float = 0) -> str:
-        """Return the text of a translated expression, in parentheses if it binds looser than precedence `level`."""
         text, binds = self._raw(node)
         return f"({text})" if binds < level else text
 
@@ -354,8 +345,8 @@ class _Function:
         raise NotImplementedError(ast.unparse(node))
 
     def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
-        """Return the text of left sign right; sums and products group to the left, operands of a comparison are no
-        comparisons. `kind`: the type of the operands."""
+        """Return the text of left sign right; sums and products group
+        to the left, operands of a comparison are no comparisons."""
         infix, binds = _INFIX[type(sign)]
         least = binds + 0.1 * isinstance(sign, ast.cmpop)
         text = f"{self._value(left, least)}{infix}{self._value(right, binds + 0.1)}"

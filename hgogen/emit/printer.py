@@ -135,7 +135,6 @@ class Printer:
         return Code(tuple(self.lines), uses), Code(tuple(written), united([uses, *where]))
 
     def _label(self, columns: Iterable[tuple[str, list[Node]]], all_nodes: Iterable[Node]) -> None:
-        """Name arrays after the named values that are their elements, else after the arguments that calls pass."""
         for name, column in columns:
             for node in (each for each in column if each.op == ELEMENT):
                 node.args[0].labels.setdefault(node.element[0], name)
@@ -228,8 +227,6 @@ class Printer:
         self.lines += self._loop(node.count, 0, term, lambda: f"{name} = {self.raw(total)[0]};")
 
     def _loop(self, count: int, origin: int, node: Node, statement: Callable[[], str]) -> list[str]:
-        """Return the lines of a loop with `count` passes from the number `origin` on, with the constants that `node`
-        needs in each pass; `statement` makes its last statement."""
         before, self.lines, self.origin, self.looping = self.lines, [], origin, True
         self.prepare(node)
         inner, self.lines, self.looping = [*self.lines, statement()], before, False
@@ -239,7 +236,6 @@ class Printer:
         return [head, *indented([*first_lines, *inner]), "}"]
 
     def _number(self, first: int, step: int) -> str:
-        """Return the text of an index that is `first` in a loop's first pass and grows by `step` a pass."""
         first -= step * self.origin
         size = self.syntax.number(abs(step))
         offset = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
@@ -261,8 +257,6 @@ class Printer:
             self.declare(root, self.number())
 
     def _prepare_below(self, root: Node) -> None:
-        """Declare as local constants, in order, the nodes below `root` used more than once or too long for one
-        expression."""
         stack: list[tuple[Node, bool]] = [(root, False)]
         done: set[int] = set()
         while stack:
@@ -435,7 +429,6 @@ class Printer:
         raise NotPrintable(op)
 
     def _leaf(self, node: Node) -> tuple[str, float]:
-        """Return the text and the precedence of a constant, an input, or an element of an array."""
         if node.op == ca.OP_CONST:
             return self.constant(node.constant)
         if node.op == ca.OP_INPUT:
@@ -448,7 +441,6 @@ class Printer:
         return f"{node.args[0].labels[result]}[{k}]", ATOM
 
     def _logical(self, node: Node) -> tuple[str, float]:
-        """Return the text and the precedence of a choice, a negation, a conjunction or a disjunction."""
         op, args = node.op, node.args
         if op == ca.OP_NOT:
             return self.negation(args[0])
@@ -459,7 +451,6 @@ class Printer:
         return self.choice(test, yes, no)
 
     def _moving(self, node: Node) -> str:
-        """Return the text of an array element whose index depends on the pass of the current loop."""
         if node.args:
             result, first = node.element
             return f"{node.args[0].labels[result]}[{self._number(first, node.step)}]"

@@ -144,7 +144,6 @@ class Writer:
         return f"({clamped}) if {_SIMPLE[WITHIN].format(value, limit)} else {otherwise}" if otherwise else clamped
 
     def _call(self, node: Node, kind: Number) -> str:
-        """Return the text of a result of a routine's call; the call is added once as a line and gives lists."""
         assert node.routine
         number = self.routines.setdefault(node.routine.key, len(self.routines))
         name = f"r{number}"
@@ -191,7 +190,6 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1024)
 def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
-    """Return a function that interpolates in a model's table, in the precision `real`. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     number = float if real == "double" else DTYPE[real]
     names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}

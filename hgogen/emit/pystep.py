@@ -90,7 +90,6 @@ class _Writer(Reader[list[str]]):
         self.sections: dict[str, int] = {}
 
     def tune(self) -> Entry:
-        """Return the function that limits the parameters to their ranges and computes the derived ones."""
         text = self._function("tune", self.step.code.tuning)
         pygraph.defined(text, self.names, "tune", "the tuning of a step in Python")
         tune: Entry = np.errstate(all="ignore")(self.names["tune"])
@@ -120,8 +119,6 @@ class _Writer(Reader[list[str]]):
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of overflow
 
     def _ready(self) -> list[str]:
-        """Return the lines that initialise a state without the mark of initialised memory, and end a call whose
-        parameters have none."""
         mark = self.step.layout.mark
         if not mark:
             return []
@@ -184,7 +181,7 @@ class _Writer(Reader[list[str]]):
         return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:
-        """Return the text of the index of a member of a group, 0 where the index is `total` or more, as in C."""
+        """Return the text of the index of a member of a group, 0 if the index is `total` or more, as in C."""
         number = self._read(index, 0, "unsigned")
         return f"int({number}) if {number} < {total} else 0"
 
@@ -232,8 +229,6 @@ class _Writer(Reader[list[str]]):
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:
-        """Return the text of numpy's view of a place of memory, in the current members of the loops around it;
-        `dimensions`: of the view."""
         above = self.groups.get(place.struct, ())[: self.places[place].ndim - dimensions]
         return f"V[{list(self.places).index(place)}]{''.join(f'[{self._at(group)}]' for group in above)}"
 
@@ -358,15 +353,16 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _ages(step: Step) -> np.ndarray:
-    """Return the ages of late samples (N, number of ages) in a self-check: in time, too late, twice in a period, and
-    one that is no whole number."""
+    """Return the ages of late samples (N, number of ages) in a self-check:
+    in time, too late, twice in a period, and one that is no integer."""
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)
 
 
 def _wave(cycles: float, signal: Signal) -> float:
-    """Return a triangle wave at `cycles` periods: half the signal's declared range (or +-1) about its middle."""
+    """Return a triangle wave at `cycles` periods: half the
+    signal's declared range (or +-1) about its middle."""
     low, high = signal.interval if signal.bounded else (-1.0, 1.0)
     triangle = 1 - 4 * abs(cycles % 1 - 0.5)
     return (low + high) / 2 + (high - low) / 4 * triangle

@@ -58,7 +58,6 @@ class _Reading:
     numbers: dict[int, int] = field(default_factory=dict)
 
     def key(self, node: Node, opened: bool = False) -> Hashable:
-        """Return a key that ignores array indices and constants, which are appended to the lists."""
         if node.op == ca.OP_CONST and isfinite(node.constant):
             self.constants.append(node.constant)
             return node.op
@@ -93,7 +92,6 @@ def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
 
 
 def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> list[list[T]]:
-    """Return groups of rows whose array indices grow by equal steps; add the identities of their rows to `used`."""
     result, start = list[list[T]](), 0
     while start + least <= len(rows):
         end = start + length([shape.elements for shape, _ in rows[start:]])
@@ -192,8 +190,8 @@ def rolled(
 
 
 def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
-    """Return an upper bound on the passes of any loop: one more than the number of operations of one kind in the nodes
-    (terms of a sum), or the elements of an array."""
+    """Return an upper bound on the passes of any loop: one more than the number of
+    operations of one kind in the nodes (terms of a sum), or the elements of an array."""
     operations = Counter(node.op for node in nodes if node.op not in LEAVES)
     elements = Counter(target.array for _, target in pairs if target.each)
     return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))
@@ -201,8 +199,8 @@ def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
 
 @dataclass(frozen=True)
 class _Rolling:
-    """A search for loops among the values of a block; `nodes`: every value after the values that it is computed from;
-    `least`: the smallest number of passes of a loop."""
+    """A search for loops among the values of a block; `nodes`: every value after the values
+    that it is computed from; `least`: the smallest number of passes of a loop."""
 
     pairs: Sequence[Pair]
     nodes: list[Node]
@@ -226,7 +224,6 @@ class _Rolling:
         return self._written(shapes, unify)
 
     def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
-        """Yield groups of the `chosen` nodes that a loop can compute, which depend on earlier groups only."""
         height, levels = dict[int, int](), dict[int, list[Node]]()
         for node in self.nodes:
             level = height[id(node)] = 1 + max((height[id(child)] for child in node.args), default=0)
@@ -235,8 +232,6 @@ class _Rolling:
         return (levels[level] for level in sorted(levels))
 
     def _chains(self, passed: set[int], users: Counter[int]) -> list[tuple[Node, list[Node]]]:
-        """Return long sums, products and the like, each with its terms in order, inner sums first; sums that repeat in
-        several statements are omitted."""
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed)
         shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed, nameless=True)
         statements = [(-1 - k, node, target.array) for k, (node, target) in enumerate(self.pairs)]
@@ -254,7 +249,6 @@ class _Rolling:
         return chains[::-1]
 
     def _written(self, shapes: Shapes, unify: "_Unify") -> list[Statement]:
-        """Return the statements in order, each loop at the place of its first statement."""
         numbers = dict[Hashable, list[tuple[Shape, int]]]()
         for k, (node, target) in enumerate(self.pairs):
             if target.each:
@@ -287,17 +281,16 @@ def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Nod
 
 
 class _Unify:
-    """A merger of expressions differing in array indices and constants into one: the value in a pass of a loop."""
+    """A merger of expressions that differ in array indices and
+    constants into one: the value in a pass of a loop."""
 
     def __init__(self) -> None:
         self.tables = dict[tuple[str, ...], Node]()
 
     def __call__(self, nodes: Sequence[Node]) -> Node:
-        """Return the expression that in pass k of a loop is the k-th of the nodes."""
         return self._one(tuple(nodes), {})
 
     def filled(self, nodes: Sequence[Node]) -> None:
-        """Make these nodes the elements of an array that a loop fills."""
         fill = Node(FILL, (self(nodes),), count=len(nodes))
         for k, node in enumerate(nodes):
             _become(node, Node(ELEMENT, (fill,), element=(0, k)))
@@ -335,7 +328,6 @@ class _Unify:
 
 
 def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _Unify, least: int) -> None:
-    """Turn the sum `top` of `terms` into loops that accumulate, where consecutive terms have equal structure."""
     if all(_alike(shapes[k:]) < least for k in range(len(shapes))):
         return
     total, k = None, 0
@@ -355,7 +347,6 @@ def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _U
 
 
 def _alike(shapes: Sequence[Shape]) -> int:
-    """Return how many terms, from the first on, have equal structure and array indices that grow by equal steps."""
     elements = list[tuple[int, ...]]()
     for shape in shapes:
         if shape.key != shapes[0].key:
@@ -382,8 +373,6 @@ def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[S
 
 
 def _reads_before(statement: Statement, written: set[Source], hoist: Collection[int]) -> bool:
-    """Return whether a loop reads each element of an array before the loop, or an earlier statement, writes the
-    element; `written`: the elements written earlier."""
     through = [node for node in _inside(statement.node) if node.op == AT and not node.args and node.source[0] in hoist]
     written = set(written)
     for k, target in enumerate(statement.targets):
@@ -394,7 +383,6 @@ def _reads_before(statement: Statement, written: set[Source], hoist: Collection[
 
 
 def _inside(root: Node) -> Iterator[Node]:
-    """Yield the nodes below `root` that differ between the passes of a loop."""
     stack, visited = [root], set[int]()
     while stack:
         node = stack.pop()

@@ -92,7 +92,6 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
 
 
 def _plant(system: System) -> Iterator[str]:
-    """Yield the texts of a plant that its digest covers: parameters, ranges, equations and tables."""
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
     yield from (f"{signal.name} turns by {signal.period}" for signal in system.signals if signal.period is not None)
@@ -102,7 +101,6 @@ def _plant(system: System) -> Iterator[str]:
 
 
 def _observer(observer: Observer) -> Iterator[str]:
-    """Yield the texts of an observer and its members that its digest covers: equations and other arguments."""
     yield from observer.equations
     if observer.construction is None:
         return
@@ -117,7 +115,6 @@ def _observer(observer: Observer) -> Iterator[str]:
 
 
 def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
-    """Return the text of an argument for a digest: equal for equal numbers, in sequence or by the names in `orders`."""
     match value:
         case Mapping():
             for names in orders:
@@ -137,7 +134,6 @@ def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
 
 
 def _listed(fields: Iterable[Field], groups: Iterable[Group]) -> Iterator[str]:
-    """Yield the texts of a memory layout that its digest covers."""
     yield from (f"{field.kind} {field.name}[{field.size}]: {', '.join(field.labels)}" for field in fields)
     for group in groups:
         yield f"{group.name}[{group.count}]"
@@ -353,8 +349,6 @@ def _each(
     text: str,
     types: dict[str, str] | None = None,
 ) -> list[str]:
-    """Return the statements for each number of a memory layout, in order; `start`: the text that reaches the struct,
-    `through`: the head of a loop over members of a group, `text`: the statement on a number, by `types` of numbers."""
     lines = []
     for field in fields:
         place, kind = f"{start}.{field.name}", (types or {}).get(field.kind, "")

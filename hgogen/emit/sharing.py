@@ -136,7 +136,6 @@ class SharingWriter(Writer):
         return list(self.functions.values())[known:], body
 
     def _split(self, program: Program, section: Section) -> Program:
-        """Return the program of a section in which calls of functions replace parts where it is too long."""
         if paths(self.function(program).lines) <= MAX_PATHS:
             return program
         return tuple(self._passing(statement, section) for statement in program)
@@ -156,8 +155,6 @@ class SharingWriter(Writer):
         return replace(statement, body=inner, otherwise=otherwise)
 
     def _outlined(self, part: str, body: Program, section: Section) -> Passage:
-        """Return the call of a new C function for a part of a section; `part`: its name in the program, `body`: its
-        statements. The function is added to `functions`."""
         statements = list(walk(body))
         work = self._shared(statements, section)
         written = {place for each in statements for place, _ in each.written}
@@ -185,15 +182,12 @@ class SharingWriter(Writer):
         return Passage(Section(name, "", body), prototype, passed, work, changed, result, returns_status)
 
     def _shared(self, statements: Sequence[Statement], section: Section) -> Sized:
-        """Return the work variables, with their sizes, that these statements share with others of the section."""
         inside = {id(each) for each in statements}
         around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
         known = {each for s in statements for each in (*s.reads, *s.written)}
         return tuple(sorted((p, n) for p, n in known if p.struct == "work" and p in around))
 
     def _body(self, body: Program, section: Section, arguments: Sized, changed: frozenset[Place]) -> Code:
-        """Return the C body of a function for statements; `arguments`: the work variables that it has as parameters,
-        `changed`: those that it changes."""
         pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
         inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
         program = inner._split(body, section) if len(body) > 1 else body
@@ -201,7 +195,6 @@ class SharingWriter(Writer):
         return replace(inner, interval_calls=True).function(program) if paths(text.lines) > MAX_PATHS else text
 
     def _structs(self, used: Collection[str], writes_state: bool) -> list[Parameter]:
-        """Return the structs of a step, and the sample index `at`, that a function needs as parameters."""
         kinds = [replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)]
         return [each for each in (*kinds, AT) if each.name in used]
 
@@ -210,13 +203,10 @@ class SharingWriter(Writer):
         return Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer)
 
     def _new_name(self, part: str, section: Section, function: tuple[str, Code]) -> str:
-        """Return the name of a C function, equal for equal functions (signature and body)."""
         present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
         return self.named.setdefault(function, next(n for n in _names(part, section) if n not in present))
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
-        """Return the place that a function returns by value: the only work variable that a block of expressions
-        changes, None otherwise."""
         if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
             return None
         read = dict(body[0].reads)
@@ -269,18 +259,15 @@ class SharingWriter(Writer):
 
     @cached_property
     def _function_names(self) -> set[str]:
-        """Return the names, without the step's prefix, of the other functions that the C file may have."""
         functions = {*functions_of(kernels), *functions_of(helpers), *elementary(self.real), POWER_OF_TWO}
         functions |= {subprogram.name for subprogram in self.subprograms.values()} | _OTHERS
         return functions.union(*((entry.name, entry.inner) for entry in entries(self.step).values()))
 
     @cached_property
     def _alone(self) -> Callable[[Program], Code]:
-        """Return a function, cached, from a group of statements to its C text as the body of a function."""
         return cache(Writer(self.syntax, self.step, self.real).function)
 
     def _reset_places(self, run: Program) -> set[Place]:
-        """Return the places that a group of statements writes, if it sets all to their reset values; otherwise none."""
         structs_ = {"state", *self.kinds.groups}
         initial = {place: field.initial for place, field in self.kinds.fields.items() if place.struct in structs_}
         written = _written(run)
@@ -294,7 +281,6 @@ class SharingWriter(Writer):
 
 
 def _meaning(part: str) -> str:
-    """Return the comment of the C function of a part of a section, "" for a part without one."""
     fitted = f"move the estimate to the nearest one that fits the sample of {part.removeprefix('fit_')}"
     return fitted if part.startswith("fit_") else _MEANINGS.get(part, "")
 
@@ -306,13 +292,11 @@ def _names(part: str, section: Section) -> Iterator[str]:
 
 
 def _everywhere(program: Program) -> Iterator[Program]:
-    """Yield the groups of statements of a program, also nested ones, and each other statement by itself."""
     bodies = (body for statement in walk(program) for body in statement.bodies.values())
     return (run for each in (program, *bodies) for run in _runs(each))
 
 
 def _runs(program: Iterable[Statement]) -> Iterator[Program]:
-    """Yield the groups of statements of a program, and each other statement by itself."""
     run: Program = ()
     for statement in program:
         alone = not _closed(statement)
@@ -330,7 +314,6 @@ def _name(run: Program) -> str:
 
 
 def _closed(statement: Statement) -> bool:
-    """Return whether a statement touches only the state and the status."""
     inner = list(walk((statement,)))
     known = {"state", "status", *(each.group for each in inner if isinstance(each, Loop))}
     return all(isinstance(each, Block | Loop) for each in inner) and {p.struct for p, _ in places(inner)} <= known

@@ -100,7 +100,6 @@ class Kinds:
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
     def _reals(self, indices: set[Place]) -> set[Place]:
-        """Return the work variables that get other values than copies of counters and of `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
         unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
         return unwritten | {
@@ -155,7 +154,6 @@ class Writer(Reader[Code]):
         return subprograms(self.step)
 
     def _array(self, group: str) -> Place:
-        """Return the place of the array of a group's structs: in the state, or in a member of the group around it."""
         above = self.kinds.groups[group][:-1]
         return Place(above[-1].name if above else "state", group)
 
@@ -256,8 +254,6 @@ class Writer(Reader[Code]):
         return braced("{", fixed + braced(head, inner))
 
     def _member(self, group: str, array: str, k: str) -> str:
-        """Return the line that names the current member, number `k`, of a group for the statements on it; `array`: the
-        text of the array of members."""
         element = self.syntax.index(array, k)
         return self.syntax.member.format(type=self.syntax.struct(self.prefix, group), name=group, element=element)
 
@@ -308,8 +304,6 @@ class Writer(Reader[Code]):
         return self.syntax.condition.format(test), f"    {self._raised(place)}", "}"
 
     def _block(self, block: Block, reserved: frozenset[str]) -> Code:
-        """Return the statements of a block of expressions, or a table of limits where that is shorter; `reserved`:
-        names that locals may not have."""
         written = self._written(block, reserved)
         if not block.limits or self.syntax.limited is None:
             return written
@@ -364,7 +358,6 @@ class Writer(Reader[Code]):
         return "" if triangle and self.step.clock.prefer == "speed" else self.place_text(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
-        """Return the name of element `element` of a place as a local variable: z1, L21, or the name of the scalar."""
         kind, name = place
         if kind == "argument":
             return f"{name}_given"
@@ -398,7 +391,6 @@ class Writer(Reader[Code]):
         )
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
-        """Return the statement that assigns the value `text` to the element `target` of a place, both as texts."""
         return f"{target} = {text};"
 
 
@@ -446,7 +438,6 @@ class _RoutineFunction:
         return heading + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
-        """Return the target of element `k` of the result `name`; `entry`: a matrix entry's name."""
         heading = f" {self.writer.syntax.comment(entry)}" if entry else ""
         return Target(
             lambda text: f"{name}[{k}] = {text};{heading}",

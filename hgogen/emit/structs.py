@@ -70,34 +70,27 @@ class _Structs:
         yield Struct("state", remembered(step), self.memory((*marks, *step.layout.state), step.layout.groups))
 
     def memory(self, fields: Iterable[Field], groups: Iterable[Group]) -> tuple[Member, ...]:
-        """Return struct members for the fields, followed by an array of structs for each group."""
         arrays = (self.inner(group.name, group.meaning, group.count) for group in groups)
         return (*map(self.member, self.in_time(fields)), *arrays)
 
     def in_time(self, fields: Iterable[Field]) -> Iterator[Field]:
-        """Yield the fields with their units in the model's unit of time."""
         return (replace(item, unit=self.step.unit(item)) for item in fields)
 
     def inner(self, kind: str, comment: str, count: int = 0) -> Member:
-        """Return the member `kind` that is a struct, or an array of `count` structs."""
         declared = self.declared(self.syntax.struct(self.step.name, kind), kind, count)
         return Member(kind, declared, comment, (), kind, count)
 
     def named(self, fields: Iterable[Field]) -> tuple[Member, ...]:
-        """Return struct members for fields that have names of the model; where the language renames one, its comment
-        has the model's name."""
         named = ((item, self.syntax.name(item.name)) for item in fields)
         return tuple(self.member(item, name, "" if name == item.name else f"{item.name}: ") for item, name in named)
 
     def member(self, item: Field, name: str = "", before: str = "") -> Member:
-        """Return the struct member of a field; `name`: its name if another, `before`: begins its comment."""
         kind: Number = "unsigned" if item.kind == "index" else self.real
         text = self.declared(self.syntax.types[kind], name or item.name, item.size if item.size > 1 else 0)
         initial = tuple(self.syntax.literal(value, kind) for value in item.initial)
         return Member(name or item.name, text, f"{before}{described(item)}", initial)
 
     def declared(self, kind: str, name: str, size: int = 0) -> str:
-        """Return the declaration of a struct member of the type `kind`, an array where `size` is not 0."""
         return self.syntax.struct_member[size > 0].format(type=kind, name=name, size=size)
 
 

@@ -47,7 +47,6 @@ def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str
 
 
 def _c_limited(table: Rows) -> Sequence[str]:
-    """Return a C loop that limits numbers to their ranges, over a read-only table and pointers to the numbers."""
     rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(table.places, table.rows, strict=True))
     return (
         "{",
@@ -183,8 +182,8 @@ def _rust_called(_: str, entry: Entry) -> str:
 
 
 def _rust_limited(table: Rows) -> list[str]:
-    """Return the lines of a Rust loop that limits numbers to their ranges, over a table and copies of the numbers: two
-    elements of an array cannot be borrowed at once."""
+    """Return the lines of a Rust loop that clamps numbers to their ranges, over a table and
+    copies of the numbers: two elements of an array cannot be borrowed mutably at once."""
     rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(table.places, table.rows, strict=True))
     return [
         "{",
