@@ -131,7 +131,7 @@ def _rule(kind: str) -> Rule:
 
 @dataclass(frozen=True)
 class _Tuned:
-    """The model's tuned observers, admitted or not; `slow`, `refused`: why some tunings are not admitted."""
+    """The model's tuned observers; `slow`, `refused`: why some tunings are left out."""
 
     model: Model
     claims: Checked
@@ -141,7 +141,6 @@ class _Tuned:
     refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
-        """Yield the first admitted tuning of each observer; the model's own step is first."""
         kinds: set[str] = set()
         checked_step = self.claims.step
         if checked_step is not None and not checked_step.observer.accepted:
@@ -156,7 +155,6 @@ class _Tuned:
                 yield kind, _admitted(kind, name, step, self._line(name))
 
     def _line(self, name: str = "") -> str:
-        """Return the code or command that makes the step of the tuning `name`, by default of the model's own step."""
         name = name or self.claims.tuning
         if self.model.plain:
             return shlex.join(["hgogen", "generate", self.model.path, *(["--observer", name] if name else [])])
@@ -190,7 +188,6 @@ class _Tuned:
         return asking(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
 
     def omissions(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
-        """Yield a sentence on each tuned observer without a row in the advice: why it was skipped or refused."""
         slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
         if slow:
             yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
@@ -205,7 +202,6 @@ class _Tuned:
 
 
 def _line(one: First, model: Model) -> str:
-    """Return the code that makes the step with the starting gains `one`, in the language of the model's file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
@@ -223,7 +219,6 @@ def _line(one: First, model: Model) -> str:
 
 
 def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
-    """Yield sentences of advice about unobservable states, and about a plant that is in none of the surveyed forms."""
     known = observability.known
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
@@ -246,8 +241,8 @@ def _notes(model: Model, observability: Observability, survey: Survey) -> Iterat
 
 
 def _advice_without_form(model: Model, survey: Survey) -> str:
-    """Return the advice for a plant that is proved to be in none of the surveyed forms. If the plant is observable for
-    every input, an output and its derivatives are coordinates of a form."""
+    """Return the advice for a plant that is proved to be in none of the surveyed forms. If the plant
+    is observable for every input, an output and its derivatives are coordinates of a form."""
     plant, phase = survey.plant, survey["phase"]
     for_any_input = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
     if len(plant.outputs) == 1 and for_any_input and phase.why == NOT_TRIED:
@@ -261,7 +256,6 @@ def _advice_without_form(model: Model, survey: Survey) -> str:
 
 
 def _measurements(plant: System) -> Iterator[str]:
-    """Yield the names of states whose measurement, in place of the output or added to it, puts the plant in a form."""
     known = {e for e in plant.output if e in plant.states}
     for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:
@@ -276,7 +270,6 @@ def _measurements(plant: System) -> Iterator[str]:
 
 
 def _form(plant: System) -> str:
-    """Return the name of the first form whose checks are all proved for a plant, "" if there is none."""
     kinds = ("triangular", "uniform") if len(plant.outputs) == 1 else ("block_triangular",)
     for name in kinds:
         try:

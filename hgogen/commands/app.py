@@ -43,12 +43,9 @@ def command_of(name: str) -> TyperCommand:
 
 
 class _Deferred(TyperCommand):
-    """A placeholder for a command of the program; the command's file is imported only when it runs or prints its own
-    help."""
+    """A placeholder for a command: the command's file is imported only when it runs or prints its own help."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the click context of the command, whose file is imported here; `info_name`: the command's name,
-        `args`: its words."""
         return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 
@@ -66,7 +63,8 @@ class _Commands(TyperGroup):
 
 @cache
 def _help(file: str, name: str) -> str:
-    """Return the docstring of a command's function by parsing its file, which is not imported."""
+    """Return the docstring of a command's function by parsing
+    its file, which is not imported: start-up stays fast."""
     tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
     definition = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
     return ast.get_docstring(definition) or ""

@@ -115,7 +115,6 @@ def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[
 
 
 def _costs(where: Folder) -> Mapping[str, Any] | None:
-    """Return the costs (instructions, bytes) that `hgogen cost` wrote into the folder, None if there are none."""
     (path,) = where.demand(COSTS)
     try:
         costs = json.loads(content_of(path, BYTES))
@@ -125,8 +124,8 @@ def _costs(where: Folder) -> Mapping[str, Any] | None:
 
 
 def _demand_replaceable(where: Folder, library: Files) -> None:
-    """Raise `CannotWrite` if one of the files `library` would replace a file that hgogen did not write, or if src/
-    holds a foreign source, which every build would compile."""
+    """Raise `CannotWrite` if one of the files `library` would replace a file that hgogen
+    did not write, or if src/ holds a foreign source, which every build would compile."""
     for path, text in zip(where.demand(*library), library.values(), strict=True):
         if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
             raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
@@ -221,12 +220,10 @@ _TAKES = ("command", "real", "check")  # arguments of a language's target beside
 
 
 def _languages() -> list[str]:
-    """Return the targets that write a whole step in one language, under a banner with the command."""
     return [name for name in targets.__all__ if set(_TAKES) <= signature(getattr(targets, name)).parameters.keys()]
 
 
 def _demand_language(target: str) -> None:
-    """Raise `UnknownCase` for an unknown target, or one that does not write a whole step in a language."""
     if target in set(targets.__all__) - set(_languages()):
         declaration = signature(getattr(targets, target))
         if "command" in declaration.parameters:
@@ -256,8 +253,6 @@ def _run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, c
 
 
 def _emit(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
-    """Return the emitted files of a step in the language `target` and the manual that their banner names. The precision
-    is float by default; the banner holds the command that regenerates the files. Renamed signals are noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += [f"--name {name}"] if name else []
@@ -356,7 +351,6 @@ def _generate_code(
     name: str | None,
     folder: Folder,
 ) -> tuple[Sources, Files]:
-    """Return the code of a step with its proved error bound `known`, and all files by their paths in the folder."""
     stated = stating(step, model, known)
     coded = prefixed(stated, name) if name else stated
     files = _emit(coded, model, observer, target, name)
@@ -364,7 +358,6 @@ def _generate_code(
 
 
 def _run_self_check(files: Sources, engine: Engine) -> str | None:
-    """Return the output of the self-check, None without a compiler for it."""
     if not files.recipe:
         return native.run_check(files).strip() if engine == "c" else None
     try:
@@ -437,7 +430,6 @@ def generate_(
 
 
 def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine: Engine) -> dict[str, bytes]:
-    """Return the figures of a model's trials, bytes by file name; note if the model has no trial."""
     if not model.has("trial"):
         note(f"{model.path} has no trial, so there are no figures of it")
         return {}

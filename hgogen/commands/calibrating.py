@@ -229,8 +229,6 @@ def _judged(
     aheads: Sequence[int],
     held_out: bool,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
-    """Return the errors of tuned and declared observers on the validation rows of the logs, all rows if none are
-    `held_out`, and the notes on them; `measured`: the truth of states by log, `aheads`: prediction horizons."""
     plant = model.plant
     begins = [cut if held_out else 0 for cut in logs.cuts]
     validation_logs = list(map(ValidationLog, logs.whole, begins, measured))
@@ -259,7 +257,6 @@ def requested_forms(model: Model, deep: bool) -> tuple[Row, ...]:
 
 
 def _custom_forms(model: Model) -> Iterator[Row]:
-    """Yield the forms that the model's tunings compute by their own functions, unknown to the survey."""
     visited: list[Any] = []
     for name, table in model.tuning.tables.items():
         function = table.get("form") if isinstance(table, Mapping) else None
@@ -272,8 +269,6 @@ def _custom_forms(model: Model) -> Iterator[Row]:
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
-    """Return the steps of the model's own tunings, by name, at the sampling period `dt` of the logs; note those
-    without."""
     steps, refused = {}, {}
     model_at_dt = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in model_at_dt.tuning.tables:

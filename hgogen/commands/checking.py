@@ -176,8 +176,6 @@ def check_(
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
-    """Raise `BadParameter` if the certificate and the JSON are one file, or `CannotWrite` for one that cannot be
-    written."""
     for option, file in (("--certificate", certificate), ("--json", json_file)):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
@@ -188,12 +186,10 @@ def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
 
 
 def _file(as_json: str | None) -> Path | None:
-    """Return the file that --json names, None for the standard output."""
     return None if as_json in (None, _PRINTED) else Path(str(as_json))
 
 
 def _print_json(value: Any, as_json: str) -> None:
-    """Write `value` as JSON to the file that the option --json names, else print it."""
     file = _file(as_json)
     if file is None:
         print_result(True, value)
@@ -206,8 +202,8 @@ def _print_json(value: Any, as_json: str) -> None:
 def _checked(
     loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, silent: bool, advised: bool
 ) -> CheckReport:
-    """Return the report on a model. Unless `silent`, each part is printed as soon as it is computed, so that the user
-    has the first parts if a later part takes long or fails. `bounds`: expressions whose ranges are wanted."""
+    """Return the report on a model. Unless `silent`, each part is printed as soon as it is
+    computed, so that the user has the first parts if a later part takes long or fails."""
 
     def say(*parts: Any) -> None:
         print_result(False, {}, *(() if silent else parts))
@@ -244,8 +240,6 @@ def _checked(
 
 
 def _print_claims(say: Callable[..., None], claims: Checked, observability: Observability) -> Singularity:
-    """Print the claims about the form and the observer, and between them the checks of the singular set, where the
-    plant is not observable. Return the singular set."""
     if claims.informative:
         say(checks_table(claims.head, claims.checks, claims.accepted))
     singular = hg.singularity(observability.system)
@@ -256,8 +250,6 @@ def _print_claims(say: Callable[..., None], claims: Checked, observability: Obse
 
 
 def _least(model: Model) -> Sight | None:
-    """Return the least observable direction of a model's state along its first trial, else on its declared ranges.
-    None, with a note of the reason, if it cannot be computed."""
     trials: list[Trial | None] = [None]
     try:
         trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
@@ -272,8 +264,6 @@ def _least(model: Model) -> Sight | None:
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:
-    """Answer all models of the JSON file `path`, each within `limit` seconds, write the answers to `out`, and print a
-    table of the number of answers of each kind and the errors."""
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         answers = library.check(models, limit=limit, tick=bar.tick)
@@ -373,8 +363,6 @@ def _observed(observability: Observability, least: Sight | None) -> str:
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
-    """Yield the names of the plant's proved forms, else of the nearest one; then of the observer's form if it is
-    another one."""
     proved = [row.kind for row in survey.proved]
     recast = claims.form.system.origin is not survey.plant.origin
     known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
@@ -389,7 +377,6 @@ def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
 
 
 def _form(form: Form, accepted: Iterable[str]) -> str:
-    """Return a form's name with the ids of the checks that are not proved; `accepted`: ids that the user accepted."""
     failed = [check for check in form.checks if check.verdict is Verdict.REFUTED]
     if failed:
         known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
@@ -439,8 +426,6 @@ def observability_table(observability: Observability, least: Sight | None = None
 
 
 def _answered(answer: Answer, what: str) -> str:
-    """Return the sentence on which of the states or parameters (`what`) are observable, with advice on measurements
-    only if some are proved unobservable."""
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:
@@ -512,5 +497,6 @@ def _table(checks: Iterable[Check], accepted: Sequence[str]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return the text with LaTeX's special characters escaped; other than ASCII is left to the input encoding."""
+    """Return the text with LaTeX's special characters escaped;
+    non-ASCII characters are left to the input encoding."""
     return re.sub(r"[\\^~<>&%$#_{}]", lambda mark: _ESCAPED[mark[0]], text)

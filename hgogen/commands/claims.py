@@ -189,11 +189,6 @@ def _checked(model: Model, survey: Survey | None, name: str | None) -> Checked:
 
 
 def _add_step_proofs(claims: Checked, step: CallableStep, model: Model) -> Checked:
-    """Return the claims with the proofs about the sampled step: its contraction, noise gain, region of attraction and
-    error bound. For an observer without an error system, only the error bound.
-
-    Raises: `NoSolver`; `MissingPart` for invalid bounds in the model's file.
-    """
     error, gains = bound_of(step, model), _gains(step.observer, model)
     if step.observer.error is None:
         step_checks = (error.check, *gains) if error else ()
@@ -205,8 +200,6 @@ def _add_step_proofs(claims: Checked, step: CallableStep, model: Model) -> Check
 
 
 def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
-    """Return the checks of the L2 gain from disturbances to the error and of the error bound in continuous time, under
-    the declared noise and disturbances, if the model requests them. Raises: `NoSolver`."""
     if model.bounds is None or not model.bounds.gains:
         return ()
     sizes = {
@@ -275,8 +268,8 @@ def _text(sentence: Sentence) -> Text:
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
-    """Yield pairs (row title, check) for a table. Checks of equal verdict and reason about a_1, a_2, .. become one row;
-    `accepted`: ids of checks that the user accepted."""
+    """Yield pairs (row title, check) for a table. Checks of equal verdict and reason about
+    a_1, a_2, .. become one row; `accepted`: ids of checks that the user accepted."""
 
     def kind(check: Check) -> tuple[Any, ...]:
         alone = check.id in accepted or check.subject is None

@@ -77,8 +77,6 @@ class ModelReport(Report):
 def _options_of(
     function: Callable[..., Any], reporting: bool
 ) -> tuple[dict[str, tuple[Any, Any]], dict[str, tuple[Any, tuple[str, ...]]]]:
-    """Return the annotation and default of each option of a command by name; and for each argument that is a group of
-    options its type and the names of the options. A group's options replace it, or follow the others."""
     options: dict[str, tuple[Any, Any]] = {}
     behind: dict[str, tuple[Any, Any]] = {}
     groups: dict[str, tuple[Any, tuple[str, ...]]] = {}
@@ -153,7 +151,7 @@ def command(
 
 @contextmanager
 def _ending() -> Iterator[None]:
-    """Run the body of the context, a command; an error becomes one sentence and an exit status."""
+    """Run a command as the body of this context; an error becomes one sentence and an exit status."""
     try:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
@@ -185,7 +183,6 @@ _FAILURES = {
 
 
 def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """Print a warning in one line, with its category unless it is a `UserWarning`."""
     kind = "" if issubclass(category, UserWarning) else f"{category.__name__}: "
     note(f"{kind}{' '.join(str(message).split())}")
 
@@ -419,8 +416,8 @@ def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iter
 
 
 def _type_and_meaning(result: Any, path: str) -> tuple[Any, str]:
-    """Return the type at the end of a path of attributes such as `result.noise` of a report class, and the description
-    of the last field or property."""
+    """Return the type at the end of a path of attributes such as `result.noise`
+    of a report class, and the description of the last field or property."""
     annotation, text, none = result, "", False
     for name in path.split("."):
         none = none or type(None) in _alternatives(annotation)
@@ -447,15 +444,12 @@ def _alternatives(annotation: Any) -> tuple[Any, ...]:
 
 
 def _result_in(annotation: Any) -> type | None:
-    """Return the report class in a type annotation: the type itself, an element of a list or mapping, or an
-    alternative; None without one."""
     if is_dataclass(annotation):
         return annotation if isinstance(annotation, type) and getattr(annotation, "json_keys", "") is not None else None
     return next(filter(None, map(_result_in, get_args(annotation))), None)
 
 
 def _words(annotation: Any) -> str:
-    """Return a type annotation in words, such as "list of numbers"."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(map(_words, args)))

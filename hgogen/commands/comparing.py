@@ -164,8 +164,8 @@ def compare_(
 def _alike(
     model: Model, names: list[str], trials: Sequence[Trial]
 ) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
-    """Return the steps of the tunings `names` by trial and tuning, all at the shortest of their sampling periods; the
-    period; and by name why other tunings are refused. Raises: `HgogenError` if all are refused."""
+    """Return the steps by trial and tuning, all at the shortest of their sampling
+    periods; the period; and by name why other tunings are refused."""
     steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
     first = steps[trials[0].name]
@@ -187,7 +187,6 @@ def _tried(
     engine: Engine,
     seeds: int | None,
 ) -> tuple[ComparedTrial, ...]:
-    """Return the results of the `steps` (by trial and tuning) on each trial over `seeds` seeds; note doubts."""
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in trials}
     known = _known(model, steps, trials)
     tried = []
@@ -205,8 +204,6 @@ def _tried(
 def _started(
     model: Model, names: list[str], trials: Sequence[Trial], dt: float | None = None
 ) -> tuple[dict[str, dict[str, CallableStep]], dict[str, HgogenError]]:
-    """Return the steps of the tunings `names` by trial and tuning, with the trial's first estimate, at the period `dt`
-    (None: their own); and by name why other tunings are refused."""
     steps: dict[str, dict[str, CallableStep]] = {one.name: {} for one in trials}
     refused: dict[str, HgogenError] = {}
     for name in names:
@@ -223,8 +220,8 @@ def _started(
 def _known(
     model: Model, steps: Mapping[str, Mapping[str, CallableStep]], trials: Sequence[Trial]
 ) -> dict[str, dict[str, ErrorBound | None]]:
-    """Return the proved error bound of each step, by trial and tuning; None if the model requests none. Trials with
-    equal first estimates share one proof."""
+    """Return the proved error bound of each step, by trial and tuning. Trials
+    with equal initial estimates share one proof, which takes long."""
     known: dict[str, dict[str, ErrorBound | None]] = {one.name: {} for one in trials}
     for name, step in steps[trials[0].name].items():
         begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
@@ -242,7 +239,6 @@ def _known(
 
 
 def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]:
-    """Return the names that are not refused. Raises: the first refusal (`HgogenError`) if all are."""
     admitted = [name for name in names if name not in refused]
     if not admitted:
         first, *others = refused
@@ -252,7 +248,6 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
 
 
 def _names(model: Model, requested: str | None) -> list[str]:
-    """Return the names of the tunings in the text `requested`, by default of all. Raises: `MissingPart`."""
     if requested is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, f"it has no tuning, whose observers are compared; add {fix}")
@@ -302,7 +297,6 @@ def comparison_tables(
 
 
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
-    """Return the table of proved error bounds of the `states` and the largest errors; empty without bounds."""
     if not any(one.proved or one.unproved for one in each):
         return []
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
@@ -317,8 +311,6 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
-    """Yield the meanings of a comparison's columns, and the observers' methods if there are several; `unit`: of
-    time."""
     yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}

@@ -109,7 +109,6 @@ class Designs(ModelReport):
 
 
 def _call(gain: Gain) -> str:
-    """Return the Python call that makes the observer with a designed gain."""
     arguments = {**gain.arguments, "theta": same(gain.theta)}
     return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in arguments.items())})"
 
@@ -159,8 +158,6 @@ def design_(
 
 
 def _reference(loaded: Model, observer: str | None) -> CallableStep:
-    """Return the step with which designed gains are compared: that of the tuning `observer`, which must have a constant
-    output injection, else of high_gain. Raises: `BadParameter`."""
     step = loaded.step(observer)
     if step.observer.error is not None:
         return step
@@ -172,7 +169,6 @@ def _reference(loaded: Model, observer: str | None) -> CallableStep:
 
 
 def _rates(text: str) -> Sequence[float]:
-    """Return the rates of decay in a text such as "1,3", in 1 per unit of time. Raises: `BadParameter`."""
     if not text:
         return ()
     try:
@@ -186,7 +182,6 @@ def _rates(text: str) -> Sequence[float]:
 
 
 def _three_digits(rate: float) -> float:
-    """Return a rate rounded down to three digits."""
     digits = 2 - math.floor(math.log10(rate))
     return float(f"{math.floor(rate * 10.0**digits) / 10.0**digits:.3g}")
 

@@ -216,8 +216,6 @@ class _Stopped:
     folder: Folder
 
     def progress(self) -> Progress:
-        """Return the progress of the interrupted fit. Raises: `BadParameter` if there is none; `BadFile`;
-        `CannotGoOn`."""
         (path,) = self.folder.demand(BEGUN)
         if not path.exists():
             raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
@@ -225,8 +223,6 @@ class _Stopped:
 
     @contextmanager
     def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:
-        """Yield a function that displays the progress of a fit given to it and writes it at most every `EVERY` seconds.
-        The last progress is written at a Ctrl-C."""
         last: Progress | None = None
         written = -math.inf
 
@@ -260,8 +256,8 @@ class _NewModel:
     model: Model
 
     def demand(self) -> None:
-        """Raise `BadParameter` for a file that exists or is not TOML, `NoText` for a plant that plain text cannot
-        express. This is checked before the fit, whose result would be lost."""
+        """Demand a new TOML file and a plant that plain text can
+        express, before the fit: its result would be lost."""
         path, option = self.path, "--write"
         if path.suffix != ".toml":
             raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint=option)
@@ -271,8 +267,6 @@ class _NewModel:
         to_text(self.model.plant)
 
     def write(self, result: Fit) -> None:
-        """Write the fitted plant, with the other tables of a plain-text model. Those of a Python model are not
-        copied."""
         tables: dict[str, Any] = {}
         source = self.model.path
         if self.model.plain:
@@ -285,8 +279,6 @@ class _NewModel:
 
 
 def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[PredictionErrors], str]:
-    """Return the errors of predictions on the validation rows of the logs, or none and the reason. An observer that
-    refuses the plant does not make the fit fail."""
     try:
         judged = list(_judged(model, observer, result, logs))
     except HgogenError as error:
@@ -297,8 +289,6 @@ def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> t
 
 
 def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[PredictionErrors]:
-    """Yield the errors of predictions on the validation rows of the logs, from the estimates of an observer: of the
-    fitted plant, and of the original plant with equal gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
@@ -314,8 +304,6 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
 
 
 def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Iterator[str]:
-    """Yield a sentence for each output that the fitted plant predicts worse than its last value does, or than the plant
-    before the fit; `by`: the error that the fit minimised."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     several = len({one.record for one in judged}) > 1
     for record, output in dict.fromkeys((one.record, one.output) for one in judged):
@@ -330,8 +318,6 @@ def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Ite
 
 
 def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
-    """Return the step of the named observer, else the model's own, else that of a `riccati` with the fitted noise, at
-    the period `dt` of a log; `noise`: fitted densities by state and deviations by output, empty if not fitted."""
     has_tuning = model.has("step") or model.tuning.tables
     model = model.sampled(dt)
     if has_tuning or observer is not None:

@@ -163,7 +163,6 @@ def check(
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the answers to a model, as pairs of field and value; called in a worker process."""
     try:
         one = entry(model)
     except HgogenError as error:
@@ -193,8 +192,8 @@ def answers(entry: Entry) -> Iterator[Answer]:
 
 @dataclass(frozen=True)
 class _Forms:
-    """The forms of a model: its chains of integrators z_i' = a_i z_(i+1) + b_i and the signs of their gains a_i,
-    computed once for all questions."""
+    """The forms of a model: its chains of integrators z_i' = a_i z_(i+1) + b_i
+    and the signs of their gains a_i, computed once for all questions."""
 
     entry: Entry
     signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
@@ -215,15 +214,16 @@ class _Forms:
 
     @cached_property
     def measured(self) -> Shape | None:
-        """The first shape of the gains a_i, CONSTANT or MEASURED, that the model's only chain of integrators is proved
-        to have; None without one."""
+        """The first shape of the gains a_i, CONSTANT or MEASURED, that
+        the model's only chain of integrators is proved to have."""
         shapes = (Shape.CONSTANT, Shape.MEASURED)
         return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
 
     @cached_property
     def regular_slopes(self) -> bool | None:
-        """True if in every chain z_i' = f_i(z_1 .. z_(i+1)) each df_i/dz_(i+1), and every output's dh/dz_1, is nonzero
-        on the box. None if an f_i may jump in z_(i+1) or be undefined, which the derivative does not reveal."""
+        """True if in every chain z_i' = f_i(z_1 .. z_(i+1)) each df_i/dz_(i+1), and
+        every output's dh/dz_1, is nonzero on the box. None if an f_i may jump in
+        z_(i+1) or be undefined, which the derivative does not reveal."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
         if not regular:
@@ -276,21 +276,18 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
-    """Return whether each output is proved to be c(u) z_1 with c nonzero, z_1 the head of its chain of integrators."""
+    """Return whether each output is proved to be c(u) z_1 with c
+    nonzero, z_1 the first state of its chain of integrators."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.offset, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
 
 
 def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes (partial derivatives) are nonzero on the closed box, None if unknown; True without
-    boxes, where only the structure is checked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
 
 def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes (partial derivatives) are nonzero for every value of a symbol without a range, None if
-    unknown; False only by a witness."""
     answers = []
     for slope in slopes:
         if slope not in forms.signs:
@@ -314,8 +311,8 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 
 def _endless(slope: sp.Expr, sign: Sign) -> bool:
-    """Return whether the sign of a slope is refuted only because the slope is not finite at the witness, while its
-    range has no values of both signs."""
+    """Return whether the sign of a partial derivative is refuted only because it is
+    not finite at the witness, while its range has no values of both signs."""
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
@@ -334,8 +331,8 @@ def _ranges(forms: _Forms) -> Iterator[Answer]:
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
-    """Return the ends of the range of |a|, a gain, None if not finite; the lower one is positive if a is proved to be
-    nonzero."""
+    """Return the ends of the range of |a|, a the gain; the
+    lower one is positive if a is proved to be nonzero."""
     enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
     if not enclosure.finite:
         return None
@@ -369,8 +366,6 @@ def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
-    """Yield the range of the values of each queried expression on the box. A range is null if none is proved finite. A
-    note names an expression that is undefined somewhere, an error one that cannot be parsed."""
     e, faults = forms.entry, []
     ranges: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
@@ -498,8 +493,8 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
-    """Do tasks in a worker process, `limit` seconds of the processor for each. Ctrl-C is ignored, since the parent ends
-    it."""
+    """Do tasks in a worker process, each within `limit` seconds of CPU
+    time. Ctrl-C is ignored, since the parent ends the worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(ImportError):  # a system without limits
         import resource
@@ -519,8 +514,6 @@ def _serve(pipe: Connection, work: Work, limit: float) -> None:
 def _receive(
     worker: _Worker, unassigned: Iterator[int], tasks: Sequence[Any], limit: float
 ) -> tuple[list[Event], _Worker | None]:
-    """Receive the messages of a worker process and hand it the next of the `unassigned` tasks (numbers). Return the
-    events and the worker, None in its place if it has ended."""
     events: list[Event] = []
     try:
         while worker.pipe.poll():

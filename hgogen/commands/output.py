@@ -171,7 +171,7 @@ _unread: list[int] = []
 
 
 class _Results(io.FileIO):
-    """A standard output that records when its reader has closed it."""
+    """A standard output that records when its reader has closed it, as `| head` does."""
 
     def write(self, data: Any) -> int:
         try:
@@ -273,7 +273,6 @@ def printing() -> Iterator[None]:
 
 class _Output(Console):
     def on_broken_pipe(self) -> None:
-        """Raise the error of a closed output, which the command handles."""
         raise BrokenPipeError
 
 

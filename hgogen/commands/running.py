@@ -135,7 +135,6 @@ class RecordRun(ModelReport):
         return {**{f"{name}_{what}.csv": text for what, text in texts.items()}, **drawn}
 
     def _figures(self, name: str) -> dict[str, Any]:
-        """Return the figures by file name without ending, with the samples in the order of time, as the estimates."""
         from hgogen.run import figures
 
         step, record, run = self.step, self.record, self.run
@@ -225,9 +224,6 @@ def _over_record(
     shifts: Mapping[str, int],
     bar: Bar,
 ) -> RecordRun:
-    """Run a step over a log and return the report. `true`: the columns of measured states, `initial`: the text of the
-    initial state, `burn_in`: the time at the beginning without errors, `ahead`: prediction horizons, `shifts`: by
-    signal, in samples."""
     u, samples = record.of(step.inputs), record.of(step.samples)
     y, engine = step.in_time(samples), engine_here()
     step, begins = _begun(step, y, initial)
@@ -253,16 +249,14 @@ def _over_record(
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
-    """Return the step and the run by which a log u, y is judged in the order of measurement. A step for late samples is
-    judged without delays, with the estimates of the run `done`."""
+    """Return the step and the run by which a log u, y is judged. A step for late samples is judged
+    without delays, in the order of measurement, with the estimates of the run `done`."""
     if not step.ages:
         return step, done
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
-    """Return the step with its initial estimates, and these by state. They come from the text `initial` or, by default,
-    from the first samples of the outputs y (N, p) that are states, clipped to their ranges."""
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
@@ -276,7 +270,6 @@ def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[Call
 
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
-    """Return the first sample whose errors count, after the time `burn_in`. Raises: `typer.BadParameter`."""
     first = burn_in / step.dt * (1 - ROUNDING)
     if not first <= samples - 2:  # NaN is refused too
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
@@ -285,7 +278,6 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
-    """Return the model; one without a sampling period gets that of the log in the file `data`for starting gains."""
     if model.has("step") or model.setting.dt is not None:
         return model
     clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
@@ -318,15 +310,15 @@ def _record(
 
 
 def _estimates(step: CallableStep, record: Record, run: Run) -> str:
-    """Return the CSV text of a run: time, outputs, estimated states, traces, status; empty cells where missing."""
     measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
     numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
     return _csv(["t", *measured, *run.names, *run.traces, "status"], numbers, run.status)
 
 
 def _innovations(step: CallableStep, record: Record, run: Run) -> str:
-    """Return the CSV text of the innovations and their variances, and of the lower triangle of the estimate's
-    covariance by columns, P_i_j of states i and j. An observer without a covariance has innovations alone."""
+    """Return the CSV text of the innovations and their variances, and of the
+    lower triangle of the estimate's covariance by columns, P_i_j of states
+    i and j. An observer without a covariance has innovations alone."""
     assert run.innovations is not None  # a step has innovations
     header, columns = ["t", *(f"e_{s.name}" for s in step.outputs)], [record.t, run.innovations]
     if run.variances is not None and run.covariance is not None:
@@ -337,7 +329,6 @@ def _innovations(step: CallableStep, record: Record, run: Run) -> str:
 
 
 def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None = None) -> str:
-    """Return rows of numbers as CSV text, empty for NaN, each followed by its status."""
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerow(header)
     cells = ",".join(["%.10g"] * numbers.shape[1])

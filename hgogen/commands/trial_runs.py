@@ -335,8 +335,6 @@ def campaigns(
 
 
 def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
-    """Run all runs of a campaign, or only that of --repeat, and return their statistics; each outcome is written to the
-    folder of results at once. `name`: of the results' file."""
     tally, first = Tally(len(one.draws), one.step.time), options.repeat or 0
     wanted = range(first, len(one.draws) if options.repeat is None else first + 1)
     with _results(name, one, options.results) as (known, add):
@@ -356,7 +354,6 @@ def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
 def _results(
     name: str, one: Campaign, folder: Path | None
 ) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
-    """Yield the outcomes in a campaign's file in `folder`, and a function that appends the line of another."""
     if folder is None:
         yield (), lambda line: None
         return
@@ -369,7 +366,6 @@ def _results(
 
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
-    """Yield the outcomes of a campaign in the lines of its results' file (`file`: its name), and note invalid lines."""
     dropped = list[int]()
     for number, outcome in enumerate(earlier(one, lines, file), 2):
         if outcome is None:

@@ -116,7 +116,7 @@ class StepMemory:
         return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
-        """Return the C functions of the step by name, bound to this memory; they hold the GIL."""
+        """Return the C functions of the step by name, bound to this memory. They hold Python's GIL."""
         step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -151,7 +151,6 @@ class _Program:
 
 @lru_cache(maxsize=32)
 def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
-    """Return the compiled C of a step, whose comments omit the proofs; the second argument is the compiler."""
     step, real = program.step, program.real
     unread = {"observer": replace(step.observer, claims=tuple)}
     step = Step(**{each.name: getattr(step, each.name) for each in fields_of(Step)} | unread)
@@ -220,8 +219,7 @@ def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
 
 
 def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
-    """Return the values (B, size) of parameters for B logs, or (size) for all, by place of memory. Raises:
-    `BadShape`."""
+    """Return the values of parameters, (B, size) for B logs or (size) for all, by place of memory."""
     known = tunable(step)
     if not isinstance(parameters, Mapping):
         wanted = f"is no mapping from some of {', '.join(known)} to numbers"
@@ -233,8 +231,8 @@ def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
 
 
 def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
-    """Return signals (B, N, number) of B logs, or (N, number) for all, from any shape that one log may have; `rows`:
-    the demanded N. Raises: `BadShape`."""
+    """Return signals (B, N, number) of B logs, or (N, number) for all,
+    from any shape that one log may have; `rows`: the demanded N."""
     if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) != 3:
         return table(name, value, signals, rows)
     array, width = unmasked(value), len(signals)
@@ -246,7 +244,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
 
 
 def _values(name: str, value: Any, size: int) -> Array:
-    """Return numbers (B, size) for B logs, or (size) for all. Raises: `BadShape`."""
+    """Return numbers (B, size) for B logs, or (size) for all."""
     array = reals(name, value)
     array = array[..., None] if size == 1 else array
     if array.ndim not in (1, 2) or array.shape[-1] != size:
@@ -327,7 +325,6 @@ class Many:
         )
 
     def _alone(self, records: Records, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
-        """Run the logs one by one, and yield the number of finished ones."""
         for k in range(results.records):
             memory(k)
             signals = (array[k] if array.ndim == 3 else array for array in (records.u, records.y))
@@ -356,8 +353,8 @@ class Many:
 
 @dataclass(frozen=True, eq=False)
 class _Results:
-    """The results of B logs with the logs along the last axis: x (N, n, B), traces (N, number, B), status (N, B),
-    padded for vector elements without a log; and the final states (B, bytes)."""
+    """The results of B logs with the logs along the last axis: x (N, n, B), traces (N, number, B),
+    status (N, B), padded for vector elements without a log; and the final states (B, bytes)."""
 
     records: int
     traced: bool
@@ -378,15 +375,13 @@ class _Results:
 
 @dataclass(frozen=True, eq=False)
 class _Lanes:
-    """A step compiled for lanes: each vector element computes another log."""
+    """A step compiled to SIMD code: each vector element (lane) computes another log."""
 
     step: Step
     real: Real
     library: ctypes.CDLL
 
     def chunks(self, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
-        """Run all logs in chunks of `CHUNK` logs by `jobs` threads, and yield the number of finished logs. Few chunks
-        wait for a thread at a time."""
         done, waiting = 0, deque[Future[int]]()
         with ThreadPoolExecutor(jobs) as pool:
             for first in range(0, results.records, CHUNK):
@@ -401,7 +396,6 @@ class _Lanes:
                 yield done
 
     def _run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
-        """Run the logs from number `first` on, one for each row of `records`, and return their number."""
         u, y = (_side_by_side(array, first, len(records), DTYPE[self.real]) for array in (u, y))
         begun = self._begun(records, len(results.x))
         memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
@@ -423,8 +417,8 @@ class _Lanes:
         return len(records)
 
     def _begun(self, records: Array, samples: int) -> Array:
-        """Initialise the records (B, bytes) of memory whose state has no mark of initialised memory, if there are
-        samples; return the indices of these records."""
+        """Initialise the records (B, bytes) of memory that are not marked
+        as initialised, if there are samples; return their indices."""
         fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
         if not (self.step.layout.mark and samples):
             return np.array([], int)
@@ -434,7 +428,6 @@ class _Lanes:
 
     @cached_property
     def width(self) -> int:
-        """The number of lanes, the logs that one vector holds."""
         return self._size("width")
 
     def _size(self, name: str) -> int:
@@ -444,8 +437,6 @@ class _Lanes:
 
     @cached_property
     def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
-        """Return for real numbers and for counters their positions in the memory of lanes and in the record of one log,
-        in units of their size, and their types there."""
         record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
         assert record.fields
         parts = [record.fields[part] for part in ("state", "params")]
@@ -459,8 +450,8 @@ class _Lanes:
         return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
 
     def _memory(self, records: Array) -> Array:
-        """Return the memory for lanes (blocks, bytes) from records (B, bytes) of logs; lanes without a log repeat the
-        last."""
+        """Return the memory for lanes (blocks, bytes) from records
+        (B, bytes) of logs; lanes without a log repeat the last."""
         blocks, size = -(-len(records) // self.width), self._size("size")
         room = np.zeros(ALIGNED + blocks * size, np.uint8)
         start = -room.ctypes.data % ALIGNED
@@ -478,7 +469,6 @@ class _Lanes:
 
 
 def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
-    """Yield the offset in bytes and the type of each number of a numpy dtype, which begins at `start`."""
     if kind.subdtype:
         base, shape = kind.subdtype
         for k, _ in enumerate(product(*map(range, shape))):
@@ -491,8 +481,8 @@ def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
 
 
 def _side_by_side(array: Array, first: int, records: int, kind: type) -> Array:
-    """Return signals (B, N, m), from log number `first` on, as (N, m, CHUNK), logs along the last axis; signals (N, m)
-    common to all logs are unchanged. `kind`: the type of numbers."""
+    """Return signals (B, N, m), from log number `first` on, as (N, m, CHUNK), logs
+    along the last axis; signals (N, m) common to all logs are unchanged."""
     with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
         if array.ndim == 2:
             return np.ascontiguousarray(array, dtype=kind)

@@ -306,7 +306,6 @@ class Ready:
         return [outcomes[number] for number in numbers]
 
     def _varied(self, numbers: Sequence[int], draws: Draws, outcomes: dict[int, Outcome]) -> Iterator[Feed]:
-        """Yield the simulated signals of each run; failed simulations are put in `outcomes` instead."""
         for row, number in enumerate(numbers):
             trial = draws.trial(self.campaign.trial, row)
             try:
@@ -475,8 +474,6 @@ def outcome(each: Campaign, text: str) -> Outcome | None:
 
 
 def _was_measured(each: Campaign, one: Outcome) -> bool:
-    """Return whether an outcome's metrics have the events of the trial, the states of the step, and possible values; a
-    diverged estimate has an infinite or NaN error."""
     trial, values = each.trial, one.metrics
     if values is None or one.failed != "" or values.seed != one.run or values.engine not in ("c", "python"):
         return False
@@ -567,8 +564,8 @@ class Tally:
 
 
 def _spread_of(name: str, values: np.ndarray, runs: np.ndarray) -> Spread:
-    """Return the quantiles of `values` of the quantity `name` in runs with the numbers `runs`, infinite where an event
-    never happened; "inverted_cdf" gives a value of some run."""
+    """Return the quantiles of `values` in the runs `runs`, infinite if an event
+    never happened. The method "inverted_cdf" gives a value of some run."""
     quantiles = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf")
     worst = int(np.argmax(values))
     low, middle, high, most = (float(value) if np.isfinite(value) else None for value in (*quantiles, values[worst]))

@@ -313,7 +313,8 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
 
 
 def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return P (N, n, n) and e (N, n) in the form's coordinates, from a run and the true plant states (N, n)."""
+    """Return P (N, n, n) and e (N, n) in the form's coordinates,
+    from a run and the true plant states (N, n)."""
     x, inputs = ca.SX.sym("x", len(run.names)), ca.SX.sym("u", u.shape[1])
     symbols = dict(zip(form.system.declared.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(form.system.inputs, ca.vertsplit(inputs), strict=True)) if u.shape[1] else {}
@@ -328,7 +329,8 @@ def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np
 
 
 def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:
-    """Yield V_(k+1)/V_k and the time t_k of the calls between two events of the trial, until V (N,) is small."""
+    """Yield V_(k+1)/V_k and the time t_k of the calls between
+    two events of the trial, until V (N,) is small."""
     for begin, end in pairwise((*trial.events, np.inf)):
         here = (t >= begin - 1e-9) & (t < end - 1e-9)
         level, time = V[here], t[here]

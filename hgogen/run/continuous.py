@@ -137,8 +137,8 @@ class Continuous:
 
 
 def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
-    """Return the function of a block of a program on the places of memory `arguments`. For a block that reads the time,
-    CVODES integrates its values, which are the rates of its places, until the next sample."""
+    """Return the function of a block of a program on the places of memory `arguments`. If the block
+    depends on time, CVODES integrates its values, as time derivatives, until the next sample."""
     arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
     if arrays.pop(TIME, None) is None:
         return casadi_block(block, arguments)
@@ -237,7 +237,7 @@ def pace(observer: Observer) -> tuple[float, float]:
 
 
 def _linear_core(observer: Observer) -> tuple[Ode, Core]:
-    """Return the part of an observer whose error has a linear core e' = N e, and the core. Raises: `NoResponse`."""
+    """Return the part of an observer whose error obeys e' = N e with a constant N, and N."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]
     for part in odes:
         line = core(part, len(observer.form.output))
@@ -250,8 +250,8 @@ def _linear_core(observer: Observer) -> tuple[Ode, Core]:
 
 
 def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tuple[np.ndarray, tuple[str, ...], str]:
-    """Return the matrix E (n, N) of x = E z from the fields z of the `part` to the estimated states, the names of its
-    rows, and their coordinates, "plant" or "form"."""
+    """Return the matrix E (n, N) of x = E z from the observer's states z to the
+    estimate x, the names of its rows, and their coordinates, "plant" or "form"."""
     form = observer.form
     known = {**values, **{Place("state", field.name): np.array(field.initial) for field in part.fields}}
     strange = {address(symbol)[0] for symbol in ca.symvar(observer.z)} - known.keys()
@@ -266,8 +266,8 @@ def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tupl
 
 
 def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the matrices of the step's update of the linear core, z+ = Phi z + Gamma_0 y + Gamma_1 y+: Phi (N, N),
-    Gamma_0 and Gamma_1 (N, p), computed from unit vectors."""
+    """Return Phi (N, N), Gamma_0 and Gamma_1 (N, p) of the step's linear update
+    z+ = Phi z + Gamma_0 y + Gamma_1 y+, computed from unit vectors."""
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.dt, step.clock.between, m, p))
@@ -288,7 +288,6 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
 
 
 def _linear(part: Ode) -> Ode:
-    """Return the part of an observer without its nonlinear terms, and with its adapting fields as constants."""
     linear, moving = part.linear, tuple(field for field in part.fields if field.name not in part.frozen)
     fixed = {name: ca.SX(ca.DM(values)) for name, values in part.frozen.items()}
     assert linear is not None

@@ -86,8 +86,8 @@ def _record(name: str, values: Any, size: int) -> np.ndarray:
 
 
 def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices A (N - 1, n, n) and C (N - 1, p, n) of x' = A x + b, y = C x, half way between samples u (N,
-    m), y (N, p), at nominal parameters."""
+    """Return A (N - 1, n, n) and C (N - 1, p, n) of x' = A x + b, y = C x,
+    half way between samples u (N, m), y (N, p), at nominal parameters."""
     m, p = len(dynamics.form.system.inputs), y.shape[1]
     inputs, outputs = ca.SX.sym("u", m), ca.SX.sym("y", p)
     z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
@@ -102,8 +102,8 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _pieces(A: np.ndarray, C: np.ndarray, R: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return of each step of length `dt` the transition matrix Phi and the observability Gramian W (N - 1, n, n), for
-    constant A and C: the exponential to order 4, Simpson's rule."""
+    """Return the transition matrix Phi and the observability Gramian W (N - 1, n, n) of each
+    step of length `dt`, for constant A and C: the exponential to order 4, Simpson's rule."""
     weight = np.swapaxes(C, 1, 2) @ np.diag(1 / R) @ C
     hA, half = dt * A, dt / 2 * A
 

@@ -169,7 +169,6 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
 
 
 def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
-    """Add a legend on the right of a figure, and return the figure."""
     at = (figure.axes[0].get_position().x1 + 0.01, 1.0)
     figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
     return figure
@@ -234,7 +233,6 @@ def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
 
 
 def _symbol(name: str) -> str:
-    """Return the TeX symbol of a name: x1 as x with an index, eta as the Greek letter, longer names unchanged."""
     match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
     if not match or (len(match[1]) > 1 and match[1] not in GREEK):
         return name
@@ -358,7 +356,6 @@ def record_innovations(step: Step, t: Array, run: Run) -> Figure:
 
 
 def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, width: float) -> None:
-    """Draw measured values as a line, visible below an estimate if broad and above it if thin, or as marks if few."""
     there = np.isfinite(values)
     if there.mean() < SLOW:
         dark = MARKED if colour == MEASURED else colour  # marks are above the lines, since they are small
@@ -368,8 +365,8 @@ def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, widt
 
 
 def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
-    """Draw the band `middle` +- 2 sigma, the widest in each of `BINS` parts of the time; the axis grows a quarter at
-    most."""
+    """Draw the band `middle` +- 2 sigma, the widest in each of `BINS`
+    parts of the time; the axis grows by a quarter at most."""
     bottom, top = axis.get_ylim()
     low, high = (np.where(abs(ends) < FAR, ends, np.nan) for ends in (middle - 2 * sigma, middle + 2 * sigma))
     if len(t) > 2 * BINS:
@@ -412,7 +409,6 @@ def curve(points: Sequence["Point"], step: Step) -> Figure:
 
 
 def _in_full(axis: Axis) -> None:
-    """Set ticks at 1, 2, 5, 10 and so on, as numbers and not as powers."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

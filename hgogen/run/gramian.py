@@ -123,8 +123,8 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
 
 
 def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition matrix Phi (N, n, n) over each piece of length `grid` (s) of the trajectory `x`, and the
-    Gramian (N, n, n) of each piece."""
+    """Return the transition matrix Phi (N, n, n) over each piece of length `grid` (s)
+    of the trajectory `x`, and the observability Gramian (N, n, n) of each piece."""
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
@@ -225,7 +225,6 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """Return the observability measure of a plant along the trial, in windows from every hundredth of it on."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
@@ -260,8 +259,8 @@ def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndar
 
 
 def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the observability measure sigma and the least observable direction v (n) of one window, from its
-    transition matrices (m, n, n) and output matrices C (m + 1, p, n)."""
+    """Return the observability measure sigma and the least observable direction v (n) of one
+    window, from its transition matrices (m, n, n) and output matrices C (m + 1, p, n)."""
     n = C.shape[2]
     Phi, rows = np.eye(n), [C[0]]
     for move, now in zip(transitions, C[1:], strict=True):

@@ -94,7 +94,6 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    """Return the response to an event at the time `begin`; `span`: the mask (N,) of samples before the next one."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
         settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
@@ -116,8 +115,6 @@ def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray
 
 
 def _past(holds: np.ndarray, dt: float) -> float | None:
-    """Return the time (s) from the first sample until `holds` (k,) is false for good; None if it is true at the end.
-    `dt` (s): between samples."""
     samples = np.flatnonzero(holds)
     first = int(samples[-1]) + 1 if len(samples) else 0
     return first * dt if first < len(holds) else None
@@ -236,8 +233,8 @@ def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
 
 
 def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
-    """Return the step's memory (bytes) at the start of a trial, but with the truth as the estimate (also of each
-    predictor) and theta at its peak."""
+    """Return the step's memory at the start of a trial, but with
+    the true state as the estimate and theta at its peak."""
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
     values |= {u: resting(u) for u in form.system.inputs}

@@ -98,8 +98,8 @@ def compiler() -> str | None:
 
 
 def _compiler() -> tuple[str, ...] | None:
-    """Return the C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc
-    and clang that is installed; None where none is."""
+    """Return the C compiler as a command: $CC, which may hold arguments, as in
+    "ccache gcc", else the first of cc, gcc and clang that is installed."""
     named, commands = os.environ.get("CC", ""), [["cc"], ["gcc"], ["clang"]]
     if named.strip():
         with suppress(ValueError):  # a quotation mark that is not closed
@@ -148,8 +148,8 @@ def machine_flags() -> tuple[str, ...]:
 
 @cache
 def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    """Return the text of the compiler's predefined macros with these flags, which identify the processor in a shared
-    cache of libraries; "" where the compiler fails within `SOON` seconds."""
+    """Return the text of the compiler's predefined macros with these flags, which identify the
+    processor in a shared cache of libraries; "" if the compiler fails within `SOON` seconds."""
     try:
         return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)
     except CompilerFailed:
@@ -157,7 +157,6 @@ def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
 
 
 def _demanded() -> tuple[str, ...]:
-    """Return the C compiler as a command. Raises: `NoCompiler`."""
     command = _compiler()
     if command is None:
         raise NoCompiler()
@@ -188,11 +187,8 @@ def _load(
 
 @contextmanager
 def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable[str], name: str) -> Iterator[Path]:
-    """Yield the path of the file `name` that the C compiler builds from C files; the file is removed when the context
-    ends.
-
-    Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
-    """
+    """Yield the path of the file `name` that the C compiler builds from C files; the file is removed
+    when the context ends. Raises: `CompilerFailed`, also if the compiler hangs or writes nothing."""
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
         run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
@@ -259,7 +255,6 @@ def run_recipe(files: Sources) -> str:
 
 
 def _program(name: str, folder: str) -> str:
-    """Return the path of a program in a self-check's commands: built in `folder`, as ./check, or a tool."""
     return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
@@ -313,10 +308,8 @@ def cache_folder() -> Iterator[Path]:
 
 
 def _private_path(folder: Path, opened: ExitStack) -> Path:
-    """Return a path to a folder that only this user can change, and that no renaming of folders above it redirects.
-
-    Raises: `CannotWrite`, `OSError` where it belongs to another user or cannot be written.
-    """
+    """Return a path to a folder that only this user can change, and that no
+    renaming of folders above it redirects: libraries are loaded from it."""
     write({}, folder)
     if not hasattr(os, "geteuid"):  # on Windows the cache is part of the user's profile, which is closed to others
         return folder
@@ -364,7 +357,6 @@ def _digest(library: Path, content: bytes) -> str:
 
 
 def _trusted_content(path: Path) -> bytes:
-    """Return the content of a regular file that only this user can write. Raises: `OSError` for another file."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
         status = os.fstat(stream.fileno())

@@ -118,7 +118,8 @@ def forecasts(
 
 
 def _starts(count: int) -> np.ndarray:
-    """Return the samples, of `count`, where predictions start: all, or a random one of each few (periodic sensors)."""
+    """Return the samples, of `count`, where predictions start: all,
+    or a random one of each few, since sensors may be periodic."""
     few = max(1, -(-count // MOST))
     blocks = np.arange(0, count, few)
     chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
@@ -134,9 +135,6 @@ def _compared(
     copied: np.ndarray | None,
     holding: bool,
 ) -> Forecast:
-    """Return the errors of predictions, and of `copied` values, of y at the samples `places`; `ahead`: the horizon in
-    samples; `holding`: whether predictions that are NaN are left out."""
-
     def at_its_sample(values: np.ndarray) -> np.ndarray:
         errors = np.full(y.shape, np.nan)
         errors[places] = differences(outputs, values, y[places])
@@ -162,13 +160,11 @@ def rms(error: np.ndarray) -> float:
 
 
 def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    """The inputs as the step uses them: a missing one repeats the last, and each is clamped to its range."""
     holding, (low, high) = last_values(u), np.array([s.limits for s in inputs]).reshape(-1, 2).T
     return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
-    """Predictions clamped to the ranges of the outputs; `holding`: infinite ones become NaN."""
     low, high = np.array([s.limits for s in outputs]).T
     return np.asarray(np.clip(np.where(np.isinf(y) & holding, np.nan, y), low, high))
 
@@ -311,12 +307,10 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 
 
 def _known(one: Map) -> tuple[bool, bool, float]:
-    """Return the sort key of a map among maps that fit equally: units first, an offset last; then by the scale."""
     return bool(one.units), not one.shift, abs(one.scale)
 
 
 def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
-    """Return the RMS error of predictions of output `j` with the map `one`, over that of copying the last value."""
     y = y.copy()
     y[:, j] = one.scale * y[:, j] + one.shift
     step.reset()
@@ -374,7 +368,6 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
 
 
 def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, int, Array, Array]]:
-    """Yield the name, shift, sign and samples u, y for each signal with another shift or sign."""
     whole, m = np.hstack([u, y]), u.shape[1]
     names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
     rates = derived(step.inputs)
@@ -388,7 +381,6 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
 
 
 def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
-    """Return the samples u, y with only the mean of `signal` negated."""
     whole = np.hstack([u, y])
     j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
     values = whole[np.isfinite(whole[:, j]), j]
@@ -403,7 +395,8 @@ def _scale(outputs: Sequence[Signal], y: Array) -> Array:
 
 
 def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
-    """Return the sum over outputs of (error/scale)^2 of predictions for each sample (N), NaN without an error."""
+    """Return the sum over outputs of (error/scale)^2 of
+    predictions for each sample (N), NaN without an error."""
     if len(y) <= first + AHEAD:
         return np.full(len(y), np.nan)
     step.reset()
@@ -419,11 +412,11 @@ def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, e
 
 
 def _typical(squares: Array) -> float:
-    """Return the root of the median over segments of the log of the mean of `squares` (N); inf without any."""
+    """Return the root of the median, over segments of a data
+    log, of the mean of `squares` (N); inf without any."""
     means = _means(squares)
     return math.sqrt(float(np.median(means))) if means else math.inf
 
 
 def _means(values: Array) -> list[float]:
-    """Return the mean of each segment of `values` (N) that has finite values."""
     return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]

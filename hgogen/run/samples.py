@@ -280,7 +280,6 @@ def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
 
 
 def _frame_columns(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
-    """Return the columns (N) of the signals in a pandas DataFrame by name. Raises: `BadShape`."""
     absent = [signal.name for signal in signals if signal.name not in frame.columns]
     if absent:
         there = ", ".join(map(str, frame.columns))

@@ -136,8 +136,6 @@ class Uncertainty:
         return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
 
     def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
-        """Return matrices (N, n, n) whose lower triangle the field `name` stores; `symmetric`: fill the upper one
-        too."""
         packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
         whole = np.zeros((len(packed), n, n))
         for k, (i, j) in enumerate(self._fields[name].entries):
@@ -240,7 +238,6 @@ class Replay:
                     yield self._integrated(y, *self._calls(memory, rows))
 
     def _sections(self, memory: StepMemory, rows: Array) -> tuple[list[Array], Array]:
-        """Return records of the memory before the correction by each output, and after each sample `rows`."""
         entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
         before = [np.zeros(len(rows), memory.record.dtype) for _ in self.step.outputs]
         after = np.zeros(len(rows), memory.record.dtype)
@@ -270,7 +267,6 @@ class Replay:
         return records[:-1], records[1:]
 
     def _errors(self, y: Array, predicted: Array) -> Array:
-        """y - predicted (N, p), of a periodic output the short way round."""
         return differences(self.step.outputs, y, predicted)
 
     @cached_property
@@ -278,7 +274,6 @@ class Replay:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        """The innovations of a step that corrects at samples, from the memory `before` each output and `after` all."""
         predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(before)])
         e = self._errors(y, predicted)
         if self._uncertainty is None:
@@ -290,8 +285,6 @@ class Replay:
         return Innovations(e, s, self._plant_covariance(after))
 
     def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
-        """Return the innovations of a step that integrates the measurement between samples, from records of the memory
-        `before` and `after` each sample."""
         fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
         signals = {
@@ -330,8 +323,6 @@ class Replay:
 
     @cached_property
     def _model(self) -> tuple[Evaluated, ...]:
-        """The graphs of z, of the predicted z after a sample, and of h and dh/dz at the predicted z. For an observer
-        with a Riccati equation the prediction is its own."""
         observer, clock = self.step.observer, self.step.clock
         z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
         if self._uncertainty:
@@ -344,7 +335,8 @@ class Replay:
 
     @cached_property
     def _slope(self) -> Evaluated:
-        """The Jacobian dx/dz (n, n) of the plant's states x by the form's coordinates z, at z clamped to its ranges."""
+        """The Jacobian dx/dz (n, n) of the plant's states x by the
+        form's coordinates z, at z clamped to its ranges."""
         observer, z = self.step.observer, ca.SX.sym("z", self.step.observer.z.numel())
         slope = ca.jacobian(observer.dynamics.estimate(z, self.step.clock.u_now), z)
         return Evaluated(self.step, ca.substitute(slope, z, observer.dynamics.saturated(observer.z)))

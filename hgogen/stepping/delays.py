@@ -111,7 +111,8 @@ def arranged(step: Step) -> Step:
 
 @dataclass(frozen=True, eq=False)
 class _Delayed:
-    """A step that accepts late samples by a ring buffer of past periods, from the step `plain` without delays."""
+    """A step that accepts late samples by a ring buffer of
+    past periods, from the step `plain` without delays."""
 
     plain: Step
 
@@ -141,12 +142,10 @@ class _Delayed:
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
-        """The signals of a sample's age in periods, by output that may be late."""
         return dict(zip(self.plain.late, self.plain.observer.ages, strict=True))
 
     @property
     def _count(self) -> int:
-        """The number of periods in the ring buffer, including the current one."""
         return 1 + max(most for _, most in self.plain.observer.delays)
 
     # --- memory
@@ -167,9 +166,9 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """The sections of the step without delays, with the input and the samples of a stored period in place of the
-        caller's. The status bits for missing samples are raised by the caller's updates, those for a wrong order cannot
-        occur."""
+        """The sections of the step without delays, with the stored input and samples
+        of a period in place of the caller's. The caller's updates raise the
+        status bits for missing samples; those for a wrong order cannot occur."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]
@@ -190,15 +189,13 @@ class _Delayed:
 
     @cached_property
     def _go_back(self) -> Section:
-        """The section that restores the memory of a past period. No stored period precedes the first call, which
-        advances no time, even if memory was corrupted; the next prediction then detects the loss."""
+        """The section that restores the memory of a past period. No stored period precedes the
+        first call, even if memory was corrupted; the next prediction then detects the loss."""
         calls = sym("state", "calls")
         begun = Block("it was predicted", {Place("state", "calls"): ca.if_else(calls >= 1, calls, 1)})
         return Section("go_back", "take the memory of a period up again", (*self._copied(MEMORY, "state"), begun))
 
     def _copied(self, source: str, target: str) -> Program:
-        """Return the statements that copy all memory of the plain step from struct `source` to `target`, between the
-        state and the current period of the ring buffer."""
         plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.layout.state))
         for group in plain.layout.groups:
             ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
@@ -237,7 +234,6 @@ class _Delayed:
         return Section("predict", "begin a period, and advance the estimate to it", program)
 
     def _update(self, output: Signal) -> Section:
-        """Return the section that stores the first sample of an output in the period of its measurement."""
         j, size = self.plain.outputs.index(output), len(self.plain.outputs)
         samples, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
         vacant = ca.fabs(samples[j]) > LARGEST_NUMBER
@@ -249,8 +245,6 @@ class _Delayed:
         return Section(f"update_{output}", f"take a sample of {output}", program, output.name)
 
     def _dated(self, output: Signal, raw: Graph) -> tuple[Block, Block, Block]:
-        """Return the blocks that test whether the ring buffer contains the period of a sample `raw`, compute its index,
-        and mark it and all later periods as incomplete."""
         at, filled, due = self._clock
         number, begun = ca.fabs(raw) <= LARGEST_NUMBER, filled >= 1
         status, available, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
@@ -298,15 +292,14 @@ class _Delayed:
 
     @property
     def _clock(self) -> tuple[Graph, Graph, Graph]:
-        """The index of the current period, the number of stored periods and the number of incomplete ones, SX; 0 for a
-        value out of its range because memory was corrupted."""
+        """The index of the current period, the number of stored periods and the number of
+        incomplete ones; 0 for a value out of its range, since memory may be corrupted."""
         most = self._count
         at, filled, due = (sym(*place) for place in (AT, FILLED, DUE))
         ends = ((at, most), (filled, most + 1), (due, most + 1))
         return tuple(ca.if_else(value < end, value, 0) for value, end in ends)
 
     def _before(self, at: Graph, age: Graph) -> Graph:
-        """Return the index in the ring buffer of the period `age` periods before the one at the index `at`."""
         return ca.if_else(at >= age, at - age, at + self._count - age)
 
     @property
@@ -332,7 +325,6 @@ def _signals(name: str, signals: tuple[Signal, ...], signal: str) -> Field:
 
 
 def _copies(source: str, target: str, fields: Iterable[Field]) -> Program:
-    """Return the blocks that copy these fields from struct `source` to `target`; counters have a separate block."""
     blocks = []
     for kind, title in (("real", "memory"), ("index", "counters")):
         writes = {Place(target, f.name): sym(source, f.name, f.size) for f in fields if f.kind == kind}

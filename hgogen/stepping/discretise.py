@@ -234,7 +234,7 @@ def _explicit(method: Any) -> Explicit:
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:
-    """Return the statements that reset a packed matrix (n, n) = L D L' to its first value unless D > 0."""
+    """Return the statements that reset a packed matrix (n, n) = L D L' to its initial value unless D > 0."""
     place = Place("state", covariance.name)
     definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
@@ -287,7 +287,6 @@ def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
 
 @lru_cache(maxsize=16)  # called for the counts, and for the precision
 def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
-    """Return name, range and a bound of |z'| on the ranges, for each state with a range and a finite nonzero bound."""
     ranges = form.box
     bounds = (max(abs(float(end)) for end in enclose(row, ranges)) for row in form.flow)
     rows = zip(form.names, form.states, bounds, strict=True)

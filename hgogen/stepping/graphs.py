@@ -240,7 +240,8 @@ class Symbolic(Reader[Memory]):
 
 
 class _Choice:
-    """The results of two branches of a condition, of which a flag selects one; a constant flag selects at once."""
+    """The results of two branches of a condition, of which a
+    flag selects one; a constant flag selects at once."""
 
     def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
         self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
@@ -251,7 +252,6 @@ class _Choice:
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Graph, memory: Memory) -> Memory:
-        """Return the values of the places that a branch writes, by the branch that `flag` selects."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}
@@ -268,12 +268,11 @@ def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memor
 
 
 def _number(place: Graph, total: int) -> Graph:
-    """Return the index of a group's member, 0 where it is not below `total`, as in C."""
+    """Return the index of a group's member, 0 if it is not below `total`, as in C."""
     return ca.if_else(place < total, place, 0)
 
 
 def _at(table: Graph, member: Graph) -> Graph:
-    """Return the indices of the elements of the column `member` in a matrix stored by columns."""
     rows = table.shape[0]
     return rows * member + ca.DM(range(rows))
 
@@ -418,8 +417,6 @@ class Graphs:
         return of_field(field, self.source.unit(field))
 
     def _tuned(self, tuning: Program) -> Memory:
-        """Return the values of the parameters clamped to their ranges, of the derived ones, and of the status bits of
-        the clamps, after the program `tuning`."""
         step = self.source
         lies = {
             Place(kind, f.name): (f.size, 1)

@@ -196,7 +196,6 @@ def plausible(signal: Signal, reading: tuple[float, float], raw: Graph) -> Graph
 
 
 def _plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of a sensor, widened by its width at both ends; that of an angle by `TURNS` turns."""
     return widened(*reading, 1 if signal.period is None else TURNS)
 
 
@@ -208,8 +207,8 @@ def implausible(signal: Signal, reading: tuple[float, float]) -> str:
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
-    """Return whether a sample `raw` is usable, and its status bits: a usable sample is a number, in the sensor's range
-    `reading` widened, and its `error` y - yhat is not absurdly large."""
+    """Return whether a sample `raw` is usable, and its status bits: a usable sample is a number,
+    within the sensor's widened range, and its error y - yhat is not absurdly large."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(signal, reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
@@ -369,7 +368,6 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
-    """Return, by place, the indices of the elements of the state that a program changes."""
     changed: dict[Place, set[int]] = {}
     blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):

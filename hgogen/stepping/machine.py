@@ -142,7 +142,6 @@ class Reading(Reader[Action]):
         return run
 
     def _inside(self, place: Place, group: str) -> bool:
-        """Return whether a place belongs to a group that is nested in `group`."""
         return any(above.name == group for above in self._groups.get(place.struct, ())[:-1])
 
     def _copy(self, copy: Copy) -> Action:

@@ -163,7 +163,6 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
 
 
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:
-    """Return the fields of `group` that copy the estimate of the struct `above`, and the program that sets them."""
     known = {field.name for field in fields} | {"z"}
     inside = Substitution({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
     source = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}

@@ -127,7 +127,6 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 
 def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:
-    """Return the section that clamps each copy to its box, or resets it, after one of `programs`."""
     names = {field.name for program in programs for field in guarded(program, every.fields)}
     boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
     loop = Loop("member", count, substitution.program(boxes))
@@ -140,7 +139,6 @@ def _innovation(part: Parallel, clock: Clock, j: int) -> Graph:
 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-    """Return a member's correction by output j, skipped for an absurd error, and then its score."""
     error = _innovation(part, clock, j)
     if not correct:
         return score
@@ -167,7 +165,6 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
 
 
 def _judge(part: Parallel, dt: float) -> Innovation:
-    """Return the innovation by which the copies of a bank are compared, by default over a share of the period."""
     share = PREDICTORS * dt
     return part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
 
@@ -199,8 +196,9 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Return the program that selects the copy with the smallest score, other than one that restarts, if that score is
-    below hysteresis times the selected one's; a restart is due every `period` samples."""
+    """Return the program that selects the copy with the smallest score, if that
+    score is below hysteresis times the selected one's; a restart is due
+    every `period` samples, and the copy that restarts is not selected."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -237,8 +235,8 @@ def _choose(part: Parallel, period: int) -> Program:
 
 
 def _restart(part: Parallel, alone: Pieces) -> Program:
-    """Return the program that restarts the oldest copy when due: with estimate and score of the selected one, all else
-    reset."""
+    """Return the program that restarts the oldest copy when due: with
+    estimate and score of the selected one, all else reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
     begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))

@@ -111,7 +111,6 @@ def weights(fields: tuple[Field, ...]) -> Graph:
 
 
 def _range_ends(observer: Observer, fields: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
-    """Return, for each x_i, the declared range of the state z_k that it equals, else its outer box."""
     limits = [end for field in fields for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
         equal = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
@@ -204,8 +203,9 @@ def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) ->
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:
-    """Yield g, an SX of the fields x (k), its gradient dg/dx (k) and its range, for each declared range: first those of
-    plant states that are no coordinates, then those of the coordinates."""
+    """Yield g, a function of the observer's states x (k), its gradient dg/dx
+    (k) and its range, for each declared range: first those of plant
+    states that are no coordinates, then those of the coordinates."""
     z, dynamics, u = observer.z, observer.dynamics, sym("state", "u", len(observer.form.system.inputs))
     map_ = ca.jacobian(z, x)
     for value, slope, end in dynamics.behind_ranges(z, u):

@@ -116,7 +116,7 @@ def plant_rate(observer: Observer) -> float | None:
 
 
 def _typical(decays: np.ndarray) -> float | None:
-    """Return the median over k points of the geometric mean of `decays` (k, n) above rounding; None for only 0."""
+    """Return the median over k points of the geometric mean of `decays` (k, n) above rounding errors."""
     means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in decays if row.max() > 0]
     return float(np.median(means)) if means else None
 
@@ -216,7 +216,6 @@ class Sign:
         return count if self.output is None else ca.fabs(count)
 
     def _signed(self, side: Graph, size: Graph) -> Graph:
-        """Return a count with the absolute value `size` and the sign of `side`; only `size` for the ranges."""
         return size if self.output is None else ca.if_else(side < 0, -size, size)
 
     @property
@@ -279,7 +278,8 @@ class Recovery:
 
     @cached_property
     def _trust(self) -> np.ndarray | None:
-        """The trust s_j^2/R_j in each output (p), s_j its range, 0 without one; None for an observer without noise."""
+        """The ratio s_j^2/R_j for each output (p), s_j its range and R_j its noise
+        variance, 0 without a range; None for an observer without noise."""
         riccati, spans = _riccati(self.observer), np.array(self._spans)
         return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
 
@@ -330,7 +330,8 @@ class Recovery:
 
     @property
     def _sum(self) -> Graph:
-        """The checksum: the sum of the sizes of all fault counts, and of all limits less their first values; SX."""
+        """The checksum of fault counters: the sum of the sizes of all
+        counts, and of all limits less their initial values."""
         return sum(s.size + (sym("state", s.limit) - s.wait) for s in self.signs)
 
     @cached_property
@@ -340,20 +341,17 @@ class Recovery:
 
     @cached_property
     def _counting(self) -> tuple[Section, ...]:
-        """The section that counts estimates outside their ranges, if several sections have samples; else ()."""
         if self.sections < 2 or self.clock.every or not self.signs:
             return ()
         return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
 
     @cached_property
     def _projecting(self) -> tuple[Section, ...]:
-        """The section that projects the estimate onto its ranges, if several sections call it; else ()."""
         if self.sections < 2 or not self._projection:
             return ()
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """Return the program that resets corrupted counts and limits, and changes the count of range by `weight`."""
         unchanged = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
@@ -373,7 +371,6 @@ class Recovery:
 
     @cached_property
     def _projection(self) -> Program:
-        """The program that projects the estimate onto its ranges, if these are judged; else ()."""
         ranges = any(sign.output is None for sign in self.signs)
         return projection(self.observer, self.pieces) if ranges else ()
 
@@ -430,7 +427,8 @@ class Recovery:
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the assignments of the change of |c| at these samples, and of a value with the sign of the new c."""
+        """Return the assignments that change |c| of the fault counter c at
+        these samples, and set a value with the sign of the new c."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
@@ -444,7 +442,7 @@ class Recovery:
         }
 
     def _limit(self, j: int) -> Graph:
-        """Return the |y - yhat| of output j beyond which an error is a sign of a fault, SX scalar."""
+        """Return the limit of |y - yhat| of output j beyond which the error is a sign of a fault."""
         least, trust, riccati = SHARE * self._spans[j], self._trust, _riccati(self.observer)
         noisier = float(np.sqrt(trust.max() / trust[j])) if trust is not None and trust[j] > 0 else 1.0
         if riccati is None or noisier <= 1:
@@ -458,12 +456,12 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Return whether a sample judges the estimate: a valid one, or one that is absurdly far from the prediction."""
+        """Return whether a sample judges the estimate: a valid
+        one, or one that is absurdly far from the prediction."""
         signal = self.observer.form.system.outputs[j]
         return ca.logic_or(sample.valid, plausible(signal, self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
-        """Return the program that restarts or projects the estimate where a count of `signs` is at its limit."""
         acts, lost = Place("work", "acts"), Place("work", "lost")
         over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
         helpless = []
@@ -503,7 +501,6 @@ class Recovery:
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
-        """Return r, the largest ratio over the coordinates of the widths of the outer and the declared box."""
         fields = self._estimate_fields()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
         values = {Place("state", field.name): np.array(field.initial) for field in fields}
@@ -517,7 +514,6 @@ class Recovery:
 
 
 def _riccati(observer: Observer) -> Riccati | None:
-    """Return the Riccati part of an observer, or of a bank's member; None without one."""
     for part in observer.parts:
         inner = _riccati(part.member) if isinstance(part, Parallel) else part
         plain = inner.plain if isinstance(inner, Around) else inner

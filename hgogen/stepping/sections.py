@@ -224,7 +224,6 @@ class Assembly:
 
     @property
     def _ordered(self) -> tuple[Signal, ...]:
-        """The outputs whose updates may be called one by one, at most once after each predict."""
         outputs = self.observer.form.system.outputs
         counted = self.rated or self.uses_output or not self.clock.guarded
         return () if counted else tuple(outputs[j] for j in self.correcting)
@@ -284,11 +283,9 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """The program that resets fault counts and all memory but the estimate after a loss of a state's value."""
         return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
-        """Return `program`, then the clamp of what it wrote to the state; `before`: a clamped program before it."""
         if not self.clock.guarded:
             return (*program, *in_turn(program, self.state))
         keep = tuple(map(Call, self._keep))
@@ -301,8 +298,8 @@ class Assembly:
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:
-        """The section that clamps to their boxes the estimate and the fields that programs write; none without
-        guards."""
+        """The section that clamps the estimate and other observer
+        states to their boxes; none without guards."""
         if not self.clock.guarded:
             return ()
         programs = (self.combined.predict, *map(self._correct, self.correcting), self.adapt)
@@ -317,10 +314,8 @@ class Assembly:
     @property
     def _predict(self) -> Section:
         """The section that advances the estimate from the last call to now.
-
-        The first call clamps the state to its box, in case its memory was corrupted, and starts copies of the model
-        from the estimate. Where no output corrects, this section evaluates the law of recovery.
-        """
+        The first call clamps the state to its box, in case its memory was
+        corrupted, and starts copies of the model from the estimate."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
@@ -345,7 +340,6 @@ class Assembly:
 
     @property
     def _samples(self) -> dict[int, Sampled]:
-        """The samples y_j with their errors, by output, for the law of recovery where no output corrects."""
         read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
         raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
         errors = self.observer.dynamics.error(raw, read)
