@@ -285,7 +285,6 @@ class CallableStep(Step):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """The keyword arguments of `sample` for this step, besides observer, method and dt."""
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
@@ -297,7 +296,6 @@ class CallableStep(Step):
         return bytes(self._kept.whole), self._clock[0]
 
     def _resumed(self, memory: bytes, clock: int) -> "CallableStep":
-        """Return the step itself, its memory set to `memory`, from an equal program, at the call number `clock`."""
         self._kept.whole[:] = memory
         self._clock[0] = clock
         return self
@@ -369,7 +367,6 @@ def sample(
 
 
 def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:
-    """Return the step as `sample` does with the `options`, without a warning that it may fail."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
         return sample(observer, method, dt, **options)

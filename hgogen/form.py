@@ -225,8 +225,7 @@ class Form:
 
 
 def _demand_turns(form: Form) -> None:
-    """Raise `NoForm` where a turn of a periodic state changes a coordinate that is not this state, or minus it: there
-    coordinates do not turn one by one."""
+    """Raise `NoForm` if a turn of a periodic state changes a coordinate other than plus or minus this state."""
     for state, period in ((each, each.period) for each in form.system.states):
         for z, e in zip(form.states, form.to_form, strict=True):
             turns = period is not None and e not in (state, -state)

@@ -159,8 +159,7 @@ def _step(argument: sp.Expr, at_zero: sp.Expr) -> sp.Expr:
 
 
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return the sum as a graph, with a - b as a subtraction, so that the C reads as the formula does. `inner`: the
-    conversion of a term."""
+    """Return the sum as a graph, with a - b as a subtraction, so that the C reads as the formula does."""
     total: Graph = None
     for term, negative in _signed(node):
         value = inner(term)
@@ -178,7 +177,6 @@ def _signed(node: sp.Add) -> tuple[tuple[sp.Expr, bool], ...]:
 
 
 def _terms(node: sp.Add) -> list[sp.Expr]:
-    """Return the terms of a sum in SymPy's order, but with numbers in names in numerical order: x10 after x2."""
     if not any(re.search(r"\d\d", s.name) for s in node.free_symbols):
         return list(node.as_ordered_terms())
     counted = {s: re.sub(r"\d+", lambda digits: digits[0].zfill(6), s.name) for s in node.free_symbols}
@@ -189,8 +187,7 @@ def _terms(node: sp.Add) -> list[sp.Expr]:
 
 
 def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return a product as the graph number * numerator/denominator, without division by constants. `inner`: the
-    conversion of a factor."""
+    """Return a product as the graph number * numerator/denominator, without division by constants."""
     number, quotient = node.as_coeff_Mul()
     numerator, denominator = sp.fraction(quotient, exact=True)
     value = reduce(partial(binary, ca.OP_MUL), map(inner, sp.Mul.make_args(numerator)))
@@ -219,8 +216,8 @@ def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
 
 
 def _piecewise(node: sp.Piecewise, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return a Piecewise as a graph of nested choices, the first branch whose condition holds; NaN where none does.
-    `inner`: the conversion of an expression."""
+    """Return a Piecewise as a graph of nested choices, the
+    first branch whose condition holds; NaN if none does."""
     value = ca.SX.nan()
     for branch, condition in reversed(node.args):
         value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)

@@ -199,9 +199,9 @@ class Staged:
         )
 
     def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block | Repeat]:
-        """Yield the statements of the step: one block, or a loop over the stages where each stage depends on few
-        earlier ones, so that their slopes need not stay in memory. `rate`: the right-hand side; `start`: the fields
-        before."""
+        """Yield the statements of the step: one block, or a loop over the stages if
+        each stage depends on few earlier ones, so that the other slopes need not
+        stay in memory. `rate`: the right-hand side; `start`: the states before."""
         title = f"{', '.join(start)}: one step of {self.prediction.name}"
         notes = ("its tableau:", *(f"  {row}" for row in self.prediction.rows))
         if not self.prediction.chained:
@@ -426,14 +426,13 @@ def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces
 
 
 def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pieces:
-    """Return the memory and statements of a step for a `pattern` of valid outputs: its matrices, which `tune` computes,
-    and `predict`, which applies them."""
     line = core(part, clock.outputs, tuple(map(float, pattern)))
     assert line is not None
     (label, suffix), valid = _named(pattern), ca.SX(ca.DM(list(map(float, pattern))))
 
     def residual(x: Graph, c: float) -> Graph:
-        """Return the residual r (N) at the fields x (N), at the begin (c = 0) or the end (c = 1) of the step."""
+        """Return the residual r (N) at the states x (N), at
+        the begin (c = 0) or the end (c = 1) of the step."""
         rates = part.residual(_split(part, x), clock.u(c), clock.y(c), valid)
         return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
@@ -465,7 +464,8 @@ def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pie
 
 
 def _source(part: Ode, clock: Clock, c: float) -> Graph:
-    """Return v = y - offset(u) (p), the input of the linear core, at the begin (c = 0) or end (c = 1) of a step."""
+    """Return v = y - offset(u) (p), the input of the linear
+    part, at the begin (c = 0) or end (c = 1) of a step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
@@ -475,12 +475,10 @@ def _split(part: Ode, x: Graph) -> dict[str, Graph]:
 
 
 def _stored(place: Place, matrix: Graph) -> Graph:
-    """Return an SX with the sparsity of `matrix` whose nonzeros are the elements of an array at `place`, by columns."""
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
 def _named(pattern: Pattern) -> tuple[str, str]:
-    """Return a suffix for the names of values for this pattern of valid outputs, and the end of a sentence about it."""
     if all(pattern):
         return "", ""
     present = ", ".join(str(j) for j, valid in enumerate(pattern, 1) if valid)

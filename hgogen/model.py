@@ -210,7 +210,6 @@ class Model:
 
     @cached_property
     def _default_period(self) -> float:
-        """The sampling period (s) of tunings that have none, that of the model's own step."""
         if hasattr(self.module, "step"):
             return self._written_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
@@ -236,7 +235,6 @@ class Model:
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _written_step(self) -> CallableStep:
-        """Return the result of the file's `step()`, without the user's setting, which may be for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
@@ -320,7 +318,8 @@ _LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys
 
 
 def _guarded(path: str, function: Callable[[], Returned]) -> Returned:
-    """Return the value of `function`, code of the model file. Any error in it becomes a sentence with file and line."""
+    """Return the value of `function`, code of the model file.
+    Any error in it becomes a sentence with file and line."""
     try:
         with redirect_stdout(sys.stderr):
             return function()

@@ -129,8 +129,6 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """The function of `hg.observers` that built the observer, its form or member, its other arguments. Raises:
-        `BadGain`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
         case, args, keywords = self.construction.func, self.construction.args, self.construction.keywords
@@ -199,8 +197,8 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
 
 
 def _up_to_turns(observer: Observer) -> Observer:
-    """The observer, of which with a periodic output nothing is claimed that needs errors below half a turn: there the
-    correction, which takes the short way round, is that of the theorem."""
+    """Return the observer, its convergence unproved if an output is periodic: the correction
+    takes the short way round, as the theorem assumes only for errors below half a turn."""
     turning = [y.name for y in observer.form.system.outputs if y.period is not None]
     if not turning:
         return observer
@@ -225,15 +223,12 @@ def _up_to_turns(observer: Observer) -> Observer:
 
 @dataclass(frozen=True)
 class _Call:
-    """The arguments of a call, equal where their numbers, names and forms are equal."""
-
     comparable: Any
     args: tuple[Any, ...] = field(compare=False)
     keywords: Mapping[str, Any] = field(compare=False)
 
 
 def _frozen(value: Any) -> Any:
-    """Return a copy of an argument of an observer, without lists, arrays or iterators that may change later."""
     match value:
         case Form():
             return value
@@ -249,7 +244,8 @@ def _frozen(value: Any) -> Any:
 
 
 def _comparable(value: Any) -> Any:
-    """Return a key that equal arguments share; numbers of different types differ, and a form equals itself only."""
+    """Return a key that equal arguments share; numbers of
+    different types differ, and a form equals itself only."""
     match value:
         case Form():
             return id(value)  # the form lives as long as the observer
@@ -296,8 +292,6 @@ def demand_form(
 
 
 def _never(name: str, form: Form, requires: Callable[[str, Form], Any] | None, known: Collection[Check | None]) -> str:
-    """Return a sentence why `requires` refuses the form for any accepted claims, without the reason of a check that is
-    in `known`; "" where the observer `name` applies."""
     try:
         if requires is not None:
             requires(name, form)
@@ -342,8 +336,6 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
 
 def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], dict[Signal, float]]:
-    """Return the initial values of the states of the form's system, and of its inputs, from `initial`, values by name
-    of the plant as first declared. Raises: `BadNames`, `BadGain`."""
     origin, inputs = form.system.origin, form.system.inputs
     states = form.system.declared.states
     defaults = {s.name: resting(s) for s in (*states, *inputs)}

@@ -185,7 +185,8 @@ Sized = tuple[tuple[Place, int], ...]  # places with their sizes
 
 
 class _Statement:
-    """The interface of every statement: the names of its members that are places read, places written, and programs."""
+    """The interface of every statement: the names of its members
+    that are places read, places written, and programs."""
 
     _read: tuple[str, ...] = ()
     _write: tuple[str, ...] = ()
@@ -193,17 +194,14 @@ class _Statement:
 
     @property
     def reads(self) -> Sized:
-        """The places, with their sizes, whose values the statement itself needs."""
         return self._scalars(self._read)
 
     @property
     def written(self) -> Sized:
-        """The places, with their sizes, that the statement itself writes."""
         return self._scalars(self._write)
 
     @property
     def bodies(self) -> dict[str, "Program"]:
-        """The programs in the statement."""
         return {name: getattr(self, name) for name in self._inner}
 
     def _scalars(self, names: Iterable[str]) -> Sized:

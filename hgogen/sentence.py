@@ -144,8 +144,6 @@ def plain(value: Any) -> str:
 
 
 class _Written(Formatter):
-    """A formatter of a sentence's pattern with its values."""
-
     def __init__(self, text: Callable[[Any], str]) -> None:
         self.text = text
 

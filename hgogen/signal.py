@@ -103,7 +103,6 @@ def _rates(name: str, rates: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _turn(name: str, period: float | None, ends: Ends) -> Ends:
-    """The turn in which a periodic signal is reported, as declared or about 0; the range of one without a period."""
     if period is None:
         return ends
     if not 0 < period <= LOST:

@@ -210,7 +210,8 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
 
 
 def _slopes(form: Form) -> dict[int, float]:
-    """Return, by i, the least |dz_i'/dz_(i+1)| at sample points of the box, for the slopes of one sign there."""
+    """Return, by i, the least |dz_i'/dz_(i+1)| at sample points
+    of the box, for derivatives with one sign there."""
     chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
     links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
     flow = dict(zip(form.states, form.flow, strict=True))
@@ -253,7 +254,6 @@ def whole(value: float) -> float:
 
 
 def _span(low: float, high: float) -> float:
-    """Return half the distance high - low, 1 where it is unknown, and for an output that does not vary."""
     half = (high - low) / 2
     return half if 0 < half < math.inf else 1.0
 

@@ -95,7 +95,6 @@ def _time(value: float, unit: str) -> str:
 
 
 def _advice(take: float, unit: str, basis: str) -> str:
-    """Return the end of a sentence on a step that is too long: the dt to `take` and the `basis` of this advice."""
     return f"take dt <= {_time(take, unit)} ({basis}), or another method"
 
 
@@ -323,7 +322,6 @@ def plan(
 
 
 def _demand_length(observer: Observer, method: Method, dt: float) -> None:
-    """Warn of a step length above the advised one. Raises: `StepTooLong` above the limit."""
     lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     error, proof = observer.error, ""
@@ -406,6 +404,5 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
 
 
 def _demand_room(name: str, bits: Sequence[str]) -> None:
-    """Raise `BadStep` if the names `bits` are more than a status word has bits; `name`: the step."""
     if excess := shortage(bits):
         raise BadStep(f"{name} with {len(bits)} status bits or more", excess)

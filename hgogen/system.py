@@ -220,7 +220,6 @@ def _unknown(expression: sp.Expr, error: NoTape) -> str:
 
 
 def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
-    """Refuse a table whose name is not unique, in reports and in the emitted code, and one that jumps."""
     tables = {node.cells for row in places.values() for node in row.atoms(Table)}
     named: dict[str, Cells] = {}
     for cells in sorted(tables, key=lambda each: each.name):
@@ -237,8 +236,8 @@ def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapp
 
 
 def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
-    """Refuse a plant that is not periodic in what is declared periodic: a flow has to be the same a turn later, an
-    output the same or further by whole periods of its own."""
+    """Refuse a plant that is not periodic in a state declared periodic: after a turn the
+    flow must be equal, and an output equal or changed by whole periods of its own."""
     for parameter in system.parameters:
         if parameter.period is not None:
             raise BadSystem(
@@ -256,7 +255,6 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
 
 
 def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None) -> str:
-    """The fault of a row that is not the same after a turn of a signal, and the way out."""
     over = f"{place} changes by {change} over one turn of {signal.name} (period {signal.period:g})"
     if place.startswith("output") and change.is_number and period is None:
         return f"{over}; declare the output with period = {abs(float(change)):g} or a fraction of it"

@@ -159,7 +159,7 @@ def _lines(path: Path, end: int) -> Iterator[str]:
 
 
 def _locked(stream: IO[bytes] | int) -> bool | None:
-    """Lock a file until it is closed. Return False where another process holds it, None where there are no locks."""
+    """Lock a file until it is closed. Return False if another process holds it, None if there are no locks."""
     try:
         import fcntl
 
@@ -200,7 +200,6 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
 
 
 def _below(root: Path, name: str) -> Path:
-    """Return the path root/name after a check that no link on it leads elsewhere."""
     pure = PurePath(name)
     if not pure.parts or pure.anchor or ".." in pure.parts:
         raise CannotWrite(quoted(name), f"it leaves the folder {root}", "take a name that stays in it")
@@ -216,7 +215,6 @@ def _below(root: Path, name: str) -> Path:
 
 
 def _kind(path: Path, follow: bool = False) -> int | None:
-    """Return `stat.S_IFMT` of an existing file's mode, also of a dangling link; None where there is no file."""
     try:
         return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:
@@ -229,8 +227,8 @@ def _misplaced(path: Path, wanted: str) -> CannotWrite:
 
 
 def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
-    """Return a new temporary file, its descriptor and path, locked until `opened` is closed, so that no other process
-    removes it as incomplete."""
+    """Return a new temporary file, its descriptor and path, locked until
+    `opened` is closed, so that no other process removes it as incomplete."""
     while True:
         path = folder / f"{_STAGED}{secrets.token_hex(8)}"
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
@@ -240,7 +238,8 @@ def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove the incomplete files of killed processes in a folder, which are neither locked nor renamed."""
+    """Remove the incomplete files of killed processes in a
+    folder: those that are neither locked nor renamed."""
     for path in folder.glob(f"{_STAGED}*"):
         if _kind(path) == stat.S_IFREG:
             with suppress(OSError), open(path, "rb") as stream:

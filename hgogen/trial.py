@@ -295,7 +295,6 @@ class Plant:
 
 
 def _in_turn(values: np.ndarray, signals: Sequence[Signal]) -> np.ndarray:
-    """The columns (N, k) of signals, those of periodic ones in their turn."""
     if not any(signal.period for signal in signals):
         return values
     return np.column_stack([signal.turned(column) for signal, column in zip(signals, values.T, strict=True)])
@@ -303,8 +302,9 @@ def _in_turn(values: np.ndarray, signals: Sequence[Signal]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """The time from an event at `begin` to the next: the samples `here` at the event itself (a mask), the samples
-    `inside` (their numbers), and the times at which the integration stops, including the next event."""
+    """The time from an event at `begin` to the next: the samples `here` at
+    the event itself (a mask), the samples `inside` (their numbers), and
+    the times at which the integration stops, including the next event."""
 
     begin: float
     here: np.ndarray
@@ -329,7 +329,6 @@ def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
 
 
 def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
-    """Return the trial's inputs, and their derivatives that are inputs of the plant as well."""
     rates = {
         name: sp.diff(sp.sympify(trial.inputs[source]), t, order)
         for name, (source, order) in derived(plant.inputs).items()
@@ -443,7 +442,6 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
 
 
 def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = False) -> None:
-    """Raise `BadTrial` for a name that is not `known`, or a known one that is missing although `needed`."""
     listed = ", ".join(sorted(known)) or "none"
     for name in names:
         if name not in known:
@@ -465,7 +463,7 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
 
 
 def _recursion(values: Any, rho: float) -> Any:
-    """Return v (N) or (N, k) with v_k = values_k + rho v_(k-1), in place, of a list or of the rows of an array."""
+    """Return v (N) or (N, k) with v_k = values_k + rho v_(k-1), in place."""
     for k in range(1, len(values)):
         values[k] += rho * values[k - 1]
     return values
@@ -510,8 +508,6 @@ def _noise(value: Any) -> Any:
 
 
 def _instance(entry: Any, kind: Any) -> Any:
-    """Return `entry` as an instance of `kind`, such as `Jump`, whose fields are checked to be numbers or a state's
-    name."""
     if not isinstance(entry, kind):
         raise TypeError
     for key, value in vars(entry).items():
@@ -605,7 +601,7 @@ class March:
 
     @cached_property
     def _step(self) -> Any:
-        """The CasADi function (x, t, h, p) -> (x+, |e|) of one extrapolated step."""
+        """The CasADi function (x, t, h, p) -> (x+, |e|) of one extrapolated integration step."""
         t, h = ca.SX.sym("t"), ca.SX.sym("h")
         x, p = self._ode["x"], self._ode["p"]
         rate = ca.Function("rate", [x, self._ode["t"], p], [ca.densify(self._ode["ode"])])
@@ -699,7 +695,6 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """Return the time until the trial's motion leaves the plant's ranges, by integrations over doubled durations."""
     low, high = np.array([s.interval for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:

@@ -91,8 +91,9 @@ def covariance_limits(
 
 
 def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
-    """Return for each Jacobian the largest dt at which the steady covariance is stable: eigenvalues mu_i of F - P N for
-    the state, mu_i + mu_j for P and S = P^-1; `polynomial`: that of stability, constant first."""
+    """Return for each Jacobian F the largest dt at which the explicit method is
+    stable around the steady covariance: by the eigenvalues mu_i of F - P N for
+    the state, mu_i + mu_j for P and S = P^-1; `polynomial`: that of stability."""
     each: list[list[Limit]] = [[] for _ in riccati.F]
     pairs = np.triu_indices(len(riccati.Q))
     for theta in dict.fromkeys(thetas):
@@ -108,8 +109,8 @@ def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: 
 
 @dataclass(frozen=True)
 class _Starts:
-    """Initial covariances P (m, n, n) of simulations, each with the index `rows` of its Jacobian, a flag `rises` (theta
-    rises, else it is constant) and a name."""
+    """Initial covariances P (m, n, n) of simulations, each with the index `rows` of
+    its Jacobian, a flag `rises` (theta rises, else it is constant) and a name."""
 
     P: Array
     rows: NDArray[np.intp]
@@ -145,8 +146,9 @@ Search = Generator[Request, Lost, Limit]
 
 @dataclass(frozen=True)
 class _Transients:
-    """Simulations of the covariance equation X' = L X + X L' + W - X V X of P, or of P^-1 (`representation`), in the
-    coordinates Delta z of theta_max, where theta rises from `idle` by the law `rise`."""
+    """Simulations of the covariance equation X' = L X + X L' + W - X
+    V X of P or P^-1 (`representation`), in the coordinates of
+    theta_max, while theta rises from `idle` by the law `rise`."""
 
     riccati: FrozenRiccati
     idle: float
@@ -156,7 +158,8 @@ class _Transients:
     tableau: Tableau
 
     def limits(self, searches: Sequence[Search]) -> list[Limit]:
-        """Return the results of the searches, run in parallel: a step of many P costs hardly more than one of one P."""
+        """Return the results of the searches, run in parallel: a
+        step of many P costs hardly more than one of one P."""
         limits = [NOTHING] * len(searches)
         requests = {i: next(search) for i, search in enumerate(searches)}
         while requests:
@@ -169,8 +172,6 @@ class _Transients:
         return limits
 
     def _lost(self, requests: Sequence[Request]) -> list[Lost]:
-        """Return for each request (starts, lengths) the index of the first step length at which a start fails, else of
-        the last length, and the starts that fail there; all are simulated in parallel."""
         every = _Starts.of([starts for starts, lengths in requests for _ in lengths])
         dt = np.concatenate([np.repeat(lengths, len(starts)) for starts, lengths in requests])
         many = max(1, AT_ONCE // self.riccati.Q.size)
@@ -185,8 +186,6 @@ class _Transients:
         return answers
 
     def _fails(self, starts: _Starts, lengths: Array) -> Flags:
-        """Return flags (m) of the starts (m) from which a simulated covariance loses definiteness, by steps of
-        `lengths` (m)."""
         delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
         X: Array = starts.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
@@ -206,7 +205,7 @@ class _Transients:
         return ~alive
 
     def _equation(self, riccati: FrozenRiccati, theta: float | Array) -> tuple[Array, Array, Array]:
-        """Return the matrices L, W, V of X' = L X + X L' + W - X V X at theta; X is P or P^-1, as represented."""
+        """Return L, W, V of X' = L X + X L' + W - X V X at theta; X is P or P^-1, as represented."""
         F, N, Q = riccati.parts(theta, self.theta_max)
         return (-transposed(F), N, Q) if self.representation == "information" else (F, Q, N)
 
@@ -241,8 +240,6 @@ def _definite(X: Array) -> Flags:
 
 
 def _transient_limit(starts: _Starts, most: float) -> Search:
-    """Search the largest dt, up to `most`, below which the covariance stays definite from all `starts`; return it, or
-    `NOTHING` where it always does, as a `Limit`."""
     good = bad = min(most, 1e9)
     while lost := (yield starts, (good,))[1]:
         first, good, bad = lost, good / 8.0, good
@@ -258,8 +255,6 @@ def _transient_limit(starts: _Starts, most: float) -> Search:
 def _scan(
     starts: _Starts, good: float, bad: float, ratio: float, first: _Starts
 ) -> Generator[Request, Lost, tuple[float, float, _Starts]]:
-    """Search upwards from the step length `good` by the factor `ratio`; return the last length without a failure, the
-    first with one, at most `bad`, and the starts that fail there."""
     lengths = [good]
     while lengths[-1] * ratio < bad:
         lengths.append(lengths[-1] * ratio)

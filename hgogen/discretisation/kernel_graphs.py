@@ -53,7 +53,8 @@ def _operation(apply: Callable[[Graph, Graph], Graph], swapped: bool = False) ->
 
 @dataclass(frozen=True, eq=False)
 class _Scalar:
-    """An SX scalar as an element of an array of objects: SX itself would replace the operations of the array."""
+    """An SX scalar as an element of an array of objects: SX
+    itself would replace the operations of the array."""
 
     value: Graph
     __add__, __radd__ = _operation(add), _operation(add, swapped=True)
@@ -67,14 +68,14 @@ def _value(number: Any) -> Graph:
 
 
 def _array(matrix: Graph) -> np.ndarray:
-    """Return the columns of an SX matrix as the rows of an array, a vector as an array (n)."""
     rows, columns = matrix.shape
     scalars = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
     return scalars if columns > 1 else scalars[0]
 
 
 def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return the variances P_ii of P = L D L', each summed from the diagonal's term, then from the first column on."""
+    """Return P_ii of P = L D L', each summed from the diagonal's term, then from the
+    first column on: in the order of the emitted code, so that the bits are equal."""
     variance = d.copy()
     for k in range(len(d)):
         variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
@@ -82,8 +83,9 @@ def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
-    """Apply the kernel `cap`, which scales variances down to `caps`, without branches: a factor 1 and a choice of D >=
-    0 change no bit. Return whether a variance exceeded its cap or a D was negative."""
+    """Scale variances down to `caps` without branches, with the bits of
+    the emitted code: a factor 1 and a choice of D >= 0 change no bit.
+    Return whether a variance exceeded its cap or a D was negative."""
     values = [_value(v) for v in _variances(columns, d)]
     pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
     scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
@@ -99,8 +101,8 @@ def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
 
 
 def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
-    """Apply the kernel `renew` as one measurement of each state with the variance 1/c_i^2; return whether sum
-    P_ii/caps_i is then above 1/2."""
+    """Bound variances by one measurement of each state with the variance
+    1/c_i^2; return whether sum P_ii/caps_i is then above 1/2."""
     one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
     for i, each in enumerate(c):
         row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
@@ -129,13 +131,11 @@ def _flat(matrix: Graph) -> Graph:
 
 
 def _size(values: Graph, but: int) -> Graph:
-    """Return the sum of all |values_j| with j != `but`, from the first to the last."""
     return reduce(lambda total, j: total + ca.fabs(values[j]), (j for j in range(values.numel()) if j != but), ca.MX(0))
 
 
 @cache
 def _doubled(up: bool) -> Graph:
-    """Return the function of (f, column, row, active) to these after all doublings (`up`) or halvings of f."""
     x = ca.SX.sym("x", 4)
     f, column, row, active = ca.vertsplit(x)
     if up:
@@ -163,13 +163,11 @@ def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
 
 
 def _product(a: Graph, b: Graph) -> Graph:
-    """Return the matrix product a b, summed from the first term to the last."""
     return reduce(lambda total, k: total + a[:, k] @ b[k, :], range(1, a.shape[0]), a[:, 0] @ b[0, :])
 
 
 @cache
 def _halved(size: int) -> Graph:
-    """Return the function of (norm, doublings, X) to these after X is halved until norm <= 0.5."""
     x = ca.SX.sym("x", 2 + size)
     over = x[0] > 0.5
     then = ca.vertcat(x[0] / 2, x[1] + 1, x[2:] / 2)
@@ -179,7 +177,8 @@ def _halved(size: int) -> Graph:
 
 @cache
 def _squared(n: int) -> Graph:
-    """Return the function of (doublings, phi_0, phi_1, phi_2) of X to these of 2 X, 4 X, .. after all doublings."""
+    """Return the function of (doublings, phi_0, phi_1, phi_2)
+    of X to those of 2 X, 4 X, .. after all doublings."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
@@ -204,7 +203,8 @@ def _exponential(x: Graph, *_: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _series(n: int) -> Graph:
-    """Return the function of X to phi_0 = e^X, phi_1 and phi_2, phi_k = sum_j X^j/(j + k)!, by Horner's scheme."""
+    """Return the function of X to phi_0 = e^X, phi_1 and phi_2,
+    phi_k = sum_j X^j/(j + k)!, by Horner's scheme."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     a2 = one
     for j in range(DEGREE, 0, -1):
@@ -220,7 +220,8 @@ def _resolvent(x: Graph, inverse: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _resolved(n: int) -> Graph:
-    """Return the function of X to (the reduced 1 - X, its inverse) by Gauss-Jordan elimination with row pivots."""
+    """Return the function of X to (the reduced 1 - X, its
+    inverse) by Gauss-Jordan elimination with row pivots."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
     A = rows[0]
@@ -274,7 +275,7 @@ def written(program: Sequence[Statement]) -> int:
 
 
 class _Counting(Reader[Counter[int]]):
-    """A traversal of a program that counts the instructions a sample period executes."""
+    """A traversal of a program that counts the instructions of a sample period."""
 
     def joined(self, parts: Iterable[Counter[int]]) -> Counter[int]:
         return sum(parts, Counter())
@@ -295,11 +296,9 @@ class _Counting(Reader[Counter[int]]):
         return Counter()
 
     def _kernel(self, kernel: Kernel) -> Counter[int]:
-        """Return the counts of instructions of a kernel's run on `_Counted` numbers.
-
-        An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows remain; the kernel
-        computes two at a time, which share a few of these.
-        """
+        """Return the counts of instructions of a matrix kernel. An `add` counts as
+        one update after the other, of 7 + 4 (s - 1) operations if s rows remain;
+        the kernel computes two at a time, which share a few of these."""
         done: Counter[int] = Counter()
         if kernel.name == "add":
             return Counter({OPERATION: sum(s * (2 * s + 5) for s in range(1, kernel.size + 1))})

@@ -99,7 +99,6 @@ _KINDS: dict[Any, tuple[Any, ...]] = {np.float64: (float, np.float64), np.object
 
 
 def _elements(argument: Any, one: bool, kind: Any) -> Any:
-    """Return an argument as a kernel reads it, with numbers of the type `kind`; `one`: it is a single number."""
     if not isinstance(argument, np.ndarray):
         return argument
     values = argument.tolist() if kind is float else list(argument)
@@ -110,7 +109,6 @@ def _elements(argument: Any, one: bool, kind: Any) -> Any:
 
 @cache
 def _bound(name: str, size: int, kind: Any) -> Any:
-    """Return the kernel `name` for matrices (size, size), with real constants of the type `kind`, objects as floats."""
     real = float if kind is object else kind
     words = {**sizes(size), "aligned": aligned, "array": lambda size: [real(0)] * size, "product": _product}
     return bound(_WRITTEN, words, real)[name]

@@ -101,7 +101,6 @@ class Routine:
 
 
 def _is_place(symbol: Graph) -> bool:
-    """Return whether the name of a symbol is an address in the step's memory."""
     return ":" in symbol.name()
 
 
@@ -137,25 +136,22 @@ def routine(
 
 @dataclass(frozen=True)
 class _Result:
-    """A result of a routine's body, of which the routine computes the elements that are not constant numbers."""
+    """A result of a routine, of which the routine computes the elements that are not constant."""
 
     value: Graph
 
     @cached_property
     def _computed(self) -> list[int]:
-        """Return the indices of the nonzeros that are not constant numbers."""
         return [k for k, each in enumerate(self.value.nonzeros()) if not each.is_constant()]
 
     @property
     def computed(self) -> Graph:
-        """Return the sparse matrix of the elements that are not constant numbers."""
         rows, columns = self.value.sparsity().get_triplet()
         places = ([each[k] for k in self._computed] for each in (rows, columns))
         elements = self.value.nonzeros()
         return ca.SX(ca.Sparsity.triplet(*self.value.shape, *places), column(elements[k] for k in self._computed))
 
     def filled(self, computed: Graph) -> Graph:
-        """Return the whole result from the elements that the routine has computed and the constant numbers."""
         elements = self.value.nonzeros()
         for k, each in zip(self._computed, computed.nonzeros(), strict=True):
             elements[k] = each
@@ -206,7 +202,7 @@ class Tableau:
 
 
 def _slopes(weights: Iterable[float]) -> str:
-    """Return the text of h sum_i w_i k_i for the weights w_i; "" where every weight is 0."""
+    """Return the text of h sum_i w_i k_i for the weights w_i; "" if every weight is 0."""
     exact = {f"k_{j}": Fraction(weight).limit_denominator(10_000) for j, weight in enumerate(weights, 1) if weight}
     if not exact:
         return ""
@@ -346,7 +342,6 @@ def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
 
 
 def _nominal(form: Form, graph: Graph) -> Graph:
-    """Return the CasADi graph with each tunable parameter at its nominal value."""
     tunable = form.system.tunable
     if not tunable:
         return graph

@@ -283,8 +283,8 @@ def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end
 
 
 def _size(T: Array) -> Array:
-    """Return the norm max_i sum_j |T_ij| of each matrix T (.., N, N); inf or NaN where T is not finite. The sum is
-    formed entry by entry: NumPy is slow for sums of a few numbers."""
+    """Return the norm max_i sum_j |T_ij| of each T (.., N, N); inf or NaN if T is not finite.
+    The sum is formed entry by entry, since NumPy is slow for sums of a few numbers."""
     rows = reduce(np.add, np.moveaxis(np.abs(T), -1, 0))
     return np.asarray(reduce(np.maximum, np.moveaxis(rows, -1, 0)))
 
@@ -367,7 +367,6 @@ def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: st
 
 
 def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
-    """Return start points of the search as shares (k, n) of the ranges, and the share omitted at the ranges' ends."""
     n = len(ranges.low)
     rng = np.random.default_rng(1)
     every = 2**n <= RANDOM
@@ -381,8 +380,6 @@ def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
 def _local_minima(
     limits: Callable[[Array], Array], points: Array, values: Array, moving: Array, edge: float
 ) -> tuple[Array, Array]:
-    """Return the local minima (s, n), as shares of the ranges, to which the start points descend, and the limits (s)
-    there: no change of one coordinate finds a shorter limit."""
     points, values, lengths = points.copy(), values.copy(), np.full(len(points), FIRST)
     every, rows = np.arange(len(points)), np.arange(len(moving))
     while len(moving) and lengths.max() >= SHORTEST:
@@ -415,15 +412,14 @@ def _decided(F: Array, point: Array, ranges: Ranges, polynomial: Sequence[float]
 
 
 def _decays(spectra: Array) -> Array:
-    """Return flags of the eigenvalues (.., N) that decay, by more than rounding."""
     sizes = np.abs(spectra)
     rounding = AXIS * sizes.max(axis=-1, keepdims=True, initial=0.0)
     return np.asarray(spectra.real < -np.maximum(rounding, DAMPING * sizes))
 
 
 def _interpolated(F: Array, exits: Array) -> Array:
-    """Return the least first exit (k) from |R| <= 1 of the decaying modes of each F (k, N, N), interpolated between the
-    angles of the table `exits`; inf where no mode decays or F is not finite."""
+    """Return the least x (k) at which a decaying mode of F (k, N, N) leaves the region |R| <= 1,
+    interpolated between the angles of the table `exits`; inf if no mode decays or F is not finite."""
     finite = np.isfinite(F).all(axis=(1, 2))
     spectra = np.linalg.eigvals(np.where(finite[:, None, None], F, 0.0)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -434,7 +430,7 @@ def _interpolated(F: Array, exits: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _exits(polynomial: tuple[float, ...]) -> Array:
-    """Return the first x with |R(x d)| > 1, R the polynomial, along rays d from the imaginary axis to the negative real
-    one."""
+    """Return the first x with |R(x d)| > 1, R the polynomial, along
+    rays d from the imaginary axis to the negative real one."""
     rays = np.exp(1j * np.linspace(np.pi / 2, np.pi, ANGLES))
     return np.array([spectral_limit(np.array([ray]), polynomial) for ray in rays])

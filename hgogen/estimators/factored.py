@@ -84,7 +84,6 @@ class FilterStep:
         return jacobian(stages.arguments[2]["z"], 0.5)["F"]
 
     def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
-        """Return `body` as a subroutine of z and of the share of the step at which u and y are evaluated."""
         sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
         call = routine(name, sizes, lambda at: body(*({**at, **self.clock.constants}[key] for key in _READ)))
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
@@ -407,7 +406,8 @@ class Looped(FilterStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """Return `matrix` with symbols of the array `name` for entries that are no constants, and their assignments."""
+    """Return `matrix` with symbols of the array `name` for entries
+    that are not constant, and the assignments of these."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:
@@ -425,7 +425,6 @@ class _Candidate:
 
     @cached_property
     def longest(self) -> int:
-        """The number of operations in the longest section of this candidate: predict, or one output's update."""
         return max(map(written, (self.pieces.predict, *self.pieces.update)))
 
     def __str__(self) -> str:

@@ -208,7 +208,6 @@ class _Ring:
 
     @property
     def size(self) -> int:
-        """The number of stored samples."""
         return self.steps + 1
 
     @property
@@ -270,11 +269,11 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """Return the assignment of the stored input as the previous one of the next step; empty without inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
-        """Return the assignments of one simulated model step, and of the sum increased by its squared output error."""
+        """Return the assignments of one simulated model step, and
+        of the sum increased by its squared output error."""
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         z = sym("work", "zw", self.n)
@@ -316,7 +315,7 @@ class Staggered:
 
 @dataclass(frozen=True)
 class _Copies:
-    """M = `shares` plus 1 copies of the model, one restarted every `count`/M of the window's `count` samples."""
+    """M = `shares` + 1 copies of the model, one restarted every `count`/M of the window's `count` samples."""
 
     predictor: Predictor
     clock: Clock
@@ -330,12 +329,10 @@ class _Copies:
 
     @property
     def period(self) -> int:
-        """The number of samples between two restarts of a copy of the model."""
         return self.count // self.shares
 
     @property
     def most(self) -> int:
-        """The number of valid samples at which the count of a copy saturates."""
         return self.members * self.period + 1
 
     @property
@@ -344,12 +341,11 @@ class _Copies:
 
     @property
     def total(self) -> Graph:
-        """The sums dt (y_j - yhat_j)^2 of a copy of the model for each output (p), SX."""
+        """The sums dt (y_j - yhat_j)^2 of a copy of the model for each output (p)."""
         return sym("predictor", "sum", self.clock.outputs)
 
     @property
     def valid(self) -> Graph:
-        """The numbers of valid samples in a copy's sums, for each output (p), SX."""
         return sym("predictor", "samples", self.clock.outputs)
 
     @property
@@ -388,7 +384,8 @@ class _Copies:
         )
 
     def _accumulate(self, output: int) -> Program:
-        """Return the statements that add dt (y - yhat)^2 of the output with index `output` to the sum of every copy."""
+        """Return the statements that add dt (y_j - yhat_j)^2 of
+        output j to the sum of every copy of the model."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
         predicted = self.predictor.dynamics.output(z, self.clock.u_now)[output]
@@ -400,7 +397,8 @@ class _Copies:
         return (Loop("predictor", self.members, (add, tally)),)
 
     def _adapt(self) -> Program:
-        """Return the statements that set I_d to the sum of the oldest copy, and restart this copy when it is due."""
+        """Return the statements that set I_d, the integral of the squared output error over the
+        window, to the sum of the oldest copy of the model, and restart this copy when it is due."""
         numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
         wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # samples of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
@@ -459,7 +457,6 @@ def _tableau(method: Any) -> Tableau:
 
 
 def _weights(declared: Any) -> Weights:
-    """Return the declared weights of the outputs' squares as numbers, by name or in order; () for all 1."""
     if declared is None:
         return ()
     values = list(declared.values()) if isinstance(declared, Mapping) else declared

@@ -148,7 +148,6 @@ def _periodic(
     C: sp.Matrix,
     period: Any,
 ) -> Check:
-    """Return the check, built by `answer`, for inputs u(t) that vary; A(t) (n, n), C(t) (p, n). Raises: `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
@@ -197,8 +196,6 @@ def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
 
 
 def _expression(name: str, value: Any) -> sp.Expr:
-    """Return a number, a text or an expression as an exact expression of time alone; `name`: in errors. Raises:
-    `BadGain`."""
     try:
         expression = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
     except (BadExpression, sp.SympifyError) as error:
@@ -218,9 +215,9 @@ def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix,
 
 
 def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
-    """Return a subexpression of the plant that may be infinite at some time for the inputs u(t) = `waveforms` and
-    states in their ranges; None without one. A and C may not contain it: a/b is 1 for a = b = sin t, but the plant is
-    undefined at t = 0."""
+    """Return a subexpression of the plant that may be infinite at some time for the
+    inputs u(t) = `waveforms` and states in their ranges, or None. A and C may not
+    contain it: a/b is 1 for a = b = sin t, but the plant is undefined at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -229,8 +226,6 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
 
 
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
-    """Return why an input u(t), or an entry of A and C for inputs in their ranges, may be infinite in a period of
-    `length` (s), else `NONE`."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
     rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
     loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
@@ -243,7 +238,6 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
 
 
 def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """Return why a constant input is no real number, is clamped to a range, or makes A, C infinite; else `NONE`."""
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
@@ -264,7 +258,6 @@ def _finite(e: sp.Expr, around: Box) -> bool:
 
 
 def _within(value: sp.Expr, low: Any, high: Any) -> bool:
-    """Return whether a constant is in [low, high]: exactly for a rational, else strictly by rigorous bounds."""
     if value.is_Rational:
         return bool(low <= Fraction(value) <= high)
     extent = bound(value, {})
@@ -272,14 +265,13 @@ def _within(value: sp.Expr, low: Any, high: Any) -> bool:
 
 
 def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
-    """Return whether each input with a range is strictly inside its range at the time `when` (s), and so around it."""
     extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
     ranges = box(extents)
     return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in extents.items())
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:
-    """Return the stacked rows N_0 = C, N_(k+1) = N_k A + N_k', k < `count`; A, C depend on rate t, t the time (s)."""
+    """Return the stacked rows N_0 = C, N_(k+1) = N_k A + N_k', k < `count`, N_k' = `rate` dN_k/dt."""
     rows = [C]
     for _ in range(count - 1):
         rows.append(rows[-1] * A + rate * rows[-1].diff(t))
@@ -293,7 +285,8 @@ def _size(rows: sp.Matrix) -> sp.Expr:
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
-    """Return whether N_0 = C, N_(k+1) = N_k A + N_k' are proved to have rank n at t = `when` for all parameters."""
+    """Return whether N_0 = C, N_(k+1) = N_k A + N_k' are proved
+    to have rank n at t = `when` for all parameters."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
         return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
@@ -362,7 +355,8 @@ class Course:
         return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
     def _remainders(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
-        """Return bounds, balls, of the Taylor remainders of Phi and Phi'C'C Phi over `length` (s) from `begin`."""
+        """Return bounds of the Taylor remainders of Phi and Phi'C'C Phi over
+        `length` (s) from `begin`, Phi the transition matrix of x' = A x."""
         h, order = flint.arb(number(length)), ORDER + 2
         A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
@@ -374,7 +368,6 @@ class Course:
         return phi[-1] * h ** (ORDER + 1), rate * h ** (ORDER + 2) * (1 / flint.arb(ORDER + 2))
 
     def _series(self, time: Any, order: int) -> tuple[list[Any], list[Any]]:
-        """Return the Taylor coefficients 0 .. order - 1 of A and of C at `time`, a ball."""
         values = [_BALLS.series([time, 1], order), *(_BALLS.series([value], order) for value in self._constants)]
         rows = [_BALLS.coefficients(row, order) for row, _ in evaluate(self._plant, _BALLS, values, order, 1)]
         square = self.n * self.n
@@ -394,7 +387,8 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 
 
 def _norm(M: Any) -> Any:
-    """Return the largest absolute row or column sum of M, a ball whose upper end bounds |M| and each entry."""
+    """Return the largest absolute row or column sum of M: its
+    upper end bounds the spectral norm |M| and each entry."""
     rows = [[abs(M[i, j]) for j in range(M.ncols())] for i in range(M.nrows())]
     sums = [sum(row, flint.arb(0)) for row in (*rows, *zip(*rows, strict=True))]
     total = sums[0]
@@ -404,7 +398,6 @@ def _norm(M: Any) -> Any:
 
 
 def _around(n: int, size: Any) -> Any:
-    """Return an (n, n) matrix of balls with centre 0 and the upper end of the ball `size` as radius."""
     return flint.arb_mat(n, n, [flint.arb(0, size.abs_upper())] * (n * n))
 
 
@@ -501,7 +494,8 @@ def _period(inputs: Persistent) -> float | None:
 
 
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
-    """Return why an observer, which clamps inputs to their ranges, may change u(t), t <= `end`; else `NONE`."""
+    """Return why an observer, which clamps inputs to their
+    ranges, may change u(t) for t <= `end`; else `NONE`."""
     for u in form.system.inputs:
         if u.bounded and u.name in inputs.inputs:
             extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})
@@ -512,8 +506,9 @@ def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
 
 
 def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterator[Fraction]:
-    """Yield a lower bound of the smallest eigenvalue of W for each window that begins in one of the `starts` pieces;
-    one bound, for any window, where A and C are constant and `starts` is 0."""
+    """Yield a lower bound of the smallest eigenvalue of the observability
+    Gramian W for each window that begins in one of the `starts` pieces; one
+    bound, for any window, if A and C are constant and `starts` is 0."""
     if not starts:
         window = course.piece(Fraction(0), piece)
         for _ in range(level):
@@ -529,8 +524,8 @@ def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterat
 
 
 def _smallest(window: WindowGramian) -> Fraction:
-    """Return a lower bound of the smallest eigenvalue of W: that of the matrix of its balls' centres, less the largest
-    row sum of radii."""
+    """Return a lower bound of the smallest eigenvalue of W: that of the
+    matrix of its balls' centres, minus the largest row sum of radii."""
     n = range(window.W.nrows())
     balls = [[(window.W[i, j] + window.W[j, i]) / 2 for j in n] for i in n]
     if not all(ball.is_finite() for row in balls for ball in row):

@@ -178,7 +178,6 @@ def box_points(form: Form) -> Array:
 
 
 def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
-    """Return the SX graphs with numbers in place of parameters, gains and values derived from them."""
     values = nominal(observer)
     symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in values]
     numbers = [ca.SX(float(values[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
@@ -189,7 +188,6 @@ def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
 
 
 def _stacked(wide: Graph, count: int) -> Array:
-    """Return `count` matrices (r, c), side by side in `wide`, as an array (count, r, c)."""
     numbers = np.array(wide)
     return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))
 
@@ -238,7 +236,8 @@ def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Li
 
 @lru_cache(maxsize=16)
 def _judged(part: Ode, observer: Observer) -> Frozen:
-    """Return the error matrices M of e' = M e at the points where M is stable, in coordinates that balance M."""
+    """Return the error matrices M of e' = M e at the points
+    where M is stable, in coordinates that balance M."""
     errors = frozen(part, observer)
     decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])
@@ -304,7 +303,6 @@ def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> 
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """Return the step length at which the search for the advised one begins, which resolves every M."""
     fastest = _fastest(M)
     return DEEPEST * refused if math.isfinite(refused) else FINE / fastest if fastest else math.inf
 
@@ -352,12 +350,10 @@ class Loops:
         return self._largest_shares(list(_doubled(*self._step(h))))
 
     def _largest_shares(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
-        """Return the largest P_ii/cap_i (k) as `largest_shares`, from the maps `doubled` of 1, 2, 4, .. steps; the
-        search ends once no later P_ii/cap_i can exceed `enough`.
-
-        If P <= c P_s with c >= 1 and the steady P_s, no later P exceeds c P_s, because the step of c P is at most c
-        times the step of P. c is at most the trace of P_s^-1 P.
-        """
+        """Return the largest P_ii/cap_i (k) of the covariance P, from the maps `doubled` of
+        1, 2, 4, .. steps; the search ends once no later P_ii/cap_i can exceed `enough`. If
+        P <= c P_s with c >= 1 and the steady P_s, no later P exceeds c P_s, since the step
+        of c P is at most c times the step of P. c is at most the trace of P_s^-1 P."""
         settled, one = doubled[-1][2], np.eye(self.F.shape[-1])
         with np.errstate(all="ignore"):
             inverse, bound = _solved(settled, one), self._shares(settled).max(axis=1)
@@ -412,13 +408,15 @@ class Loops:
         return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
 
     def _step(self, h: float) -> tuple[Array, Array, Array]:
-        """Return A, G, H (k, n, n) of a step h of the covariance, P <- H + A' P (1 + G P)^-1 A, P before a sample."""
+        """Return A, G, H (k, n, n) of the covariance's step of length
+        h, P <- H + A' P (1 + G P)^-1 A, P before a sample."""
         grown = math.exp(min(self.rho * h, 100.0))  # the exponent at which nothing of the past is left
         Phi = polynomial(h * self.F, HEUN.polynomial)
         return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
 
     def _transition(self, h: float, P: Array) -> Array:
-        """Return the error's map T(h) (k, n, n) over predict and correct, with P before the sample."""
+        """Return the error's transition matrix T(h) (k, n, n)
+        over predict and correct, with P before the sample."""
         one, information, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
         corrected = one - _solved(one + P @ (information + forgotten), P @ information)
         return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
@@ -433,7 +431,6 @@ class Loops:
         return np.asarray(scaling @ P @ np.swapaxes(scaling, 1, 2))
 
     def _shares(self, P: Array) -> Array:
-        """Return P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
         return np.asarray(((self.back @ P) * self.back).sum(axis=-1) / self.cap)
 
 
@@ -507,7 +504,7 @@ def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Arra
 
 
 def _decays(T: Array) -> Flags:
-    """Return whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    """Return whether each T (k, n, n) is finite and has no eigenvalue outside the unit circle."""
     finite = np.isfinite(T).all(axis=(1, 2))
     radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
     return np.asarray(finite & (radius <= 1 + ROUNDING))
@@ -518,8 +515,8 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield A, G, H (k, n, n) of the maps P <- H + A' P (1 + G P)^-1 A over 1, 2, 4, .. steps, until H is the steady P;
-    without a steady P, H becomes large or infinite."""
+    """Yield A, G, H (k, n, n) of the maps P <- H + A' P (1 + G P)^-1 A over 1, 2, 4, .. steps
+    (doubling algorithm), until H is the steady P; without a steady P, H becomes large or infinite."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):
         yield A, G, H
@@ -534,7 +531,7 @@ def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array
 
 
 def _solved(W: Array, B: Array) -> Array:
-    """Return the solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
+    """Return W^-1 B (.., n, n), NaN for a W that is singular or not finite."""
     W, B = np.broadcast_arrays(W, B)
     finite = np.isfinite(W)
     if finite.all():

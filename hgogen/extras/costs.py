@@ -102,7 +102,6 @@ def ran(program: Path, machine: str = "mps2-an386") -> dict[str, int]:
 
 
 def _output(command: Sequence[str], folder: Path) -> str:
-    """Run a command in a folder and return its output. Raises: `NoBoard`, `BoardFailed`."""
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_SECONDS, check=False)
     except FileNotFoundError:
@@ -177,7 +176,6 @@ def counting(called: str) -> str:
 
 
 def _argument(parameter: Parameter) -> str:
-    """Return the C text that passes a parameter of a step in a function with a pointer `m` to state and parameters."""
     return f"&m->{parameter.name}" if parameter.name in ("s", "p") else f"&{parameter.name}"
 
 

@@ -62,7 +62,6 @@ class Ecosystem:
 
 @cache
 def _table() -> Mapping[str, Ecosystem]:
-    """Return all ecosystems of firmware projects by name, and under `common` the files of every folder."""
     rows = tomllib.loads(files("hgogen.extras").joinpath("ecosystems.toml").read_text(encoding="utf-8"))
     return {name: Ecosystem(name, **{**row, "reserved": tuple(row.get("reserved", ()))}) for name, row in rows.items()}
 
@@ -185,8 +184,8 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
 
 
 def _clock(seconds_: float) -> dict[str, str]:
-    """Return the texts of the clock with which a sketch waits for its period, by placeholder of the template: 32 bits
-    of microseconds wrap around after an hour."""
+    """Return the texts of the clock with which a sketch waits for its
+    period: 32 bits of microseconds wrap around after an hour."""
     clock, rate = ("micros", 1e6) if seconds_ < 1000 else ("millis", 1e3)
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 
@@ -197,7 +196,6 @@ def _row(*cells: str) -> str:
 
 
 def _members(step: Step) -> list[str]:
-    """Return the table rows of all struct members that a caller writes or reads."""
     signals = (*assigned(step), *(("x", state) for state in step.states))
     rows = [_row(f"`{struct}.{c_name(s.name)}`", _description(step, s)) for struct, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):

@@ -80,8 +80,6 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
-    """Return the first alignment, by name, with the plant proved to be a chain for each output, else for as many
-    outputs as possible, and its chains."""
     name, chains = best = _of_all(rows, align)
     if chains.answer(Shape.CONSTANT)[0]:
         return best

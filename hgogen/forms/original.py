@@ -92,11 +92,9 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
 
 
 def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:
-    """Return why x_i' = f_i(x_1..x_(i+1), u) is not proved for the states x in the order `along`, else `NONE`.
-
-    Each row f_i must have a partial derivative in x_(i+1) that is identically zero nowhere: neither on the box nor,
-    where the row has branches, on a part of it.
-    """
+    """Return why x_i' = f_i(x_1..x_(i+1), u) is not proved for the states x in
+    the order `along`, else `NONE`. Each f_i must have a partial derivative in
+    x_(i+1) that is identically zero neither on the box nor on a branch."""
     if len(rows.output) > 1:
         return because("the shape is for one output")
     for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):

@@ -86,7 +86,8 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
 
 
 def _map(plant: System) -> Carried:
-    """Return the plant in z = (y, y', .., y^(n-1)): z' = A z + b, b 0 but for its last row phi. Raises: `NoPhase`."""
+    """Return the plant in z = (y, y', .., y^(n-1)): z' = A
+    z + b, where only the last entry phi of b is not 0."""
     n = len(plant.states)
     one_output(plant, "; the phase form takes one: keep one", NoPhase)
     plain = on_box(plant)

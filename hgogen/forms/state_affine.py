@@ -69,9 +69,9 @@ def state_affine(plant: System) -> Form:
 
 
 def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Sequence[Signal]) -> Check:
-    """Return the check that y = C(u) z + d(u) and z' = A(u, y) z + b(u, y). An output that is not affine refutes it,
-    and so does such a rate where each output depends on one state; else A, b may depend on measured combinations of
-    states."""
+    """Return the check that y = C(u) z + d(u) and z' = A(u, y) z + b(u, y). An output
+    that is not affine refutes it, and so does such a rate if each output depends
+    on one state; else A, b may depend on measured combinations of states."""
     id = ClaimId("state_affine", "structure")
     single = all(row.answer and sum(gain != 0 for gain in row.slopes) <= 1 for row in output)
     dependent = sum(any(gain != 0 for gain in row.slopes) for row in output)

@@ -51,7 +51,6 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:
-    """Return the advice after a refused structure: another form that the plant may have, else another output."""
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
         return "Let slopes vary with the measured state, by the form's option measured, which riccati takes."
     if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):

@@ -78,7 +78,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
 
 
 def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
-    """Return the order of the states z_i, and c, o(u) of y = c z_1 + o(u). Raises: `NoUniformChain`."""
+    """Return the order of the states z_i, and c and o(u) of y = c z_1 + o(u)."""
     one_output(plant, "; these coordinates take one", NoUniformChain)
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)

@@ -148,18 +148,15 @@ class _Problem:
 
     @property
     def usable(self) -> list[tuple[Row, Form]]:
-        """The candidate rows with their forms, without forms that have a refuted check for the plant."""
         return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
 
     def scale(self, form: Form) -> Scale:
-        """Return the numbers of a form (theta, period, noise) for rules of gains. Raises: `BadGain`."""
         base = scale(form, self.dt, self.noise)
         if self.settling is None:
             return base
         return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
 
     def of(self, name: str) -> tuple[str, Advised | str]:
-        """Return the name of an observer, and its proposed gains on the first admissible form, or why there is none."""
         refusals = ["the plant is in none of its forms"]
         for row, form in self.usable:
             base = self.scale(form)
@@ -193,8 +190,8 @@ class _Problem:
     def _on(
         self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
     ) -> tuple[float | None, dict[str, float]]:
-        """Return the settling time of a step on the trial, None for never, and the RMS of the estimate due to noise
-        alone, by state; `noise`: the standard deviation of a sample by output."""
+        """Return the settling time of a step on the trial, None for never, and the RMS of the estimate
+        due to noise alone, by state; `noise`: the standard deviation of a sample by output."""
         if step.dt not in self.truths:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)

@@ -195,8 +195,6 @@ class Fit(Encoded):
         return (*lines, *self._searched())
 
     def _undetermined(self, parts: Mapping[str, float]) -> str:
-        """Return a sentence on an undetermined direction of parameters: whether another log would determine it, if
-        known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
         statement = f"tell {total}, in units of ranges: where it ended says nothing"
         fix = "fix one of them" if len(parts) > 1 else "fix it"
@@ -398,7 +396,6 @@ class Task:
 
     @property
     def _nodes(self) -> list[float]:
-        """The initial states of the segments: measured states from the outputs, the others at their resting values."""
         nodes: list[float] = []
         for record, segments in zip(self.records, self.problem.segments, strict=True):
             at = np.arange(segments) * self.problem.length
@@ -448,13 +445,10 @@ class Task:
     def _deviations(
         self, known: Information, together: float, unknowns: Array
     ) -> tuple[Array, tuple[dict[str, float], ...], Structure | None]:
-        """Return the standard errors of parameters and offsets, in their units; the directions that the logs do not
-        determine, in units of the ranges; and the structural identifiability if there are such directions. `together`:
-        how many residuals have the information of an independent one.
-
-        The unit of a parameter without a range is the larger of its nominal and fitted values. A parameter at an end of
-        its range is fixed there and has no standard error.
-        """
+        """Return the standard errors of parameters and offsets, in their units; the directions that
+        the logs do not determine, in units of the ranges; and the structural identifiability if
+        there are such directions. A parameter at an end of its range is fixed there. `together`:
+        how many residuals have the information of one independent residual."""
         every_name = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
         inner = np.array([not self._end(i, value) for i, value in enumerate(unknowns[: len(every_name)])])
         names = [name for name, within in zip(every_name, inner, strict=True) if within]
@@ -481,8 +475,8 @@ class Task:
         return deviations, tuple(_parts(names, v) for v in parted(V[:, ~sure], hidden).T), joint
 
     def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
-        """Yield the parameters, lags and offsets of other minima: from starts with the best cost whose values differ
-        from the best by more than a standard error."""
+        """Yield the parameters, lags and offsets of other minima: from starts with the
+        best cost whose values differ from the best by more than a standard error."""
         names = [
             *map(str, self.chosen),
             *(f"lag of {y}" for y in self._lagging),
@@ -497,7 +491,6 @@ class Task:
 
     @property
     def _lagging(self) -> list[str]:
-        """The names of the outputs whose sensors lag."""
         pairs = zip(self.plant.outputs, self.given.output, self.plant.output, strict=True)
         return [y.name for y, h, behind in pairs if h != behind]
 
@@ -591,8 +584,8 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
-    """Return the fit from the best of `starts` starts; `draw`: the random numbers. A robust fit continues from there
-    with `passes` passes, since the residuals of least squares include those of outliers. Raises: `CannotFit`."""
+    """Return the fit from the best of `starts` starts. A robust fit continues from there with
+    `passes` passes, since the residuals of least squares include those of outliers."""
     ended: tuple[Solution, ...] = ()
     for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
         ended = searches.solved(task.solver, begin, ended)
@@ -639,8 +632,6 @@ def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) 
 
 
 def _parts(names: Sequence[str], direction: Array) -> dict[str, float]:
-    """Return by name the components above `PART` of a direction in the space of parameters, with the sign that makes
-    the largest positive."""
     signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return {name: float(part) for name, part in zip(names, signed, strict=True) if abs(part) > PART}
 
@@ -657,6 +648,5 @@ def _bounds(p: Signal) -> tuple[float, float]:
 
 
 def _unit(s: Signal) -> float:
-    """Return the size of a signal: the width of its range, else its nominal value, else 1."""
     low, high = s.interval
     return high - low if s.bounded else abs(s.nominal or 0.0) or 1.0

@@ -137,8 +137,8 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
 
 
 def _last_two(y: Array) -> tuple[Array, Array, Array]:
-    """Return for each sample of y (N, p) the last value up to it, the value's age in samples, and the change per
-    sample between the last two values, 0 if there is only one."""
+    """Return for each sample of y (N, p) the last value up to it, the value's age in samples,
+    and the change per sample between the last two values, 0 if there is only one."""
     count = np.arange(len(y))[:, None]
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
@@ -149,7 +149,6 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
 
 
 def _rms(parts: Sequence[Array]) -> list[float]:
-    """Return the RMS of each column, NaN if nothing was compared."""
     columns = np.concatenate(parts).T
     finite = (column[~np.isnan(column)] for column in columns)
     return [rms(column) if len(column) else math.nan for column in finite]
@@ -218,8 +217,6 @@ def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: 
 
 
 def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], tuned_on: Sequence[str]) -> Iterator[str]:
-    """Yield the sentences on the estimation errors of hidden states whose truth was measured but not used by the choice
-    of gains, which used that of the states `tuned_on`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
         differenced = others.pop(DIFFERENCING, None)

@@ -78,7 +78,8 @@ class Innovations:
 
     @cached_property
     def _step(self) -> Any:
-        """The CasADi function (x- and P-, u now, u then, y, valid, theta) -> (next x- and P-, cost, e, s)."""
+        """The CasADi function (x- and P-, u now, u then, y, valid, theta)
+        -> (next x- and P-, cost, e, s), - before the sample y."""
         n, memory, theta = self.n, ca.SX.sym("memory", self.n * (self.n + 1)), ca.SX.sym("theta", *self.move.size_in(3))
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
@@ -92,8 +93,8 @@ class Innovations:
         return ca.Function("filter", list(entries), [ca.vertcat(advanced, ca.vec(P)), *outputs])
 
     def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
-        """Return of a filter's correction by the sample `y`: the corrected x and P, the cost, and the innovation e with
-        its variance s. `valid` (p): 1 for an output with a sample, else 0."""
+        """Return the corrected x and P, the cost, and the innovation e with its variance
+        s, after the sample `y`. `valid` (p): 1 for an output with a sample, else 0."""
         predicted, r, x, cost = self.read(before, u, theta), self.sensor(theta), before, ca.SX(0)
         H, errors, variances = ca.jacobian(predicted, before), [], []
         for j in range(predicted.numel()):
@@ -188,13 +189,13 @@ class Likelihood:
 
     @cached_property
     def _noisy(self) -> dict[str, float]:
-        """The coordinates with process noise of their own, each with the unit of its noise density, size^2/time."""
+        """The coordinates with process noise of their own, each
+        with the unit of its noise density, size^2/time."""
         names = states_with_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 
     @cached_property
     def _filter(self) -> Innovations:
-        """The extended Kalman filter on the form, as a function of the logarithms of the noise."""
         n, p = self.form.n, len(self.form.output)
         model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
         z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)
@@ -213,8 +214,8 @@ class Likelihood:
         )
 
     def _start(self, record: Log) -> Array:
-        """Return z and P at the first sample: z from the outputs that are states of the plant, the others at their
-        resting values. The first sample therefore corrects nothing."""
+        """Return z and P at the first sample: z from the outputs that are states of the plant,
+        the others at their defaults. The first sample therefore corrects nothing."""
         system = self.form.system
         measured = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]

@@ -71,15 +71,11 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class _OnRecords:
-    """The problem of fitting a plant to logs; multiple shooting (`Shooting`) and prediction error (`Predicting`) extend
-    it.
-
-    `free`: the fitted parameters, the others are at their nominal values; `scale` (p): the divisor of each output's
-    residuals; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: inputs between samples,
-    "hold" or "line"; `offset`: the outputs with an unknown constant added.
-
-    The vector of unknowns is (free, offsets, the initial states of all segments, log by log, levels).
-    """
+    """The problem of fitting a plant to data logs, by multiple shooting (`Shooting`) or prediction
+    error (`Predicting`). `scale` (p): the divisor of each output's residuals; `length`: samples
+    of a segment; `steps`: Runge-Kutta steps a sample; `between`: inputs between samples, "hold"
+    or "line"; `offset`: the outputs with an unknown constant added. The vector of unknowns is
+    (parameters `free`, offsets, the initial states of all segments, log by log, noise levels)."""
 
     plant: System
     free: tuple[Signal, ...]
@@ -92,12 +88,9 @@ class _OnRecords:
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """The start and the bounds (start, low, high) of the unknown noise levels; none here."""
         return ()
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the density of process noise by state, and the deviation of a sample by output; empty if not
-        fitted."""
         return {}, {}
 
     @cached_property
@@ -116,7 +109,6 @@ class _OnRecords:
 
     @cached_property
     def reading(self) -> Any:
-        """The CasADi function (x, p, offsets, u) -> y of the outputs."""
         x, p, o = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("o", len(self.offset))
         u = ca.SX.sym("u", len(self.plant.inputs))
         added = [o[self.offset.index(y)] if y in self.offset else 0 for y in self.plant.outputs]
@@ -124,36 +116,28 @@ class _OnRecords:
 
     @cached_property
     def output(self) -> Array:
-        """The index of the output of each residual, in the order of the residuals."""
         return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
 
     def by_output(self, values: Array) -> tuple[Array, ...]:
-        """Return values in the order of the residuals as one array for each output, log after log."""
         return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
 
     @property
     def n(self) -> int:
-        """The number of states."""
         return len(self.plant.states)
 
     @property
     def constants(self) -> int:
-        """The number of fitted parameters and offsets."""
         return len(self.free) + len(self.offset)
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """The number of segments of each log, with an unknown initial state each."""
         return tuple(-(-len(record.y) // self.length) for record in self.records)
 
     @property
     def size(self) -> int:
-        """The number v of unknowns: parameters, offsets, initial states of segments, and levels of noise."""
         return self.constants + self.n * sum(self.segments) + len(self.levels)
 
     def parts(self, unknowns: Graph) -> tuple[Graph, Graph, tuple[Graph, ...]]:
-        """Return from the `unknowns` the parameters, the offsets, and for each log the initial states (n, segments) of
-        its segments."""
         a, b = len(self.free), self.constants
         nodes, begin = [], b
         for count in self.segments:
@@ -283,8 +267,9 @@ class Shooting(_OnRecords):
         return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
-        """Return the residuals of a log and the gaps between its segments; `nodes`: the initial states of segments,
-        `p`: parameters, `o`: offsets. One map computes all segments; the last is padded with uncounted samples."""
+        """Return the residuals of a data log and the gaps between its segments;
+        `nodes`: their initial states, `p`: parameters, `o`: offsets. One map
+        computes all segments; the last is padded with samples that do not count."""
         L, count, N = self.length, nodes.shape[1], len(record.y)
         u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
         now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
@@ -300,8 +285,9 @@ class Shooting(_OnRecords):
         return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
 
     def _stretch(self, samples: int) -> Any:
-        """Return the function (x, p, offsets, u and the next u of `samples` samples, dt) -> (y at the samples, x after
-        them), a graph of scalars, whose second derivatives are twice as fast in CasADi."""
+        """Return the function (x, p, offsets, u and the next u of `samples`
+        samples, dt) -> (y at the samples, x after them), a graph of scalars
+        (SX): its second derivatives are twice as fast in CasADi."""
         x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
         now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
         at, dt, read = x, ca.SX.sym("dt"), []
@@ -381,14 +367,12 @@ class Predicting(_OnRecords):
         return of_e.T @ of_e + of_s.T @ of_s / 2
 
     def _at(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return the innovations e of the measured samples, and their standard deviations, at the `unknowns` (v)."""
         v, _, e, s = self._series
         values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
         return values[0].full().ravel(), values[1].full().ravel()
 
     @cached_property
     def _series(self) -> tuple[Any, Any, Any, Any]:
-        """The unknowns (MX), the cost, and e and s of the measured samples, as columns."""
         v = ca.MX.sym("v", self.size)
         p, o, every = self.parts(v)
         theta = ca.vertcat(p, o, v[self.size - len(self.levels) :])
@@ -403,7 +387,6 @@ class Predicting(_OnRecords):
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
     def _filter(self, dt: float) -> Innovations:
-        """Return the extended Kalman filter at the period `dt`of parameters, offsets and log noise."""
         a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
@@ -419,7 +402,8 @@ class Predicting(_OnRecords):
         )
 
     def _density(self, levels: Any) -> Any:
-        """Return Q (n) from the logarithms `levels` of noise; negligible for a state without noise of its own."""
+        """Return the process noise density Q (n) from the logarithms
+        `levels`; negligible for a state without noise of its own."""
         duration = max(len(record.y) * record.dt for record in self.records)
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
@@ -491,8 +475,8 @@ class Solver:
 
     @cached_property
     def _watched(self) -> tuple["_Watch", Any]:
-        """The callback and the solver that all searches from a start share, since building derivatives takes as long as
-        some searches do."""
+        """The callback and the solver that all searches from a start share,
+        since building derivatives takes as long as some searches do."""
         return self._callback_and_solver(_OPTIONS)
 
     def _callback_and_solver(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
@@ -507,7 +491,6 @@ class Solver:
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
-        """The nonlinear program in scaled unknowns, with the start of the penalised ones as its parameter."""
         v, cost, gaps = self.problem.graph
         w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._pulled)
         least, jumps = ca.Function("problem", [v], [cost, gaps])(w * self.unit)
@@ -523,7 +506,6 @@ class _Watch(ca.Callback):
         self.construct("watch", {})
 
     def begin(self, each: Callable[[int, Array], None]) -> None:
-        """Begin a search, whose iterations are reported to `each`."""
         self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
 
     def get_n_in(self) -> int:

@@ -219,16 +219,17 @@ class Judge:
 
     @cached_property
     def _scales(self) -> list[Array]:
-        """The mean squares c_j^2 (q) over all logs of the errors without a model (copying the last value, or the mean),
-        once for each log; NaN for a signal that is constant in the log or never compared."""
+        """The mean squares c_j^2 (q), one row for each data log, of the
+        errors without a model (copying the last value, or the mean); NaN
+        for a signal that is constant in the log or never compared."""
         whole = np.array([_mean(column) for column in np.concatenate(self._rival_squares).T])
         moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._rival_squares]
         return [np.where(moving_signals, whole, np.nan) for moving_signals in moving]
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
-        """The numbers of the samples in each segment that has samples to compare, by log. A log has segments in
-        proportion to its length, at least one."""
+        """The numbers of the samples in each segment that has samples to compare, by
+        data log. A log has segments in proportion to its length, at least one."""
         every, mean = [], sum(map(len, self._rival_squares)) / len(self._rival_squares)
         for squares, scale in zip(self._rival_squares, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)
@@ -239,7 +240,6 @@ class Judge:
 
 
 def _mean(values: Array) -> float:
-    """Return the mean of the finite values, NaN without one."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else np.nan
 

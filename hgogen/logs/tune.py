@@ -279,7 +279,8 @@ class Search:
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
-        """Return the squared errors E_s by segment, by the number of each `Scale` whose step does not diverge."""
+        """Return the squared errors E_s by segment, by the
+        number of each `Scale` whose step does not diverge."""
         new = list(scales)
         results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
         self.refusals.extend(one for one in results if isinstance(one, str))
@@ -288,8 +289,6 @@ class Search:
         return {k: e for k, e in known.items() if np.isfinite(e).all()}
 
     def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
-        """Return a grid of `Scale`: theta, the longest time and the noise vary where the observer's rule reads them;
-        `maxima`: noise that maximises the likelihood."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
             values = thetas(self.base.theta, self.task.dt)
@@ -300,8 +299,6 @@ class Search:
         return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Yield the scales half way from theta, and the longest time, of scale `best` to neighbours among those
-        `tried`."""
         middle = self.scales[best]
         varied: dict[str, Callable[[float], Scale]] = {
             "theta": lambda value: replace(middle, theta=value),
@@ -313,7 +310,6 @@ class Search:
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
 
     def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Yield scales with other shapes of poles and filters than scale number `best`, and with a larger theta."""
         middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
         every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
         for name, values in SHAPES.items():
@@ -322,7 +318,6 @@ class Search:
                 yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
     def _reads(self, **values: Any) -> bool:
-        """Return whether the rule's gains depend on these numbers of a `Scale`; `values`: other values of them."""
         observer = getattr(every, self.name)
         return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
 
@@ -421,7 +416,6 @@ def tune(
 
 
 def _common_period(records: Sequence[Log]) -> float:
-    """Return the sampling period that all logs share. Raises: `CannotTune`."""
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     dts = [record.dt for record in records]

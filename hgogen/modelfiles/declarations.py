@@ -62,7 +62,6 @@ def stored(plant: System, declared: Any) -> Dissipation:
 
 
 def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
-    """Return the texts in `value`, also in lists and mappings, parsed as expressions of the symbols in `names`."""
     if isinstance(value, str):
         return parse(value, names)
     if isinstance(value, Mapping):

@@ -85,13 +85,11 @@ def located(model: str) -> Path:
 
 
 def _here(name: str) -> list[Path]:
-    """Return the files of a bare name in the folder `models` here."""
     files = (FOLDER / f"{name}{suffix}" for suffix in SUFFIXES)
     return [file for file in files if name.isidentifier() and file.is_file()]
 
 
 def _models(folder: Path) -> Iterator[Path]:
-    """Yield the model files in a folder, without the JSON files that hgogen writes."""
     files = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
     return (path for path in files if not path.name.startswith("_") and (path.suffix == PYTHON or declares(path)))
 

@@ -166,7 +166,6 @@ class Tuning:
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
-        """Return the options of sampling of a tuning: its own, else those of the tuning that it is built around."""
         sampling: dict[str, Any] = {}
         passed: list[str] = []
         while name in self.tables and name not in passed:
@@ -185,8 +184,6 @@ class Tuning:
         return self.observer(str(member), around, start)
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
-        """Return the form, method or observer called `name` in its folder; a value that is no text is returned
-        unchanged."""
         if not isinstance(name, str):
             return name
         if name not in folder.__all__:
@@ -199,7 +196,6 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
     def _refusals(self, where: str, function: Callable[[], Result]) -> Result:
-        """Return function(); a `Refuted` gets the file and the key `where`, other errors become a `BadModelFile`."""
         try:
             return function()
         except Refuted as error:
@@ -209,7 +205,6 @@ class Tuning:
             raise BadModelFile(self.file, where, str(error)) from None
 
     def _other(self, refused_form: Any) -> str:
-        """Return a sentence that recommends kalman_like if the plant is proved to be state-affine, else ""."""
         form = forms.state_affine(self.plant)
         if getattr(refused_form, "kind", "") == form.kind or not form.structured or refuted(form.checks):
             return ""

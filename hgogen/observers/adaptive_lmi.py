@@ -193,7 +193,6 @@ def adaptive_lmi(
 def _driven(
     chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
 ) -> VaryingGain | None:
-    """Return the model of the error with the disturbance's input; None where the ranges of dc/dw are unknown."""
     K, form = np.array([float(k) for k in design.K]), chain.form
     error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):
@@ -218,6 +217,5 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
 
 
 def _wide(name: str, nominal: Any, meaning: str, unit: str) -> Field:
-    """Return a tunable positive gain, whose range is a factor of 1000 to both sides of `nominal`."""
     value = positive(name, nominal)
     return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)

@@ -54,7 +54,7 @@ Matrix = Sequence[Sequence[float]] | np.ndarray
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return F, G, H to start from: n first-order lags in series of gain 1/3, three times as fast as the error."""
+    """Return initial F, G, H: n first-order lags in series of gain 1/3, three times as fast as the error."""
     n, third = scale.n, two(scale.corner / 3)
     F = -scale.corner * np.eye(n) + third * np.eye(n, k=-1)
     H = np.diag([math.comb(n, i) for i in range(1, n + 1)])

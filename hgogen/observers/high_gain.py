@@ -145,7 +145,6 @@ def high_gain(
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
-    """Yield banner lines on the outputs that measure the same state, and on those that are not used."""
     names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
     for chain in (chain for chain in redundant_outputs(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
@@ -180,7 +179,8 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
 
 def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
-    """Return x' = f(sat x, u) + (dPhi/dx)^-1 K_theta (y - h(x, u)), uncorrected for |det dPhi/dx| <= `least`."""
+    """Return x' = f(sat x, u) + (dPhi/dx)^-1 K_theta (y - h(x, u)),
+    with correction 0 for |det dPhi/dx| <= `least`."""
     n = dynamics.n
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -193,7 +193,6 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
 
 
 def _least(dynamics: Dynamics, share: float) -> float | None:
-    """Return the |det dPhi/dx| up to which the correction is 0, `share` of its largest; None if it has no zero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")

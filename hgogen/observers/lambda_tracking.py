@@ -126,7 +126,7 @@ GROWN = replace(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return gains to start from: k from theta/2 to 10 theta; an error as large as y's range raises k by theta^2/s."""
+    """Return initial gains: k from theta/2 to 10 theta, and gamma = (theta/r)^2, r the range of y."""
     y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
     moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
@@ -278,7 +278,6 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
 
 
 def _started(w: Field, chain: Integrators, start: Any) -> Field:
-    """Return the field `w` of the estimate with the initial values `start` (n), (y, y', ..), if there are any."""
     if start is None:
         return w
     values = reals("start", start)
@@ -291,8 +290,8 @@ def _started(w: Field, chain: Integrators, start: Any) -> Field:
 
 
 def _unmodelled(form: Form) -> Form:
-    """Return the form z' = A z with b = 0, and without the inputs that only b reads. Raises: `BadGain` where a row of b
-    other than the last is not 0."""
+    """Return the form z' = A z with b = 0, and without the inputs that
+    only b depends on. Only the last entry of b may differ from 0."""
     if any(row != 0 for row in form.b[:-1]):
         reason = "takes a form with b in its last row only where it has no model: take the form phase, or model=True"
         raise BadGain("lambda_tracking", reason)

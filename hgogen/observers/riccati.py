@@ -100,7 +100,6 @@ def riccati(
 
 
 def _demand_scaled(form: Form, theta: Theta) -> None:
-    """Raise `BadGain` for a theta other than 1 on a form of several outputs for which no high gain is defined."""
     argument, outputs = f"theta up to {theta.peak:g}", form.system.outputs
     if theta.peak == 1 or len(form.output) == 1:
         return
@@ -120,7 +119,8 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 
 
 def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Check:
-    """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
+    """Return the check that the estimate converges: proved for
+    a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         obstacle = settles(plant, Q, theta.theta)

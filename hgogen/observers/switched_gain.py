@@ -71,7 +71,8 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return starting gains: theta_low = theta/4, a threshold of 5 % of the range of y, and a hold of 2/theta_low."""
+    """Return initial gains: theta_low = theta/4, a threshold
+    of 5 % of the range of y, and a hold of 2/theta_low."""
     low = max(1.0, two(scale.theta / 4))
     threshold, hold = two(scale.reading / 20), two(2 / low)
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
@@ -132,7 +133,8 @@ def switched_gain(
 
 
 def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
-    """Return the switch and its timer, which counts samples in a real, so that it restarts with the estimate."""
+    """Return the switch and its timer. The timer counts samples
+    in a real number, so that it restarts with the estimate."""
     needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
     if needed > LONGEST:
         raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")

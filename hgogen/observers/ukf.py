@@ -104,7 +104,7 @@ def ukf(
 
 
 def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, float]:
-    """Return g = alpha sqrt(n + kappa), the distance of a sigma point, and beta - alpha^2. Raises: `BadGain`."""
+    """Return g = alpha sqrt(n + kappa), the distance of a sigma point, and beta - alpha^2."""
     if not kappa > -n:
         raise BadGain(f"kappa = {kappa:g}", f"must be above -{n}, the number of states with a minus")
     reach = alpha * sqrt(n + kappa)

@@ -124,7 +124,7 @@ def uniform_injection(
 
 
 def _split(observer: str, form: Form) -> Form:
-    """Return the form z' = F(z, u) rewritten as A z + b, A = s_k above its diagonal, b = F - A z. Raises: `BadGain`."""
+    """Return the form z' = F(z, u) rewritten as A z + b, A = s_k above its diagonal, b = F - A z."""
     if form.kind != "uniform" or not form.structured:
         fix = "use hg.forms.uniform, or high_gain"
         raise BadGain(observer, f"takes a uniform form, this one is {form.kind}", fix=fix)

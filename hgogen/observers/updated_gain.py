@@ -102,7 +102,6 @@ CLAMPED = Hypothesis(
 
 
 def _starting(scale: Scale) -> Gains:
-    """Return starting gains, with the gain L from theta/2 to ten times theta."""
     least, cap = max(1.0, two(scale.theta / 2)), two(10 * scale.theta)
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 

@@ -76,7 +76,6 @@ def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
 
 
 def _read(kind: str, content: bytes) -> Arrays:
-    """Return the columns of a file; of a MAT file its vectors, those in structs as S.x, and the columns of matrices."""
     if kind == "parquet":
         import pandas
 

@@ -87,8 +87,6 @@ def from_casadi(
 
 
 def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
-    """Return the (symbol, Signal) pairs of a `kind`, "states" for one, each as a symbol and a tuple of Signals, one for
-    each entry. Raises: `BadGraph`."""
     if not isinstance(pairs, Iterable):
         raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
     fix = f"{kind} is a list of pairs (symbol, Signal)"
@@ -109,7 +107,6 @@ def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal
 
 
 def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
-    """Return a graph, or a list of scalar ones, as a dense column; `what`: its name in errors. Raises: `BadGraph`."""
     try:
         graph = ca.vertcat(*rows) if isinstance(rows, tuple | list) else rows
     except NotImplementedError:
@@ -227,7 +224,6 @@ def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]
 
 
 def _fits(cells: Cells) -> bool:
-    """Return whether the breakpoints are distinct and the coefficients finite in double precision."""
     try:
         finite = all(math.isfinite(float(c)) for order in cells.orders for c in cells.of_order(order).flat)
         return finite and all(float(a) < float(b) for axis in cells.axes for a, b in pairwise(axis.x))
@@ -246,7 +242,7 @@ def _demand_list(name: str, what: str, values: Any, fix: str) -> None:
 
 
 def _number(name: str, what: str, value: Any) -> Fraction:
-    """Return the exact number; of a float, the number of its shortest decimal."""
+    """Return the exact number; of a float, the number of its shortest decimal: 1/10 for 0.1."""
     if isinstance(value, sp.Rational):
         return Fraction(int(value.p), int(value.q))
     if isinstance(value, Rational) and not isinstance(value, bool):

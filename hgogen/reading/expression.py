@@ -95,14 +95,12 @@ def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """Yield conditions on the single factors that are equivalent to `demand`; divisors have conditions of their own."""
     if not demand.expression.free_symbols:  # the parser has checked the numbers
         return
     yield from (_signs if demand.relation == "<" else _zeros)(demand.expression)
 
 
 def _signs(value: sp.Expr) -> Iterator[Demand]:
-    """Yield the condition that a value is not negative; for a root, which is not negative where real, none."""
     pairs = [(factor.primitive()[1], factor.as_base_exp()[1]) for factor in sp.Mul.make_args(value)]
     factors = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
     if factors:
@@ -277,11 +275,9 @@ class _Parser:
         self.demanded: list[Demand] = []  # by the text as written, before SymPy folds it
 
     def error(self, token: Token, reason: str) -> BadExpression:
-        """Return the error that gives `reason` at the column of a token."""
         return BadExpression(self.text, token.column, reason)
 
     def whole(self) -> sp.Expr:
-        """Return the value of the whole text."""
         value, token = self.number_like(self.value(0), self.tokens[0]), self.next
         if token.text in (")", ","):
             raise self.error(token, f"{token.text!r} has no opening parenthesis or call before it; remove it")
@@ -293,47 +289,38 @@ class _Parser:
 
     @property
     def next(self) -> Token:
-        """The token at the parser's position."""
         return self.tokens[self.position]
 
     def advance(self) -> Token:
-        """Return the token at the parser's position and advance, but never past the end."""
         token = self.next
         self.position += token.kind != "end"
         return token
 
     def accept(self, sign: str) -> bool:
-        """Advance if the token at the parser's position is `sign`, and return whether it is."""
         return self.next.text == sign and bool(self.advance())
 
     def expect(self, sign: str, where: str) -> None:
-        """Advance past `sign`, or raise an error that `sign` is missing `where`."""
         if not self.accept(sign):
             raise self.error(self.next, f"{where} needs {sign!r} here, not {self.text_of(self.next)}")
 
     def text_of(self, token: Token) -> str:
-        """Return the text of a token for a sentence."""
         return "the end" if token.kind == "end" else repr(token.text[:40])
 
     def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
-        """Return the value that begins at a token; an error if it is a condition, such as x > 0."""
         if not isinstance(value, sp.Expr):
             raise self.error(token, "a condition stands where a value belongs; conditions belong in Piecewise")
         return value
 
     def argument(self) -> sp.Expr:
-        """Read one value, up to a comma or a parenthesis."""
         first = self.next
         return self.number_like(self.value(0), first)
 
     def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
-        """Return the condition that begins at a token; an error with the remedy `fix` if it is a value."""
         if isinstance(value, sp.Expr):
             raise self.error(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
         return value
 
     def value(self, binding: int) -> sp.Basic:
-        """Read an operand and all operators on its right that bind more tightly than `binding`."""
         self.depth += 1
         first = self.next
         if self.depth > DEPTH:
@@ -345,7 +332,6 @@ class _Parser:
         return left
 
     def operand(self) -> sp.Basic:
-        """Read a number, a name, a call, a value in parentheses, or one of them with signs before it."""
         token = self.advance()
         if token.text in ("+", "-"):
             negative = token.text == "-"
@@ -366,7 +352,6 @@ class _Parser:
         raise self.error(token, f"{self.text_of(token)} stands where {wanted} belongs; complete it")
 
     def literal(self, token: Token) -> sp.Rational:
-        """Return the exact rational of a number as written."""
         mantissa, _, exponent = token.text.lower().partition("e")
         if len(mantissa) > DIGITS or len(exponent) > 5 or abs(int(exponent or 0)) > DECADES:
             long = f"the number has more than {DIGITS} digits or a power of ten beyond {DECADES}"
@@ -376,7 +361,6 @@ class _Parser:
         return sp.Rational(Fraction(token.text))
 
     def named(self, token: Token) -> sp.Basic:
-        """Return a declared symbol, or a constant."""
         name = token.text
         if name in self.symbols:
             return self.symbols[name]
@@ -394,7 +378,6 @@ class _Parser:
         raise self.error(token, f"the name {name[:60]!r} is not declared; {fix}")
 
     def call(self, token: Token) -> sp.Expr:
-        """Read the arguments after the function's name `token` and return the function of them."""
         name = token.text
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
@@ -421,7 +404,6 @@ class _Parser:
         return self.real(function(*values), token)
 
     def table_value(self, token: Token) -> sp.Expr:
-        """Read the arguments after the table's name `token` and return the table's value at them."""
         self.advance()
         cells, arguments = self.tables[token.text], []
         for k in range(len(cells.axes)):
@@ -441,8 +423,8 @@ class _Parser:
                     raise self.error(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
 
     def piecewise(self, token: Token) -> sp.Expr:
-        """Return a Piecewise of the (value, condition) pairs up to the first that is always true, without solving
-        conditions."""
+        """Return a Piecewise of the (value, condition) pairs up to the
+        first that is always true; conditions are not solved."""
         pairs: list[tuple[sp.Expr, sp.Basic]] = []
         closed, count, before = False, 0, len(self.demanded)
         while not count or (self.accept(",") and self.next.text != ")"):
@@ -470,7 +452,6 @@ class _Parser:
             raise self.error(token, _COMPLEX) from None
 
     def real(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """Return the value that begins at a token; an error if it is infinite or complex."""
         if value in _INFINITE:
             raise self.error(token, "is infinite or undefined here; remove the division by zero or the pole")
         if value.has(sp.I, *_INFINITE) or (value.is_number and value.is_real is False):
@@ -478,13 +459,13 @@ class _Parser:
         return self.bounded(value, token)
 
     def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """Return the value that begins at a token; an error if its numerical coefficient is huge."""
         if _bits(value.as_coeff_Mul()[0]) > BITS:
             raise self.error(token, f"makes a number of more than {BITS} bits; write smaller numbers")
         return value
 
     def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """Return `left` plus all following terms, read at once: SymPy would sort a growing sum anew with every term."""
+        """Return `left` plus all following terms, read at once:
+        SymPy would sort a growing sum anew with every term."""
         terms, operator = [self.number_like(left, first)], self.next
         while self.next.text in ("+", "-"):
             negative, first = self.advance().text == "-", self.next
@@ -495,7 +476,6 @@ class _Parser:
         return self.bounded(sp.Add(*terms), operator)
 
     def product(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """Return `left` times or divided by the next factor, from left to right as in Python."""
         operator = self.advance()
         value, start = self.number_like(left, first), self.next
         factor = self.number_like(self.value(5), start)
@@ -524,7 +504,6 @@ class _Parser:
         return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Return the comparison of `left`, which begins at the token `first`, with the value that follows."""
         operator = self.advance()
         lhs, start = self.number_like(left, first), self.next
         rhs = self.number_like(self.value(1), start)
@@ -533,8 +512,6 @@ class _Parser:
         return _RELATIONS[operator.text](lhs, rhs)
 
     def join(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Return the condition `left`, which begins at the token `first`, joined by & or | with the one that
-        follows."""
         operator = self.advance()
         fix = f"put parentheses around the comparisons on both sides of {operator.text}"
         lhs, start = self.condition_like(left, first, fix), self.next
@@ -556,7 +533,5 @@ def _bits(number: Any) -> int:
 
 
 def _number_bits(base: sp.Expr) -> int:
-    """Return the bit length of the largest number in `base` that an integer power multiplies out; 0 and 1 stay
-    small."""
     numbers = [factor for factor in sp.Mul.make_args(base) if factor.is_number and factor not in (0, 1, -1)]
     return max((_bits(atom) for factor in numbers for atom in factor.atoms(sp.Rational)), default=0)

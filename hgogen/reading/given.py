@@ -276,7 +276,6 @@ def in_order(
 
 
 def _unknown(name: Any, labels: Mapping[str, str]) -> str:
-    """Return the end of a sentence on an unknown name: the closest of the known names, or all of them."""
     if not labels:
         return "but there are no names to give"
     spelled = str(name)[:60]
@@ -367,7 +366,6 @@ def _braces(values: Mapping[str, str]) -> str:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """Return, by the name of each state and z_i that names no coordinate, a hint at the names to give instead."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
     advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):

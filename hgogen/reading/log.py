@@ -115,7 +115,6 @@ class Table:
         return ["" if one is None or one != one else str(one) for one in array.tolist()]
 
     def _column_and_kind(self, name: str) -> tuple[Any, str]:
-        """Return the column `name` as it is, and its numpy kind, "O" for text cells."""
         column = self.columns[self.header.index(name)]
         return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
@@ -180,7 +179,6 @@ def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
 
 
 def _plain_numbers(cells: Sequence[str]) -> list[float] | None:
-    """Return the numbers of cells if all are finite numbers as Python writes them, else None."""
     try:
         numbers = list(map(float, cells))
     except ValueError:
@@ -223,7 +221,6 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
 
 
 def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, notes: list[str]) -> Table:
-    """Return the table of the rows that fit the header, short ones padded with empty cells. Raises: `BadRecord`."""
     if not lines:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
@@ -246,7 +243,6 @@ _Columns = tuple[Sequence[Sequence[str]], int, int]  # columns of cells, numbers
 
 
 def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
-    """Return the columns of lines without quotes that all have `width` cells, by a fast method; else None."""
     if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
         return None
     cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
@@ -254,7 +250,6 @@ def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
 
 
 def _ragged(lines: list[str], delimiter: str, header: list[str]) -> _Columns:
-    """Return the columns of any lines, no columns if no row fits the header."""
     width = len(header)
     aligned, malformed, short_rows = [], 0, 0
     for row in (_cells(line, delimiter) for line in lines):
@@ -303,7 +298,6 @@ def _of_arrays(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ..
 
 
 def _binary(path: str, kind: str, content: bytes) -> Table:
-    """Return the columns of the most frequent length; in a Parquet file all lengths are equal. Raises: `BadRecord`."""
     what, form, packages = _BINARY[kind]
     for package in packages:
         library(package, f"{path}, {what},")
@@ -374,7 +368,6 @@ def operand(log: Table, text: str) -> str:
 
 
 def _placeholder(log: Table, k: int) -> str:
-    """Return an identifier that is no column's name."""
     name = f"column_{k}"
     while name in log.header:
         name += "_"
@@ -464,7 +457,6 @@ def _normal(text: str) -> str:
 
 
 def _parsed(registry: Any, text: str) -> Any:
-    """Return the pint unit of a text; None for a text that pint does not know, such as a remark in brackets."""
     try:
         return registry.Unit(_normal(text))
     except Exception:  # pint's errors, of several kinds

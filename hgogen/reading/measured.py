@@ -234,8 +234,8 @@ def read(
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
-    """Return the times (rows,) of a log from its column of times, NaN where a row has none. Dates become times since
-    the first date if the model's unit of time is known."""
+    """Return the times (rows,) of a data log from its column of times, NaN for a missing
+    one. Dates become times since the first date if the model's unit of time is known."""
     known = seconds(unit)
     if known and not np.isfinite(column.values).any():
         dates = _dates(log, column.name) / known
@@ -251,10 +251,9 @@ def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray
 
 
 def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
-    """Yield a note for each unmapped column that is a clock with pauses, whose gaps a constant --period would close.
-
-    A column is a clock if at least nine in ten of its steps are within half and one and a half of their median.
-    """
+    """Yield a note for each unmapped column that is a clock with pauses, whose
+    gaps a constant --period would close. A column is a clock if at least
+    nine in ten of its steps are within 0.5 and 1.5 times their median."""
     for name in dict.fromkeys(log.header):
         if not name or name in mapped or log.header.count(name) > 1:
             continue
@@ -273,7 +272,6 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
 
 
 def _dates(log: Table, name: str) -> np.ndarray:
-    """Return the cells of a column (rows,) as seconds since its first ISO 8601 date; NaN for a cell that is no date."""
     seconds = np.array([_seconds(cell) for cell in log.cells(name)])
     there = seconds[np.isfinite(seconds)]
     return seconds - there[0] if len(there) else seconds
@@ -288,7 +286,6 @@ def _seconds(cell: str) -> float:
 
 
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
-    """Return a note, or (), if the `period` of a log is much longer or shorter than the step's `dt`."""
     factor = period / dt
     finding = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
@@ -306,8 +303,9 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
 
 
 def _typical(times: np.ndarray) -> float:
-    """Return the period of ascending times, 0 of a single one, with the fewest digits for which the end of the grid
-    stays within the rounding of the times or, if they jitter, `_BEAT` of a period: 0.01 and not 0.00999999999999979."""
+    """Return the period of ascending times, 0 for a single one, with the fewest
+    digits for which the end of the grid stays within the rounding of the times
+    or, if they jitter, `_BEAT` of a period: 0.01 and not 0.00999999999999979."""
     steps = np.diff(times)
     if not len(steps):
         return 0.0
@@ -320,9 +318,9 @@ def _typical(times: np.ndarray) -> float:
 
 
 def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
-    """Return the slope of the least-squares line through times over row numbers. A step that is no clear multiple of
-    the period starts a new piece with its own offset. If too many steps are unclear, return their median `middle`,
-    which is sensitive to jitter."""
+    """Return the least-squares slope of times over row numbers. A step that is no clear
+    multiple of the period starts a new piece with its own offset. If too many steps
+    are unclear, return their median `middle`, which is sensitive to jitter."""
     counts = np.rint(steps / middle)
     off = np.abs(steps / middle - counts)
     if np.mean(off > UNEVEN) > SHARE:
@@ -341,8 +339,6 @@ def _gridded(
     unit: str,
     inputs: Mapping[str, Window],
 ) -> Record:
-    """Return the signals at the points of the grid of `step`, by default of the typical time between rows, each with
-    the value of the row nearest in time; `inputs` are averaged if the log is faster or irregular."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -401,7 +397,6 @@ def _gridded(
 
 
 def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
-    """Raise `BadRecord` if the grid of the times (rows,), `rows` of them distinct, is too long or has one sample."""
     span = float(times[-1] - times[0])
     if span / dt > (LONGEST if span / dt < _SPARSE * rows else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {rows} rows"
@@ -413,7 +408,6 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
 
 
 def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: int) -> np.ndarray:
-    """Return the first finite number of each column (rows,) at each grid point, (samples, columns), NaN without one."""
     values = np.full((samples, len(columns)), np.nan)
     for c, numbers in enumerate(columns):
         there = np.flatnonzero(np.isfinite(numbers))

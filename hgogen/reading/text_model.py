@@ -164,7 +164,6 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         raise BadModelFile(file, f"tables.{name}", f"a signal is called {name!r} as well; rename one of the two")
 
     def expressions(kind: str, key: str) -> list[Fold]:
-        """Return the expressions under `key` in every table of a kind."""
         return [
             named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols, tables)
             for name, entry in groups[kind].items()
@@ -198,7 +197,6 @@ def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], need
 
 
 def _number(value: Any) -> bool:
-    """Return whether a value is a finite number that fits a float."""
     return type(value) in (int, float) and abs(value) < _LARGEST
 
 
@@ -305,7 +303,6 @@ def _table(plant: System, cells: Cells) -> Iterable[str]:
 
 
 def _decimals(numbers: Any) -> Any:
-    """Return exact numbers, or tuples of them, as floats with these shortest decimals. Raises: `ValueError`."""
     if isinstance(numbers, tuple):
         return list(map(_decimals, numbers))
     if Fraction(repr(float(numbers))) != numbers:
@@ -478,8 +475,7 @@ def _boxes(
 
 
 def _end(name: str, what: str, value: Any) -> tuple[End, End]:
-    """Return the nearest binary numbers of `_BITS` bits below and above `value`, the end of a range; equal for a
-    rational."""
+    """Return the nearest binary numbers below and above `value`, the end of a range; equal for a rational."""
     if isinstance(value, str):
         if value.strip() in _INFINITE:
             return (_INFINITE[value.strip()],) * 2

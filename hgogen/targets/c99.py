@@ -96,8 +96,6 @@ def _source(step: Step, real: Real) -> list[str]:
 
 
 def _functions(writer: SharingWriter) -> Iterator[Code]:
-    """Yield each C function of a step: those for parts that several sections share, the sections (predict, correct ..),
-    and the public functions, which check the marks of initialised state and parameters."""
     step, declared = writer.step, prototypes(writer.step)
     rarely = code(f"{step.name.upper()}_RARELY")
     if step.layout.mark:
@@ -120,7 +118,6 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
 
 
 def _checking(step: Step, prototype: Prototype, body: Code) -> Code:
-    """Return a C function that first checks the marks of initialised state and parameters, and then does its work."""
     upper, test = step.name.upper(), "({}->ready != {}_READY)"
     missing = braced(
         f"if ({' || '.join(test.format(name, upper) for name in 'sp')}) {{",
@@ -130,7 +127,6 @@ def _checking(step: Step, prototype: Prototype, body: Code) -> Code:
 
 
 def _readied(step: Step, mark: Field) -> Code:
-    """Return the C function that resets a state without the mark of initialised memory, and raises a status bit."""
     upper, reset = step.name.upper(), prototypes(step)["reset"].call(same_name)
     lines = [
         (f"if ({name}->{mark.name} != {upper}_READY) {{", f"    {reset};", f"    status |= {upper}_{bit.name};", "}")
@@ -140,7 +136,6 @@ def _readied(step: Step, mark: Field) -> Code:
 
 
 def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
-    """Return the bodies of the public C functions by name, and the functions for parts of them."""
     step, functions = writer.step, list[Code]()
     inner = (section for section in step.code.sections if of_section(step, section).inner)
     bodies = {section.name: called(C, step, section) for section in inner}
@@ -158,8 +153,6 @@ def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
-    """Return the lines that include the standard headers which the C text needs, and a check at compile time where a
-    counter needs more than 16 bits."""
     wide = uses.widest > 0xFFFF
     lines = ["#include <limits.h>"] if wide else []
     lines += [f"#include <{header}>" for header in sorted({_HEADERS[kind] for kind in uses.types})]
@@ -175,7 +168,6 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
 
 
 def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
-    """Return a C function with this declaration and body; its status, if any, starts as `begun`."""
     idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
@@ -185,8 +177,6 @@ def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
 
 
 def _assign(start: str, item: Field, real: Real, least: int) -> Code:
-    """Return the C statements that assign the initial values of a field; a loop for `least` or more equal elements.
-    `start`: the text that reaches the field."""
     counts = item.kind == "index"
     texts = [C.literal(value, "unsigned" if counts else real) for value in item.initial]
     widest = int(max(item.initial)) if counts else 0
@@ -202,8 +192,8 @@ def _least(step: Step, item: Field) -> int:
 
 
 def _reset(writer: SharingWriter) -> Code:
-    """Return the C statements that set a step's state to its initial values; those by parts come last, because members
-    of a bank start from the estimate."""
+    """Return the C statements that set a step's state to its initial values;
+    members of a bank come last, because they start from the estimate."""
     step, real, done = writer.step, writer.real, writer.resetting
     marked = (f"s->{step.layout.mark.name} = {step.name.upper()}_READY;",) if step.layout.mark else ()
     lines = code(*marked, parameters="s")
@@ -236,7 +226,6 @@ def _nominal(step: Step, real: Real) -> Code:
 
 
 def _nominal_unless_marked(step: Step) -> Code:
-    """Return the C that sets parameters without the mark of initialised memory to nominal, and raises a bit."""
     if not step.layout.mark:
         return Code()
     upper, call = step.name.upper(), nominal(step).call(same_name)

@@ -144,19 +144,17 @@ _CHOSEN: Mapping[int, Callable[[Graph, Graph], Graph]] = {
 
 
 def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Function:
-    """Return the CasADi function of a block of a step's program, operation by operation, without values that have a
-    name in C only; `known`: functions of graphs that replace operations, by name.
-
-    A clamp is a choice whose derivative at the end of the range is that of the value: CasADi's fmin and fmax have half
-    of it there, and a gain often begins at the end of its range.
-    """
+    """Return the CasADi function of a block of a step's program, operation by operation, so
+    that the bits are those of C; `known`: functions that replace operations, by name. A
+    clamp is a choice whose derivative at the end of the range is that of the value: CasADi's
+    fmin and fmax have half of it there, and a gain often begins at the end of its range."""
     inputs = block.graph.sx_in()
     return ca.Function("block", inputs, _walked(block.graph, inputs, known)[: len(block.writes)])
 
 
 def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, Callable[..., Graph]]) -> list[Graph]:
-    """Return the outputs of a CasADi function at `inputs`; its calls of other functions remain calls, so that the order
-    of operations is kept; `known`: functions of graphs that replace operations, by name."""
+    """Return the outputs of a CasADi function at `inputs`; its calls of other
+    functions remain calls, so that the order of operations is kept."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
         function = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))

@@ -93,8 +93,8 @@ def _structs(writer: LaneWriter) -> list[str]:
 
 
 def _many(writer: LaneWriter) -> list[str]:
-    """Return the lines of the C function that calls the step for each row of a log in all lanes (a log in each vector
-    element), and the sizes that a caller needs."""
+    """Return the lines of the C function that calls the step for each row of a log in
+    all lanes (one log in each vector element), and the sizes that a caller needs."""
     step, p, real = writer.step, writer.prefix, writer.real
     inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
     outputs = [
@@ -123,8 +123,6 @@ def _many(writer: LaneWriter) -> list[str]:
 
 
 def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:
-    """Return the C statement that assigns signal `j` of an array of samples to `place`; `p`: the prefix of lanes; where
-    the width is 0, all lanes read one number."""
     width, at, p = f"width[{'uy'.index(array)}]", f"{size}u*k + {j}u", lane_prefix(p)
     by_lane = f"({p}_numbers)*(const {p}_row *)&{array}[({at})*{width}]"
     return f"{place} = {width} ? {by_lane} : {p}_fill({array}[{at}]);"

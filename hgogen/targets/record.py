@@ -55,7 +55,6 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 
 def _sample(step: Step, real: Real) -> list[str]:
-    """Return the C struct NAME_kept: state, parameters, estimate and traces, as in `layout.kept_type`."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.code.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
@@ -83,7 +82,6 @@ def _entry(step: Step, name: str) -> Prototype:
 
 
 def _argument(parameter: Parameter) -> str:
-    """Return the C text that passes a parameter of a step from a struct NAME_kept, whose state has a pointer `s`."""
     if not parameter.pointer:
         return f"({parameter.type})k->{parameter.name}"
     return "s" if parameter.name == "s" else f"&k->{parameter.name}"

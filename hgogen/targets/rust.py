@@ -121,7 +121,6 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
 
 
 def _method(step: Step, entry: Entry, body: Code) -> Code:
-    """Return a Rust method with this body, of the struct that `entry` writes; it returns a status."""
     (written,) = entry.written
     others = [name for name in entry.parameters if name != written]
     parameters = ", ".join(["&mut self", *(_ARGUMENTS[name] for name in others)])
