@@ -42,7 +42,7 @@ from hgogen.sentence import NONE, Reason, because
 
 
 def no_argument(form: Form) -> Reason:
-    """Return why the b of a form cannot be evaluated at z + N (y - C z) in the place of z; `NONE` where it can."""
+    """Return why b of a form cannot be evaluated at z + N (y - C z) instead of z; `NONE` if it can."""
     if form.jacobian is not None:
         return because("it works in chains, and this form keeps the plant's coordinates")
     if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
@@ -51,8 +51,8 @@ def no_argument(form: Form) -> Reason:
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
-    """Return the N (n) with which b(z + N (y - C z)) reads the sample in the place of the first state of each chain:
-    1/a_1 there, 0 elsewhere."""
+    """Return N (n) = 1/a_1 at the first state of each chain, else 0: b(z + N
+    (y - C z)) is then evaluated at the measured value of that state."""
     return tuple(1 / a if i == 0 else sp.S.Zero for chain in chains(form) for i, a in enumerate(chain))
 
 
@@ -85,7 +85,8 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
 
 
 def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
-    """Return the error, or `Nothing` where a slope of b has an infinite end: no step can then be proved."""
+    """Return the error dynamics, or `Nothing` if a partial derivative of
+    b is unbounded: then no discrete step can be proved to contract."""
     if isinstance(error, Nothing) or not error.endless:
         return error
     i, j = error.endless[0].entry or (0, 0)

@@ -109,8 +109,9 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -`alpha` V, V = e'P e, for all slopes at `theta`, by the `weights` P and S; S is empty where
-    corners are checked one by one. `others`: parameters of V besides P, by name."""
+    """A proof that V' <= -`alpha` V, V = e'P e, at `theta` for all partial derivatives
+    of b in their ranges, by P and multipliers S (`weights`); S is empty if every
+    corner of the ranges is checked. `others`: further parameters of V, by name."""
 
     theta: Fraction
     alpha: Fraction
@@ -267,7 +268,8 @@ class Flow:
         return because(pattern, i=i + 1, z=states[j], low=low, high=high)
 
     def by(self, weights: Weights, alpha: Fraction) -> Falls | None:
-        """Return the proof that V' <= -alpha V at theta by these `weights`; None where they do not prove it."""
+        """Return the proof that V' <= -`alpha` V at theta by the given
+        P and S (`weights`), or None if they do not prove it."""
         P, S = rational(weights.P), rational(weights.S)
         forms = self._exactly(self.theta, alpha)
         return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None

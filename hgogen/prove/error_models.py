@@ -215,9 +215,11 @@ def on_integrators(
     gates: Iterable[tuple[int, np.ndarray]] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the error of an estimator on a chain of integrators w, in errors of w in `nominal_units`. `gates`: indices
-    of errors that pass a saturation, which leaves a share in [0, 1], each with its column of the `core`; the other
-    arguments as of `inclusion`."""
+    """Return the error dynamics of an estimator on a chain of integrators w, in errors of
+    w in `nominal_units`. `core` (N, N) and `measured` (N, p): effects of errors and
+    samples at theta = 1; `numbers`: the observer's arguments; `gates`: indices of
+    errors that pass a saturation, with a factor in [0, 1], each with its column of the
+    `core`; `endless`: whether partial derivatives of b may be unbounded on one side."""
     reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
@@ -244,8 +246,8 @@ def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
 
 
 def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
-    """Return the products s_i a_1 .. a_i (n) for each chain, s the `units`: these times z are s_i w_i, w the
-    integrators."""
+    """Return the factors s_i a_1 .. a_i (n) of each chain, s the `units`, which
+    scale z_i to s_i w_i, w the coordinates of integrators w_i' = w_(i+1) + .."""
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
@@ -253,8 +255,9 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
 def on_companion(
     chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials;
-    outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
+    """Return the error dynamics of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients
+    of the chains' polynomials; outputs that measure one state have `weights` (p), by default
+    equal ones. `endless`: whether partial derivatives of b may be unbounded on one side."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
@@ -272,8 +275,9 @@ def on_companion(
 def with_gains(
     form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error of an observer with a constant gain K, entries (n, or n q: `columns`) in z, whose a_i may vary
-    with inputs; outputs that share a state count by `weights` (p), by default equally. `endless` as of `inclusion`."""
+    """Return the error dynamics of an observer with a constant gain K, entries (n, or n q) in z,
+    whose a_i may vary with inputs; outputs that measure one state have `weights` (p), by default
+    equal ones. `endless`: whether partial derivatives of b may be unbounded on one side."""
     reason = obstacle(form, endless)
     if reason:
         return Nothing(reason)
@@ -306,7 +310,7 @@ def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, 
 
 
 def plain(form: Form) -> Layout:
-    """Return the layout of errors e_k that are those of the form's states in their order, with no filter."""
+    """Return the layout of an observer without filters: error e_k is that of state k of the form."""
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 

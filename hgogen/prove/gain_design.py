@@ -260,12 +260,14 @@ class Search:
         return float(f"{value / self.theta**power:.{_DIGITS}g}")
 
     def promise(self) -> float:
-        """Return the noise bound of `middle`, to two digits; 1e30 where there is no gain. Raises: `NoSolver`."""
+        """Return the noise bound of the gain designed for noise at half of the rate
+        of decay, to two digits; 1e30 without a gain. Raises: `NoSolver`."""
         one = self.middle()
         return float(f"{one.noise_bound:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
-        """Return the gain for noise at about half of the rate of decay, or None. Raises: `NoSolver`."""
+        """Return the gain designed for noise at about half of
+        the rate of decay, or None. Raises: `NoSolver`."""
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:

@@ -58,9 +58,10 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 
 @dataclass(frozen=True)
 class Layout:
-    """The order of an estimator's errors e_k = s_i(k) (error of state i(k))/theta^p(k). `index` (N): i(k) from 0;
-    `power` (N): p(k); `fed` (N): whether the rate of e_k contains b_i(k), so that it belongs to an estimate of a state
-    and not to a filter; `picks` (n): for each state the k from which b reads its estimate."""
+    """The order of an estimator's errors e_k = s_i(k) (error of state i(k))/theta^p(k),
+    k = 1, .., N. `index`: i(k) from 0; `power`: p(k); `fed`: whether b_i(k) is part
+    of the rate of e_k, as for an estimate of a state and not for a filter's state;
+    `picks` (n): for each state the k of the estimate at which b is evaluated."""
 
     index: tuple[int, ...]
     power: tuple[int, ...]

@@ -404,7 +404,7 @@ class CoreDeviation:
 
     @cached_property
     def obeyed(self) -> Uncertain:
-        """The system e' = M e + G diag(d) H e of the error at theta."""
+        """The error dynamics e' = M e + G diag(d) H e at theta."""
         return self.error.at(self.theta)
 
     @property

@@ -125,7 +125,9 @@ def _search_shares(bound: Callable[[Fraction], float]) -> None:
 
 
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    """Return a proved bound of |c e| at this `alpha`, or None; arguments as of `input_bound`. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N), for `q` inputs of at most 1, by the
+    noise inequality at this `alpha`, or None. `bounded(alpha)`: the quadratic
+    forms; `W`: coordinates e = W x of the search. Raises: `NoSolver`."""
     forms = bounded(alpha)
     arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
@@ -135,8 +137,9 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """Return an unproved bound of |c e| at this `alpha`, and the W = P^(-1/2) (N, N) of its P, in floats, or None; the
-    other arguments as of `input_bound`."""
+    """Return an unproved bound of |c e|, c (N), for `q` inputs of at most 1, by the
+    noise inequality at this `alpha`, and W = P^(-1/2) (N, N) of its P, in floats;
+    or None. `bounded(alpha)`: the quadratic forms; the search starts in e = W x."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):

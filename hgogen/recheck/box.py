@@ -46,8 +46,8 @@ class Attempt:
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """Return the leaf boxes of a bisection in prefix order: a name cuts its side, a dot is a leaf. Raises: `Unproved`
-    for a text that is no bisection of this box."""
+    """Return the boxes into which the text `tree` bisects a box, in prefix order: a name cuts its
+    side, a dot ends a branch. Raises: `Unproved` for a text that is no bisection of this box."""
     boxes: list[Box] = []
     pending = [box]
     for token in tree.split():
@@ -82,8 +82,9 @@ def _middle(low: End, high: End) -> Fraction:
 
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Attempt], more: int = MORE) -> int:
-    """Return the number of boxes by which `attempt` proves a statement on the whole box: the leaves of the bisection
-    `tree`, and at most `more` halves of these. Raises: `Unproved` with a box on which it is not proved."""
+    """Return the number of boxes by which `attempt` proves a statement on the whole
+    box: the parts into which the bisection `tree` cuts it, and at most `more`
+    halves of these. Raises: `Unproved` with a box on which it is not proved."""
     pending = leaves(tree, box)
     limit = len(pending) + more
     tried = 0

@@ -47,11 +47,12 @@ _SATURATED = 8  # states up to which all combinations of saturations are tried
 
 @dataclass(frozen=True)
 class Core:
-    """The linear part e' = theta N e of an observer that has N fields (states of its program) for a chain of n
-    integrators w. `vertices`: N (N, N) for each combination of saturations, the first with all blocked, the last with
-    none; of field k the `index` of the state that scales it, from 0, its `power`, e_k over theta^power, and `fed`,
-    whether it is an estimate, on which b acts; `picks` (n): the field that estimates w_i in the argument of b;
-    `measured` (N): the gain of the sample's error, over theta."""
+    """The linear part e' = theta N e of the error of an observer with N states, for a
+    chain of n integrators w. `vertices`: N (N, N) for each combination of saturations,
+    the first with all blocking, the last with none. For observer state k: `index` of
+    the w_i that scales it, from 0; `power`, e_k is over theta^power; `fed`, whether it
+    is an estimate, on which b acts. `picks` (n): the observer state at which b is
+    evaluated for w_i; `measured` (N): the gain of the sample's error, over theta."""
 
     vertices: list[Matrix]
     index: list[int]
@@ -62,8 +63,8 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """The pairs (j, column), one for each saturation: a saturation that blocks the error of field j adds column (N)
-        to column j of the last vertex, where all errors pass."""
+        """The pairs (j, column), one for each saturation: a saturation that blocks the error of
+        observer state j adds column (N) to column j of the last vertex, where all errors pass."""
         columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             removed = self.vertices[-1 - 2**k] - self.vertices[-1]
@@ -196,12 +197,13 @@ class Argument:
 
 @dataclass(frozen=True)
 class ErrorInclusion:
-    """The differential inclusion e' = theta (`N` e + `measured` v) + the terms of `slopes` of an observer's error, with
-    N (N, N) for N fields (states of its program), measured (N, p) for the errors v of p samples at theta = 1; `boxes`:
-    the number of boxes of its proof. For field k: `index` i, `power`, with e_k = theta^-power `scale`_i times an error
-    of the form's state z_i, and `fed`, whether it estimates z_i. For state i: `picks`, the field that b reads for z_i,
-    and `from_y` (n, p), the errors of samples added to it. `late` (p): v is over theta^late; `units` (n): e for an
-    error 1 of w, for fields of a chain of integrators w; empty for fields of the form's states."""
+    """The error dynamics e' = theta (`N` e + `measured` v) + the uncertain terms of `slopes`,
+    N (N, N) for an observer with N states, measured (N, p) for the errors v of p samples at
+    theta = 1; `boxes`: the number of boxes of its proof. For observer state k: `index` i,
+    `power`, with e_k = theta^-power `scale`_i times an error of the form's state z_i, and
+    `fed`, whether it estimates z_i. For z_i: `picks`, the observer state at which b is
+    evaluated, and `from_y` (n, p), the errors of samples added to it. `late` (p): v is over
+    theta^late; `units` (n): e for an error 1 of the integrators w, empty without them."""
 
     N: Matrix
     slopes: list[Slope]
@@ -390,9 +392,11 @@ def bounded_slopes(
     picks: list[int],
     least: int = 0,
 ) -> tuple[list[Slope], int]:
-    """Return a `Slope` for every z_j that a b_i reads, S_i db_i/dz_j/S_j in a range that contains 0, S = diag(`scale`),
-    and the number of boxes; its degree `powers`[i] - `powers`[j] must be at least `least`. `fed`, `index` (N), `picks`
-    (n): as in `ErrorInclusion`. Raises: `Unproved`."""
+    """Return the uncertain terms S_i db_i/dz_j/S_j, each in a range that contains 0,
+    for every z_j on which a b_i depends, S = diag(`scale`), and the number of
+    boxes. The power of theta `powers`[i] - `powers`[j] must be at least `least`.
+    `fed`, `index` (N): whether an observer state estimates a state, and which;
+    `picks` (n): the observer state at which b is evaluated. Raises: `Unproved`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)

@@ -240,7 +240,8 @@ def tight(relative: float) -> Goal:
 
 
 def one_sign(leaves: Known, inner: Inner) -> Array:
-    """Return the priorities of leaves for the goal that the expression is defined and has one sign, 0 once refuted."""
+    """Return the priorities for bisecting boxes in order to prove that
+    the expression is defined and has one sign; 0 once refuted."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
     undecided = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
@@ -249,7 +250,8 @@ def one_sign(leaves: Known, inner: Inner) -> Array:
 
 
 def everywhere(leaves: Known, inner: Inner) -> Array:
-    """Return the priority of each leaf for the goal that the expression is defined: inf where it is not, else 0."""
+    """Return the priorities for bisecting boxes in order to prove
+    that the expression is defined: inf where not yet, else 0."""
     return np.where(leaves.defined, 0.0, np.inf)
 
 
@@ -266,7 +268,8 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
 
 
 def regular(leaves: Known, inner: Inner) -> Array:
-    """Return the priority of each leaf for the goal that the expression is defined and continuous: inf or 0."""
+    """Return the priorities for bisecting boxes in order to prove
+    that the expression is defined and continuous: inf or 0."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
