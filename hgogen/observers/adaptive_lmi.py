@@ -94,7 +94,7 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains | str:
-    """Return K and P for a Lipschitz constant of 1, and gamma from theta/4 to theta; a text where there are none."""
+    """Return K and P for a Lipschitz constant of 1, and gamma from theta/4 to theta; a text if there are none."""
     if scale.n < 2:
         return "one state needs no inequality; take high_gain"
     try:
