@@ -461,7 +461,7 @@ def _scaled(
 def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Dual]]:
-    """Return S J S^-1, J = d rows/d names, S = diag(`scale`), with the derivatives of its entries. Raises: `Undefined`."""
+    """Return S J S^-1, J = d rows/d names, S = diag(`scale`), with the derivatives of its entries."""
     if unbounded(box):
         raise Undefined("an unbounded side")
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
