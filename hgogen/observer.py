@@ -306,8 +306,8 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
     The outer box has the centre of the declared box, and a half-width larger by peak^(i-1) for state i, by which a
     high-gain observer overshoots (with several chains, peak to the power of theta in Delta^-1), and at least by 3.
     `initial`: the plant's states, by name or in order; a state that it does not name is at its nominal value, else at 0
-    or the end of its range nearest to 0. It may also name inputs, at which z(x, u) is then evaluated in place of their
-    resting values; where z depends on u, the estimate is x for these inputs only.
+    or the end of its range nearest to 0; an angle may be some turns off. It may also name inputs, at which z(x, u) is
+    then evaluated in place of their resting values; where z depends on u, the estimate is x for these inputs only.
 
     Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """
@@ -350,9 +350,10 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
     initial_values = dict(zip((*states, *inputs), map(float, values), strict=True))
     start, now = ({s: initial_values[s] for s in signals} for signals in (states, inputs))
     for signal, value in start.items():
-        low, high = signal.interval
+        low, high = signal.limits
         if not (np.isfinite(value) and low <= value <= high):
             raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
+        start[signal] = float(signal.turned(value))
     if origin is None:
         return start, now
     numbers = start | form.system.nominal

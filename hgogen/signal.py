@@ -119,7 +119,8 @@ def _turn(name: str, period: float | None, ends: Ends) -> Ends:
 def _short_way(difference: Any, period: float | None) -> Any:
     if period is None:
         return difference
-    return difference - period * np.floor(difference / period + 0.5)
+    within = np.fmod(difference, period)  # exact, in (-period, period)
+    return within - period * np.floor(within / period + 0.5)
 
 
 class Signal(sp.Symbol):  # type: ignore[misc]

@@ -436,7 +436,7 @@ def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
 def _outside(plant: System, trial: Trial) -> Iterator[str]:
     states = {s.name: s for s in plant.states}
     for jump in trial.jumps:
-        low, high = states[jump.state].interval
+        low, high = states[jump.state].limits
         if not low <= jump.value <= high:
             yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
 
@@ -695,7 +695,7 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    low, high = np.array([s.interval for s in plant.states]).T
+    low, high = np.array([s.limits for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:
         duration = part * trial.duration

@@ -1,7 +1,9 @@
 """Angles: values that differ by whole turns are equal, and every difference is taken the short way round."""
 
 import pickle
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -15,6 +17,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.graph import turned, wrapped
 from hgogen.modelfiles.tuning import value
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import from_table, to_text
 from hgogen.rigor.periodic import advance, exact_turn
@@ -277,3 +280,130 @@ def test_a_sample_beyond_a_thousand_turns_is_not_used(sample: float) -> None:
     assert after.status != 0
     assert np.isfinite(after.x).all()
     assert np.abs(after.x - before).max() < 0.1
+
+
+# --- what goes with observers -------------------------------------------------------------------------------
+
+
+def with_compass(turns: bool) -> hg.System:
+    """The rotor with a second sensor of its angle."""
+    plant = rotor(turns)
+    (y,) = plant.outputs
+    other = hg.Signal("y2", y.unit, low=y.low, high=y.high, period=y.period)
+    return replace(plant, outputs=(y, other), output=plant.output * 2)
+
+
+def with_torque(turns: bool) -> hg.System:
+    return hg.with_disturbance(rotor(turns), "w", signal=hg.Signal("d", low=-1, high=1))
+
+
+def kalman(form: hg.Form, name: str = "riccati", **more: Any) -> hg.Observer:
+    many = len(form.system.outputs)
+    Q = (1e-3, 1.0, 0.1)[: form.n]
+    made: hg.Observer = getattr(hg.observers, name)(form, Q=Q, R=(1e-4 * DT,) * many, **more)
+    return made
+
+
+SEVERAL = {"poles": (-1, -1), "theta": 5, "weights": {"y": 1, "y2": 2}}
+SIBLINGS: dict[str, Callable[[bool], hg.Step]] = {
+    **{
+        f"{form}": lambda turns, form=form: hg.sample(kalman(getattr(hg.forms, form)(rotor(turns))), dt=DT)
+        for form in ("block_triangular", "original", "phase", "state_affine", "uniform", "uniform_chain")
+    },
+    "delayed": lambda turns: hg.sample(hg.delayed(kalman(hg.forms.triangular(rotor(turns))), y=5), dt=DT),
+    "delayed_ukf": lambda turns: hg.sample(hg.delayed(kalman(hg.forms.triangular(rotor(turns)), "ukf"), y=5), dt=DT),
+    "periods": lambda turns: hg.sample(kalman(hg.forms.triangular(rotor(turns))), dt=DT, periods={"y": 5 * DT}),
+    "disturbed": lambda turns: hg.sample(kalman(hg.forms.original(with_torque(turns))), dt=DT),
+    "weights": lambda turns: hg.sample(
+        hg.observers.high_gain(hg.forms.block_triangular(with_compass(turns)), **SEVERAL), dt=DT
+    ),
+    **{
+        f"two_{name}": lambda turns, name=name: hg.sample(
+            kalman(hg.forms.original(with_compass(turns)), name), dt=DT, periods={"y": 3 * DT}
+        )
+        for name in ("riccati", "ukf", "iterated_ekf")
+    },
+    **{
+        f"bank_{selection}": lambda turns, selection=selection: hg.sample(
+            hg.observers.bank(kalman(hg.forms.triangular(rotor(turns))), count=3, period=2.0, selection=selection),
+            dt=DT,
+        )
+        for selection in ("window", "newest")
+    },
+}
+
+
+@pytest.mark.parametrize("case", SIBLINGS)
+def test_what_goes_with_an_observer_goes_round(case: str) -> None:
+    """Late samples, several rates, sensors, forms and members: again the plant on the whole line is the oracle."""
+    u, states = driven()
+    ages = np.where(np.arange(COUNT) % 7 == 0, 3, 0)
+    line, circle = SIBLINGS[case](False), SIBLINGS[case](True)
+    taken = np.maximum(np.arange(COUNT) - (ages if line.ages else 0), 0)
+    noise = 0.005 * np.random.default_rng(0).standard_normal((COUNT, len(line.outputs)))
+    y = states[taken, :1] + noise
+    late = [ages[:, None]] if line.ages else []
+    on_line = line.run(u=u, y=np.hstack([y, *late]), engine="python")
+    on_circle = circle.run(u=u, y=np.hstack([short_way(y), *late]), engine="python")
+    assert np.abs(short_way(on_circle.x[:, 0] - on_line.x[:, 0])).max() < 1e-8
+    assert np.abs(on_circle.x[:, 1:] - on_line.x[:, 1:]).max() < 1e-7
+    assert np.abs(on_circle.x[:, 0]).max() <= np.pi
+    assert on_circle.status.tolist() == on_line.status.tolist()
+    assert np.sqrt((short_way(on_circle.x[500:, 0] - states[500:, 0]) ** 2).mean()) < 0.05
+
+
+def test_two_compasses_at_half_a_turn_average_to_half_a_turn() -> None:
+    """Not to 0, which is their mean as numbers: of the errors to the estimate the mean is taken."""
+    step = hg.sample(
+        hg.observers.high_gain(hg.forms.block_triangular(with_compass(True)), initial={"th": 3.1}, **SEVERAL), dt=DT
+    )
+    for _ in range(500):
+        x = step(u=0.0, y=(np.pi - 0.01, -np.pi + 0.01)).x
+    assert abs(short_way(x[0] - np.pi)) < 0.05
+
+
+def test_a_disturbance_is_no_angle() -> None:
+    """It enters a flow as it is, which a turn of it would change."""
+    with pytest.raises(BadSystem, match="flow 2 changes by"):
+        hg.with_disturbance(rotor(True), "w", signal=angle("d"))
+
+
+def test_a_saved_angle_is_restored() -> None:
+    u, states = driven()
+    y = short_way(states[:, :1])
+    step = SIBLINGS["original"](True)
+    step.run(u=u[:700], y=y[:700])
+    saved, rest = step.save(), step.run(u=u[700:], y=y[700:])
+    step.restore(saved)
+    assert step.run(u=u[700:], y=y[700:]).x.tobytes() == rest.x.tobytes()
+
+
+@pytest.mark.parametrize("value", [0.3 + 5 * TURN, 0.3 - TURN])
+def test_an_angle_begins_some_turns_off(value: float) -> None:
+    step = hg.sample(kalman(hg.forms.triangular(rotor(True)), initial={"th": value}), dt=DT)
+    assert np.isclose(step(u=0.0, y=0.3).x[0], 0.3, atol=1e-14)
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_an_angle_that_is_no_number_is_no_start(value: float) -> None:
+    with pytest.raises(BadGain, match="must be"):
+        kalman(hg.forms.triangular(rotor(True)), initial={"th": value})
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("value", [30.0, 1e6, 1e20, 1e29, -1e29])
+def test_a_spoiled_angle_is_in_its_turn_after_a_call(real: Any, value: float) -> None:
+    step = SIBLINGS["original"](True).rebuilt(real=real)
+    step(u=0.0, y=0.1)
+    step._kept.places[Place("state", "z")][0] = value
+    assert abs(step(u=0.0, y=np.nan).x[0]) <= np.float32(np.pi)
+
+
+def test_a_first_coordinate_turns_with_the_state_that_it_is() -> None:
+    """And is a number where the state counts its turns, though the sensor does not."""
+    q, r, th = hg.Signal("q", low=-99, high=99), hg.Signal("r", low=1, high=2), angle("th", low=0, high=TURN)
+    first = []
+    for state, output, acceleration in ((q, q, 0), (th, -th, sp.sin(th))):
+        plant = hg.System("p", states=(state, r), outputs=(angle("y"),), flow=[r, acceleration], output=[output])
+        first.append(hg.forms.phase(plant).states[0])
+    assert [(z.period, z.interval) for z in first] == [(None, (-99, 99)), (TURN, (-TURN, 0))]

@@ -101,6 +101,73 @@ def test_the_middle_point_may_weigh_less_than_nothing() -> None:
     assert not close.status[:, None].any() or (close.status == closer.status).all()
 
 
+def seen_from_the_side() -> hg.System:
+    """A vehicle that drives in a circle round a beacon: its heading, and the beacon's bearing from it."""
+    px, py = (hg.Signal(name, low=-50, high=50) for name in ("px", "py"))
+    psi, y1, y2 = (hg.Signal(name, "rad", period=2 * np.pi) for name in ("psi", "y1", "y2"))
+    u = hg.Signal("u", low=-5, high=5)
+    return hg.System(
+        "side",
+        states=(px, py, psi),
+        inputs=(u,),
+        outputs=(y1, y2),
+        flow=(4 * sp.cos(psi), 4 * sp.sin(psi), u),
+        output=(psi, sp.atan2(py, px) - 2 * psi),
+    )
+
+
+def side_flow(z: np.ndarray, u: float) -> np.ndarray:
+    return np.array([4 * np.cos(z[2]), 4 * np.sin(z[2]), u])
+
+
+def side_output(z: np.ndarray) -> np.ndarray:
+    return np.array([z[2], np.arctan2(z[1], z[0]) - 2 * z[2]])
+
+
+TURNS = (np.array([np.inf, np.inf, 2 * np.pi]), np.full(2, 2 * np.pi))
+ACCEPT = ("singular.y2", "original.lipschitz", "original.order")
+
+
+def on_the_side(start: np.ndarray, P: np.ndarray, silent: int = 0, **points: float) -> tuple[Any, ...]:
+    """The filter's run over 5 turns round the beacon, with its input, samples and truth; no compass at first."""
+    rng, dt, count = np.random.default_rng(5), 0.05, 800
+    u, z, truth = np.full(count, 0.8), np.array([0.0, -5.0, 0.0]), []
+    for k in range(count):
+        z = oracle.runge_kutta(side_flow, z, (0.8, 0.8), dt) if k else z
+        truth.append(z)
+    y = np.array([side_output(z) for z in truth]) + 0.02 * rng.standard_normal((count, 2))
+    y = oracle.short_way(y, TURNS[1])
+    y[:silent, 0] = NAN
+    gains = {"Q": np.diag((0.01, 0.01, 1e-3)), "R": (4e-4 * dt,) * 2, "covariance": P, "accept": ACCEPT}
+    step = hg.sample(hg.observers.ukf(hg.forms.original(PLANT), initial=start, **gains, **points), dt=dt)
+    return step.run(u=u, y=y, engine="python"), u, y, np.array(truth)
+
+
+PLANT = seen_from_the_side()
+
+
+@pytest.mark.parametrize("points", [{}, {"alpha": 0.5, "kappa": 1.0}, {"alpha": 1.0, "beta": 0.5, "kappa": -0.5}])
+def test_points_of_angles_have_the_mean_about_their_middle(points: dict[str, float]) -> None:
+    """With wrapped sums in the textbook's order; heading and bearing go round, in states and outputs."""
+    start, P = np.array([0.5, -4.0, 3.0 - np.pi]), np.diag([0.5, 0.5, 0.1])
+    run, u, y, truth = on_the_side(start, P, **points)
+    weights = {"alpha": 1.0, "beta": 2.0, "kappa": 0.0} | points
+    Q, R = np.diag((0.01, 0.01, 1e-3)), np.full(2, 4e-4 * 0.05)
+    wanted = oracle.run(side_flow, side_output, Q, R, start, P, 0.05, u, y, *weights.values(), TURNS)
+    off = oracle.short_way(run.x - wanted, TURNS[0])
+    assert truth[-1, 2] > 5 * 2 * np.pi
+    assert np.abs(off).max() < 1e-9
+    assert np.abs(oracle.short_way(run.x - truth, TURNS[0])[400:]).max() < 0.3
+
+
+def test_points_that_would_lie_half_a_turn_off_are_drawn_nearer() -> None:
+    """A heading of which nothing is known: the status says so until the samples tell it, and the filter settles."""
+    run, *_, truth = on_the_side(np.array([0.5, -4.0, 2.5]), np.diag([0.5, 0.5, 9.0]), silent=5)
+    limited = [k for k, status in enumerate(run.status) if "POINTS_LIMITED" in run.replay.step.flags(status)]
+    assert limited == [0, 1, 2, 3, 4, 5]  # at 5 of the prediction, before the first sample of the compass
+    assert np.abs(oracle.short_way(run.x - truth, TURNS[0])[400:]).max() < 0.3
+
+
 def integrators() -> hg.System:
     """Three in a chain."""
     x = [hg.Signal(f"x{i}", low=-20, high=20) for i in (1, 2, 3)]

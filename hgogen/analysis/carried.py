@@ -107,8 +107,9 @@ class Carried:
         for k, (s, image) in enumerate(self.images.items()):
             values = bound(image, box_x, boxes=_RANGES)
             low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
+            period = next((x.period for x in plant.states if image in (x, -x)), None)
             meaning = f"derivative of {y.name} of order {k}" if k else y.meaning or y.name
-            states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high))
+            states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high, period=period))
         rename = dict(zip(self.images, states, strict=True))
         psi = {x: all_clamped(e.xreplace(rename)) for x, e in back.items()}
         b = tuple(min((e := all_clamped(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)

@@ -91,9 +91,8 @@ class Fallback:
 
     def output_valid(self, j: int, whole: Graph) -> Graph:
         """Return an SX: whether the value `whole` of the output y_j is a number in its range."""
-        low, high = self.outputs[j].interval
-        width = high - low
-        ends = (low - width, high + width) if self.outputs[j].bounded else (-self.largest, self.largest)
+        low, high = self.outputs[j].limits
+        ends = (-self.largest, self.largest) if low == -INF else widened(low, high, 1)
         return within(whole, ends)
 
     def slopes_valid(self, row: Graph) -> Graph:
@@ -154,8 +153,9 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
 
 
 def into(value: Graph, ends: Range, period: float | None) -> Graph:
-    """SX of a value in its range: clamped to it, or an angle in its turn."""
-    return clamp(value, *ends) if period is None else turned(value, ends[0], period)
+    """Return an SX: a value clamped to its range, an angle after its turns are taken off. The clamp matters to one that
+    is off by more turns than are counted exactly."""
+    return clamp(value if period is None else turned(value, ends[0], period), *ends)
 
 
 def near(signal: Signal, value: Graph, other: Graph) -> Graph:

@@ -260,7 +260,7 @@ def _measurements(plant: System) -> Iterator[str]:
     for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:
             continue
-        new = Signal(f"measured_{x.name}", x.unit, low=x.low, high=x.high)
+        new = Signal(f"measured_{x.name}", x.unit, low=x.low, high=x.high, period=x.period)
         replaced = replace(plant, outputs=(new,), output=(x,))
         extended = replace(plant, outputs=(*plant.outputs, new), output=(*plant.output, x))
         if name := _form(replaced) if len(plant.outputs) == 1 else "":

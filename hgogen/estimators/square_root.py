@@ -19,6 +19,8 @@ The unscented filter on P = S S' as straight-line statements, with sigma points 
     of a map m   a_i = (m(z + g s_i) - m(z - g s_i))/2g,  b_i = (m(z + g s_i) + m(z - g s_i) - 2 m(z))/2g,
                  d = sum b_i/g:  the mean m(z) + d,  the covariance sum a_i a_i' + sum b_i b_i' + (beta - alpha^2) d d'
     time         m is one classical Runge-Kutta step of f; S S' = that covariance + h Q, by Gram-Schmidt
+    angles       z +- g_i s_i with g_i <= g, so that no point is half a turn off; g_i in place of g in a_i, b_i and d.
+                 m(z +- g_i s_i) of a periodic output is the value nearest to m(z): m(z) + sum of W_i wrap(.. - m(z))
     measurement  m = h_j:  f = (a_1, .., a_n),  r = R_j/h + sum b_i^2 + (beta - alpha^2) d^2,  then Carlson's update of
                  S with f and r, and z <- z + K (y_j - h_j(z) - d)
 
@@ -215,7 +217,7 @@ class Unscented(SquareRoot):
         return reaches
 
     def points(self) -> tuple[list[Graph], list[Graph]]:
-        """z + g s_i and z - g s_i."""
+        """Return the sigma points z + g s_i and z - g s_i, i = 1..n, s_i the columns of S."""
         steps = [reach * self.root[:, i] for i, reach in enumerate(self.reaches)]
         return [self.z + step for step in steps], [self.z - step for step in steps]
 
@@ -277,15 +279,17 @@ class Unscented(SquareRoot):
         """Return the update by a sample of an output; a nonlinear output is evaluated at the sigma points."""
         r, e = self.variance(output), sym("work", "e")
         if self.linear(output):
-            f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"
+            f, title = self.root.T @ self.row(output).T, "correct by the scalar update"
         else:
             middle = self.output(self.z, output)
             above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
             sums = self.transformed(middle, above, below)
-            f, drift, title = sums.slopes.T, sums.drift, "correct by what the sigma points read"
-            r = r + ca.sumsqr(sums.curvatures) + max(0.0, self.more) * drift**2
+            f, title = sums.slopes.T, "correct by what the sigma points read"
+            r = r + ca.sumsqr(sums.curvatures) + max(0.0, self.more) * sums.drift**2
+            e = self.part.dynamics.output_error(output, e, sums.drift)
         S, gain = carlson(self.root, f, r)
-        return self.corrected(gain, e - drift, self.writes(S), title)
+        limited = () if self.linear(output) else self.limited
+        return (*limited, *self.corrected(gain, e, self.writes(S), title))
 
 
 @dataclass(frozen=True)

@@ -309,7 +309,8 @@ def _chain(plant: System, state: Signal, order: int, signal: Signal | None) -> t
         fix = "give a pair for each derivative that is a state, order - 1 of them" if order > 1 else "leave them out"
         have = f"{len(signal.rates)} rates, and order = {order}"
         raise BadSystem(plant.name, f"the disturbance {signal} has {have}; {fix}")
-    chain = [Signal(signal.name, signal.unit, signal.meaning, signal.nominal, signal.low, signal.high)]
+    turn = signal.period
+    chain = [Signal(signal.name, signal.unit, signal.meaning, signal.nominal, signal.low, signal.high, period=turn)]
     for k in range(1, order):
         rate = signal.derivative(k, plant.time)
         what = "derivative" if k == 1 else f"derivative of order {k}"  # estimated, unlike that of an input

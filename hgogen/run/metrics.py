@@ -67,7 +67,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
         bits = sum(1 << k for k, bit in enumerate(step.layout.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
         outside = trajectory.status & trajectory.status.dtype.type(bits) != 0
     else:  # the status has no bits of guards
-        low, high = np.array([s.interval for s in step.states]).T
+        low, high = np.array([s.limits for s in step.states]).T
         outside = ~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1)
     late = t > WARM_UP * trial.duration
     return Metrics(
@@ -325,7 +325,7 @@ def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ..
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
     leaving = []
     for signal, along in zip(signals, values.T, strict=True):
-        low, high = signal.interval
+        low, high = signal.limits
         beyond = np.maximum(low - along, along - high)
         first = int(np.argmax(beyond > _ROUNDING * (high - low)))
         if signal.bounded and beyond[first] > _ROUNDING * (high - low):

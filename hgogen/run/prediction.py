@@ -276,7 +276,7 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
     """Yield a sentence for each input of u (N, m) that is outside its range, where guards clamp it, in most samples;
     `columns`: the column of each input."""
     for signal, values in zip(step.inputs, u.T, strict=True):
-        values, ends = values[np.isfinite(values)], signal.interval
+        values, ends = values[np.isfinite(values)], signal.limits
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
         if beyond <= MOST_REJECTED:
             continue

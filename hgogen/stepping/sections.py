@@ -22,8 +22,9 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE, into, near
+from hgogen.analysis.dynamics import HUGE, near
 from hgogen.errors import BadArgument
+from hgogen.graph import turned
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import (
@@ -422,9 +423,11 @@ def in_turn(program: Program, state: Iterable[Field]) -> Program:
     written = {place for block in walk(program) if isinstance(block, Block) for place, _ in block.written}
     blocks = []
     for field in (each for each in state if each.periods and Place("state", each.name) in written):
-        value, angles = sym("state", field.name, field.size), zip(field.box, field.turns, strict=True)
-        turned = column(into(value[i], ends, period) for i, (ends, period) in enumerate(angles))
-        blocks.append(Block(f"angles of {field.name} in their turn", {Place("state", field.name): turned}))
+        value, angles = sym("state", field.name, field.size), enumerate(zip(field.box, field.turns, strict=True))
+        in_their_turn = column(
+            turned(value[i], low, period) if period else value[i] for i, ((low, _), period) in angles
+        )
+        blocks.append(Block(f"angles of {field.name} in their turn", {Place("state", field.name): in_their_turn}))
     return tuple(blocks)
 
 

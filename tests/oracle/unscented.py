@@ -4,7 +4,8 @@
     W_0m = lambda/(n + lambda),  W_0c = W_0m + 1 - alpha^2 + beta,  W_i = 1/(2 (n + lambda))
 
 Each point moves by classical Runge-Kutta, u on the line between two samples; h Q is added; each output corrects by
-itself, with points drawn again. Julier, ACC 2002; Wan, van der Merwe, 2000. Imports nothing of the package.
+itself, with points drawn again. Of angles a mean is chi_0 + sum of W_i wrap(chi_i - chi_0). Julier, ACC 2002; Wan, van
+der Merwe, 2000. Imports nothing of the package.
 """
 
 from collections.abc import Callable
@@ -29,6 +30,12 @@ def points(z: Array, P: Array, scale: float) -> Array:
     return np.array([z, *(z + root.T), *(z - root.T)])
 
 
+def short_way(difference: Array, periods: Array) -> Array:
+    """Differences of angles in [-period/2, period/2); a period of inf is that of a plain number."""
+    turns = np.where(np.isinf(periods), 0.0, np.floor(difference / periods + 0.5))
+    return difference - turns * np.where(np.isinf(periods), 0.0, periods)
+
+
 def run(
     f: Callable[[Array, float], Array],
     h_of: Callable[[Array], Array],
@@ -42,8 +49,10 @@ def run(
     alpha: float,
     beta: float,
     kappa: float,
+    turns: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Estimates (N, n) over u (N,), y (N, p), NaN where a sample is missing."""
+    """Estimates (N, n) over u (N,), y (N, p), NaN where a sample is missing; `turns`: periods of states and outputs."""
+    of_states, of_outputs = turns or (np.full(len(z), np.inf), np.full(y.shape[1], np.inf))
     n = len(z)
     scale = alpha**2 * (n + kappa)
     mean = np.full(2 * n + 1, 1 / (2 * scale))
@@ -54,15 +63,17 @@ def run(
     for k in range(len(y)):
         if k:
             moved = np.array([runge_kutta(f, chi, (u[k - 1], u[k]), dt) for chi in points(z, P, scale)])
-            z = mean @ moved
-            P = (spread[:, None] * (moved - z)).T @ (moved - z) + dt * Q
+            z = moved[0] + mean @ short_way(moved - moved[0], of_states)
+            off = short_way(moved - z, of_states)
+            P = (spread[:, None] * off).T @ off + dt * Q
         for j in np.flatnonzero(np.isfinite(y[k])):
             drawn = points(z, P, scale)
             read = np.array([h_of(chi)[j] for chi in drawn])
-            centre = mean @ read
-            variance = spread @ (read - centre) ** 2 + R[j] / dt
-            K = (spread * (read - centre)) @ (drawn - z) / variance
-            z = z + K * (y[k, j] - centre)
+            centre = read[0] + mean @ short_way(read - read[0], of_outputs[j])
+            off = short_way(read - centre, of_outputs[j])
+            variance = spread @ off**2 + R[j] / dt
+            K = (spread * off) @ (drawn - z) / variance
+            z = z + K * short_way(y[k, j] - centre, of_outputs[j])
             P = P - variance * np.outer(K, K)
         estimates.append(z)
     return np.array(estimates)
