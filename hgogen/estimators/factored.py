@@ -129,13 +129,15 @@ class FilterStep:
 
     def smallest(self, values: np.ndarray) -> np.ndarray:
         """Return the lower limits (n) of the D_i of P = L D L': a small fraction of the smallest of D(0) = `values`
-        (n), the process noise of one step, and the variance of one sample."""
+        (n), the process noise of one step, and the variance of one sample; its square of D(0) without
+        process noise."""
         part, clock = self.part, self.clock
         noise, variances = part.nominal
-        natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
+        process = clock.dt * factor(noise)[1] if part.factor.size else values
+        natural = np.minimum(values, np.where(process > 0, process, SMALLEST * values))
         least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
         natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
-        return np.maximum(SMALLEST * natural, TINY)
+        return np.asarray(np.maximum(SMALLEST * natural, TINY))
 
     def diagonal(self, values: np.ndarray) -> Field:
         """Return the memory field of D (n) of P = L D L', with initial `values` (n) and its limits."""

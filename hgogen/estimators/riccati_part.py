@@ -44,11 +44,6 @@ from hgogen.rigor import definite
 from hgogen.rigor.definite import symmetric, unsymmetric
 from hgogen.signal import LOST
 
-_WANTED = (
-    "must be positive definite, or a diagonal whose zeros the noise of other states reaches through the model, (A, Q) "
-    "controllable; a state that no noise reaches, such as one believed constant, takes a small positive number"
-)
-
 
 def cap(
     dynamics: Dynamics,
@@ -70,10 +65,27 @@ def cap(
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
 
 
-def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
+def spd(name: str, value: Any, n: int) -> np.ndarray:
     """Return `value`, a diagonal (n) or a matrix (n, n), as a symmetric positive definite matrix, without rounding
-    errors. A diagonal may have zeros if `reaches` (matrix -> bool) holds: its noise reaches every state. Raises:
-    `BadGain`."""
+    errors. Raises: `BadGain`."""
+    matrix = _symmetric(name, value, n)
+    if not is_definite(matrix):
+        raise BadGain(name, "must be positive definite")
+    return matrix
+
+
+def semidefinite(name: str, value: Any, n: int) -> np.ndarray:
+    """Return `value`, a diagonal (n) or a matrix (n, n), as a symmetric matrix without negative eigenvalues, up to
+    rounding (1e-12 of its numbers). Raises: `BadGain`."""
+    matrix = _symmetric(name, value, n)
+    try:
+        factor(matrix)
+    except np.linalg.LinAlgError:
+        raise BadGain(name, "must be positive semidefinite: symmetric, without a negative eigenvalue") from None
+    return matrix
+
+
+def _symmetric(name: str, value: Any, n: int) -> np.ndarray:
     matrix = reals(name, value)
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
@@ -84,25 +96,37 @@ def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | N
     even = symmetric(definite.rationals(matrix))
     if even is None:
         raise BadGain(name, unsymmetric(name))
-    matrix = np.array(even, dtype=float)
-    semidefinite = is_diagonal(matrix) and bool((np.diag(matrix) >= 0).all())
-    if not is_definite(matrix) and not (reaches and semidefinite and reaches(matrix)):
-        raise BadGain(name, _WANTED if reaches else "must be positive definite")
-    return matrix
+    return np.array(even, dtype=float)
 
 
-def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
-    """Return whether noise of the covariance Q = `matrix` reaches every state: (F, Q) is controllable at one of the
+def reached_by(noise: definite.Matrix, jacobians: np.ndarray) -> bool:
+    """Return whether the process noise Q = `noise` reaches every state: (F, Q) is controllable at one of the
     `jacobians` F (k, n, n), by the exact rank of Q, F Q, .., F^(n-1) Q."""
-    noise, n = definite.exact(definite.rationals(matrix)), len(matrix)
-    for F in jacobians:
-        rows, term, slopes = noise.transpose().tolist(), noise, definite.exact(definite.rationals(F))
-        for _ in range(n - 1):
-            term = slopes * term
-            rows += term.transpose().tolist()
-        if fmpq_mat(rows).rank() == n:
-            return True
-    return False
+    return any(fmpq_mat(_controllability(noise, F)).rank() == len(noise) for F in jacobians)
+
+
+def _controllability(noise: definite.Matrix, F: np.ndarray) -> list[list[Any]]:
+    """Return the rows of (Q, F Q, .., F^(n-1) Q)', a column for each state."""
+    term, slopes = definite.exact(noise), definite.exact(definite.rationals(F))
+    rows: list[list[Any]] = term.transpose().tolist()
+    for _ in noise[1:]:
+        term = slopes * term
+        rows += term.transpose().tolist()
+    return rows
+
+
+def noise_rank(part: "Riccati", names: Sequence[str]) -> str:
+    """Return a sentence on what a singular Q leaves without noise, "" for a Q that is positive definite; `names`: of
+    the coordinates."""
+    if is_definite(part.nominal[0]):
+        return ""
+    if part.reached:
+        return "Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point"
+    jacobians = jacobians_on_box(part.dynamics, 1)[0]
+    columns = [zip(*_controllability(part.noise_covariance, F), strict=True) for F in jacobians]
+    still = [all(not any(column) for column in each) for each in zip(*columns, strict=True)]
+    which = " and ".join(name for name, alone in zip(names, still, strict=True) if alone) or "a combination of states"
+    return f"no noise reaches {which}: the variance may tend to 0, and samples then no longer correct an error there"
 
 
 def is_diagonal(matrix: np.ndarray) -> bool:
@@ -198,6 +222,23 @@ class Riccati(Part):
         """The forgetting rate, SX scalar; 0 without forgetting."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
+    @cached_property
+    def noise_covariance(self) -> definite.Matrix:
+        """Q (n, n) at theta = 1 in rationals: L diag(d) L' of its factors where it is singular and not diagonal, and
+        was read up to rounding."""
+        noise = self.nominal[0]
+        if is_diagonal(noise) or is_definite(noise):
+            return definite.rationals(noise)
+        L, D = (definite.exact(definite.rationals(each)) for each in (self.factor, np.diag(factor(noise)[1])))
+        product = (L * D * L.transpose()).tolist()
+        return tuple(tuple(map(definite.fraction, row)) for row in product)
+
+    @cached_property
+    def reached(self) -> bool:
+        """Whether the process noise reaches every state of the model linearised at a point of the ranges."""
+        noise = self.noise_covariance
+        return is_definite(self.nominal[0]) or reached_by(noise, jacobians_on_box(self.dynamics, 1)[0])
+
     def noise(self) -> Graph:
         """Return the process noise Q_theta (n, n) of the Riccati equation, SX."""
         factor = self.scaled_factor()
@@ -266,19 +307,39 @@ def packed_triangle(
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (L, d) of a symmetric positive definite matrix L diag(d) L'. For a diagonal matrix d is exactly its
-    diagonal, which may have zeros. Raises: `numpy.linalg.LinAlgError` where it is not positive definite."""
+    """Return (L, d) of a symmetric matrix L diag(d) L' without negative eigenvalues, d >= 0. For a diagonal matrix d is
+    exactly its diagonal. Raises: `numpy.linalg.LinAlgError` for another matrix."""
     entries = np.diag(matrix).astype(float)
     if not np.count_nonzero(matrix - np.diag(entries)) and (entries >= 0).all():
         return np.eye(len(entries)), entries
     with np.errstate(all="ignore"):
         L, d = pivots(np.asarray(matrix, dtype=float))
-    if not all(value > 0 for value in d):
-        raise np.linalg.LinAlgError("the matrix is not positive definite")
-    return L, np.array(d)
+    return (L, np.array(d)) if all(value > 0 for value in d) else _singular_factor(matrix)
 
 
+def _singular_factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (L, d) of a singular matrix: a pivot that is 0 up to rounding has a column of zeros below it."""
+    n, remaining, scale = len(matrix), matrix.astype(float), np.sqrt(np.maximum(np.diag(matrix), 0))
+    L, d = np.eye(n), np.zeros(n)
+    for j in range(n):
+        below = remaining[j:, j]
+        if (np.abs(below) <= _ROUNDING * scale[j:] * scale[j]).all():
+            continue
+        if not remaining[j, j] > 0:
+            raise np.linalg.LinAlgError("the matrix has a negative eigenvalue")
+        d[j], L[j:, j] = remaining[j, j], below / remaining[j, j]
+        remaining[j:, j:] = remaining[j:, j:] - d[j] * np.outer(L[j:, j], L[j:, j])
+    if not np.abs(L @ np.diag(d) @ L.T - matrix).max(initial=0.0) <= _ROUNDING * n * np.abs(matrix).max(initial=0.0):
+        raise np.linalg.LinAlgError("the matrix has a negative eigenvalue")
+    return L, d
+
+
+_ROUNDING = 1e-12  # of a number of a singular matrix, as a share of the root of the product of its diagonal entries
 View = Literal["information", "covariance"]
+_UNBOUNDED = (
+    "leaves a direction without noise, in which S = P^-1 grows without bound; take the method continuous_discrete, "
+    "cholesky or rk4_covariance, or a small positive number for it"
+)
 SYMMETRIC: Mapping[View, str] = {"information": "S", "covariance": "P"}  # the field of a method that integrates it
 
 
@@ -304,6 +365,8 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
         return {part.z.name: part.flow(z, u, y, valid) + correction, name: pack(slope)}
 
     if view == "information":
+        if not part.reached:
+            raise BadGain("Q", _UNBOUNDED)
         start = packed_triangle("S", np.linalg.inv(part.covariance), "inverse covariance, lower triangle")
     else:
         start = packed_triangle("P", part.covariance, "covariance, lower triangle")
@@ -446,10 +509,7 @@ def extended(
     n, outputs, theta = form.n, len(form.output), theta or constant(1.0)
     dynamics = Dynamics(form, tangent)
 
-    def reaches(noise: np.ndarray) -> bool:
-        return reached_by(noise, jacobians_on_box(dynamics, 1)[0])
-
-    noise = spd("Q", by_coordinate("Q", Q, form), n, reaches)
+    noise = semidefinite("Q", by_coordinate("Q", Q, form), n)
     start = spd("covariance", np.ones(n) if covariance is None else by_coordinate("covariance", covariance, form), n)
     variances = positive_numbers("R", by_output("R", R, form), outputs)
     shape, weights = factor(noise)

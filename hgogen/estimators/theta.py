@@ -52,11 +52,6 @@ _DEFINITE = Hypothesis(
     reason="else the observer is refused",
     reference="(4)",
 )
-_OF_LOWER_RANK = replace(
-    _DEFINITE,
-    verdict=Verdict.UNKNOWN,
-    reason="Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point",
-)
 _BUILT = (
     Hypothesis(
         "b is smooth and of compact support",
@@ -200,11 +195,12 @@ ALIGNMENTS = {  # by the alignment of the chains
 }
 
 
-def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
+def of_form(theorem: Theorem, form: Form, *, rank: str = "") -> Theorem:
     """Return `theorem` with the hypotheses of `form`: on chains of several outputs, and on coordinates other than the
-    theorem's. `definite`: whether Q is positive definite."""
-    if not definite:
-        ranked = (_OF_LOWER_RANK if each is _DEFINITE else each for each in theorem.hypotheses)
+    theorem's. `rank`: a sentence on a Q that is not positive definite."""
+    if rank:
+        singular = replace(_DEFINITE, verdict=Verdict.UNKNOWN, reason=rank)
+        ranked = (singular if each is _DEFINITE else each for each in theorem.hypotheses)
         theorem = replace(theorem, hypotheses=tuple(ranked))
     if form.kind == "block_triangular":
         more = ALIGNMENTS.get(form.alignment)

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
-from hgogen.estimators.riccati_part import AtSamples, extended, is_definite
+from hgogen.estimators.riccati_part import AtSamples, extended, noise_rank
 from hgogen.estimators.square_root import LARGEST, Iterated
 from hgogen.estimators.theta import KALMAN, of_form
 from hgogen.form import Form
@@ -78,7 +78,7 @@ def iterated_ekf(
         dynamics=part.dynamics,
         claims=lambda: (*form.checks, *evaluated(form)),
         accepted=accept,
-        theorem=of_form(THEOREM, form, definite=is_definite(part.nominal[0])),
+        theorem=of_form(THEOREM, form, rank=noise_rank(part, form.names)),
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
         reference=REFERENCE,
     )

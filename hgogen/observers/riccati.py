@@ -15,21 +15,18 @@ import math
 from collections.abc import Iterable
 from fractions import Fraction
 
-import numpy as np
-
 from hgogen.analysis.evidence import Grounds
 from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.riccati_part import extended, is_definite
+from hgogen.estimators.riccati_part import Riccati, extended, noise_rank
 from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
 from hgogen.prove.steady_filter import Linear, in_chains, linear, settles
 from hgogen.reading.given import BadGain, Matrix, Values
-from hgogen.rigor.definite import rationals
 from hgogen.sentence import because, joined
 from hgogen.starting import starts
 
@@ -62,12 +59,12 @@ def riccati(
     """The high-gain extended Kalman filter of `form`: z' = f(z, u) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta
     - P C' R_theta^-1 C P, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..).
 
-    Args: `Q` diagonal (n) or symmetric positive definite (n, n), by the names of the form's coordinates or in their
-    order, unit z^2/s; a diagonal entry may be 0 where the noise of other states reaches this state, (A, Q)
-    controllable; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v per
-    sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers
-    in the plant's order); `covariance` P(0) = S(0)^-1, in the same format as Q, default the unit matrix; `accept` ids
-    of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
+    Args: `Q` diagonal (n) or a symmetric matrix (n, n) without negative eigenvalues, by the names of the form's
+    coordinates or in their order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for
+    white noise of variance v per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the
+    plant's state (by name, or n numbers in the plant's order); `covariance` P(0) = S(0)^-1, positive definite, in the
+    same format as Q, default the unit matrix; `accept` ids of refuted checks to ignore. A matrix that is symmetric up
+    to rounding (1e-12) is replaced by (Q + Q')/2.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients and a constant theta, where (C,
     A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the plant's
@@ -81,7 +78,7 @@ def riccati(
     _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta)
     dynamics, z = filter.part.dynamics, filter.part.z
-    convergence = _convergence(theta, form, *filter.part.nominal)
+    convergence = _convergence(theta, form, filter.part)
     proved = convergence.verdict is Verdict.PROVED
     return Observer(
         form=form,
@@ -92,7 +89,7 @@ def riccati(
         dynamics=dynamics,
         claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), convergence),
         accepted=accept,
-        theorem=LINEAR if proved else of_form(theta.theorem, form, definite=is_definite(filter.part.nominal[0])),
+        theorem=LINEAR if proved else of_form(theta.theorem, form, rank=noise_rank(filter.part, form.names)),
         equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.law(form.system.time), *filter.equations),
         reference=REFERENCE,
         traces=theta.traces,
@@ -118,14 +115,14 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
         )
 
 
-def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Check:
-    """Return the check that the estimate converges: proved for
-    a linear plant and a constant theta, else unknown."""
+def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
+    """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
+        Q, R = part.noise_covariance, part.nominal[1].tolist()
         obstacle = settles(plant, Q, theta.theta)
         if obstacle is None:
-            numbers = {"theta": Fraction(theta.theta), "Q": rationals(Q), "R": tuple(map(Fraction, R.tolist()))}
+            numbers = {"theta": Fraction(theta.theta), "Q": Q, "R": tuple(map(Fraction, R))}
             reason = because("the plant is linear, (C, A) is observable and (A, Q) controllable, by exact ranks")
             return Check(id, LINEAR.conclusion, Verdict.PROVED, reason, proofs=(Grounds(numbers, plant),))
         return Check(id, LINEAR.conclusion, Verdict.UNKNOWN, obstacle, fix=_TRIALS)

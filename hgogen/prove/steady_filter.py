@@ -60,7 +60,7 @@ from hgogen.reading.given import (
 )
 from hgogen.rigor import definite
 from hgogen.rigor.box import exact as exactly
-from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative, rationals
+from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative
 from hgogen.sentence import Reason, because, same
 from hgogen.signal import Signal
 
@@ -208,10 +208,10 @@ def linear(form: Form) -> Linear | Reason:
     return Linear(*(tuple(tuple(Fraction(int(e.p), int(e.q)) for e in row) for row in M.tolist()) for M in (A, C)))
 
 
-def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
+def settles(plant: Linear, Q: definite.Matrix, theta: float) -> Reason | None:
     """Return None where the Kalman filter of a linear plant with Q (n, n) and a constant theta converges, by the ranks
     of (C, A) and (A, Q); else the condition that fails."""
-    A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
+    A, C, noise = exact(plant.A), exact(plant.C), exact(Q)
     if not theta > 0:
         return because("theta is not positive")
     if noise != noise.transpose() or not nonnegative(noise):
@@ -223,7 +223,11 @@ def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
     if theta != 1:
         return because("Q is not positive definite, and theta scales it")
     if not definite.positive(_gramian(A, noise * noise, False)):
-        return because("(A, Q) is not controllable: Q, A Q, .. have a rank below {n}", n=len(plant.A))
+        return because(
+            "(A, Q) is not controllable: Q, A Q, .. have a rank below {n}; the gain may vanish in a direction without "
+            "noise",
+            n=len(plant.A),
+        )
     return None
 
 
