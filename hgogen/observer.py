@@ -1,6 +1,6 @@
 """An observer: the estimator's parts as CasADi graphs, with its form, its gains and its paper."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial, wraps
@@ -47,7 +47,9 @@ class Observer:
     the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`:
     the largest number of samples by which an output may come late, for the outputs that do; `error`: for a constant
     injection, the inclusion of its error (`prove.inclusion`), or `Nothing`; `construction`: the case of `hg.observers`
-    and its arguments.
+    and its arguments; `at_period`: for noise that is declared for one sample, the function from the periods (p) of the
+    outputs' samples, and the dt of the process noise, to the observer with densities; `periods`: (dt, *those) for which
+    its densities are, () for none; `process_dt`: the dt to which process noise of a sample belongs, 0 for the next one.
     """
 
     form: Form
@@ -67,6 +69,9 @@ class Observer:
     delays: tuple[tuple[str, int], ...] = ()
     error: Any | None = None
     construction: "partial[Observer] | None" = None
+    at_period: "Callable[[Sequence[float], float], Observer] | None" = None
+    periods: tuple[float, ...] = ()
+    process_dt: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "claims", cache(partial(_claimed, self.claims)))
@@ -127,6 +132,12 @@ class Observer:
         observer = make(replace(base, clamped=clamped), **gains)
         return observer if clamped else replace(observer, claims=lambda: base.checks)
 
+    def sampled(self, dt: float, periods: Sequence[float]) -> "Observer":
+        """Return the observer with its noise as densities, for noise that is declared for one sample: at the period
+        `dt` of a step and the `periods` (p) of the outputs' samples. Raises: `BadGain`."""
+        periods = (dt, *periods)
+        return self if self.at_period is None or self.periods == periods else _sampled(self, periods)
+
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
         if self.construction is None:
@@ -134,7 +145,7 @@ class Observer:
         case, args, keywords = self.construction.func, self.construction.args, self.construction.keywords
         arguments = signature(case).bind(*args, **keywords).arguments
         (_, base), *gains = arguments.items()
-        return remembered(case), base, dict(gains)
+        return partial(_remade, case, self.process_dt), base, dict(gains)
 
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
@@ -144,7 +155,8 @@ class Observer:
         that is not from `hg.observers`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
-        return _again, (self.construction.func, self.construction.args, self.construction.keywords, self.form.clamped)
+        call = self.construction
+        return _again, (call.func, call.args, call.keywords, self.form.clamped, self.process_dt)
 
     def __copy__(self) -> "Observer":
         return self
@@ -156,15 +168,44 @@ class Observer:
 asks_an_observer = requires(Observer, "an observer, one of hg.observers; that of a step is step.observer")
 
 
+@lru_cache(maxsize=_LAST)
+def _sampled(observer: Observer, periods: tuple[float, ...]) -> Observer:
+    make, base, gains = observer._making
+    dt, *others = periods
+    process_dt = observer.process_dt or dt
+    if isinstance(base, Observer):
+        built = make(replace(base, process_dt=process_dt).sampled(dt, others), **gains)
+    else:
+        assert observer.at_period is not None
+        built = observer.at_period(others, process_dt)
+    built = replace(
+        built,
+        construction=observer.construction,
+        at_period=observer.at_period,
+        periods=periods,
+        process_dt=process_dt,
+    )
+    return built if observer.form.clamped else replace(built, claims=lambda: observer.form.checks)
+
+
 def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:
     with one_thread():
         return claims()
 
 
+def _remade(case: Callable[..., Observer], process_dt: float, *args: Any, **keywords: Any) -> Observer:
+    observer = remembered(case)(*args, **keywords)
+    return replace(observer, process_dt=process_dt) if process_dt else observer
+
+
 def _again(
-    make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any], clamped: bool
+    make: Callable[..., Observer],
+    args: tuple[Any, ...],
+    keywords: Mapping[str, Any],
+    clamped: bool,
+    process_dt: float = 0.0,
 ) -> Observer:
-    observer = remembered(make)(*args, **keywords)
+    observer = _remade(make, process_dt, *args, **keywords)
     return observer if clamped else observer.clamping(False)  # without the claims of the theorem
 
 

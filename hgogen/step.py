@@ -313,6 +313,7 @@ def plan(
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     turns = tuple(u.period for u in system.inputs)
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns)
+    observer = observer.sampled(clock.dt, clock.periods)
     _pieces(observer, method, clock)  # its errors come before those of the step's length
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)

@@ -40,7 +40,8 @@ from hgogen.system import System
 DIGEST, CHECKSUM = 8, 4  # bytes
 ADDED = DIGEST + CHECKSUM  # bytes of a saved state besides those of the state
 POLYNOMIAL = 0xEDB88320
-_IN_EQUATIONS = ("poles", "gains", "Q", "R")  # arguments that may be given in several ways
+# arguments that may be given in several ways, whose numbers are among the gains or in the equations
+_IN_EQUATIONS = ("poles", "gains", "Q", "R", "noise", "R_per_sample", "Q_per_sample", "density")
 
 
 class NotSaved(BadArgument):

@@ -96,6 +96,8 @@ class Tuning:
         periods = (dt, self.setting.dt, table.get("dt"))
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
+        if observer.at_period is not None and "dt" in table:
+            observer = replace(observer, process_dt=float(table["dt"]))  # of process noise, whatever the step's dt
         options = {key: table[key] for key in _OPTIONS if key in table}
         options |= {key: value for key in ("real", "guards", "prefer") if (value := getattr(self.setting, key))}
         return self._refusals(where, lambda: sample(observer, method, period, **options))

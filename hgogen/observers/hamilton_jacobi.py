@@ -22,6 +22,7 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
+from hgogen.estimators.noise import declares_weights
 from hgogen.estimators.riccati_part import Riccati, cap, factor, positive_numbers, spd, wide
 from hgogen.estimators.theta import KALMAN, OTHER_COORDINATES, constant
 from hgogen.form import Form
@@ -64,6 +65,7 @@ def _starting(scale: Scale) -> Gains:
 @starts(
     "you think in weights of a cost", "as `riccati`, with the output's curvature if you want it", "n(n+3)/2", _starting
 )
+@declares_weights
 def hamilton_jacobi(
     form: Form,
     *,
@@ -79,10 +81,11 @@ def hamilton_jacobi(
 
     Args: weights by the names of the form's coordinates, or in their order: `Q` of the model's error, diagonal (n) or
     symmetric positive definite (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise
-    of variance v per sample, R = 1/(v dt)); `P0` of the initial error, in the same format as Q, unit 1/z^2, default the
-    unit matrix. `curvature`: the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 omits
-    them. With them every method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state;
-    `accept` ids of refuted checks to ignore.
+    of variance v per sample, R = 1/(v dt)); `noise`, `R_per_sample`, `Q_per_sample` in place of these, and `density`,
+    are of the noise, not its inverse, as in `riccati`; `P0` of the initial error, in the same format as Q, unit 1/z^2,
+    default the unit matrix. `curvature`: the largest rate (1/s) at which the outputs' second derivatives may change Pi;
+    0 omits them. With them every method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's
+    state; `accept` ids of refuted checks to ignore.
 
     Checks: `hamilton_jacobi.quadratic` (proved for a model that is affine in the state, else unknown);
     `hamilton_jacobi.lipschitz` in coordinates other than the plant's states.

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
+from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended, noise_rank
 from hgogen.estimators.square_root import LARGEST, Iterated
 from hgogen.estimators.theta import KALMAN, of_form
@@ -44,6 +45,7 @@ MOST = 10  # passes: each is the output, its row and a cost in straight-line cod
     lambda scale: scale.kalman,
     quick=LARGEST,
 )
+@declares_noise
 def iterated_ekf(
     form: Form,
     *,
@@ -57,8 +59,8 @@ def iterated_ekf(
     """The iterated extended Kalman filter of `form`, of up to 7 states: at a sample, Gauss-Newton passes minimise |w|^2
     + (y_j - h_j(z + S w))^2/r over w, P = S S', and z <- z + S w.
 
-    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for each sample of an
-    output that is not linear in the state; `accept` ids of refuted checks to ignore.
+    Args: `Q`, `R`, `noise`, .., `initial`, `covariance` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for each
+    sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.

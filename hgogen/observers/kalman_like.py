@@ -44,6 +44,7 @@ import numpy as np
 from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
+from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.persistence import gramian_bound, persistent, seconds
 from hgogen.estimators.riccati_part import Riccati, positive_numbers, spd, wide
 from hgogen.estimators.theta import constant
@@ -101,6 +102,7 @@ LIMITED = Bit(
     "n(n+3)/2",
     lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.start()},
 )
+@declares_noise
 def kalman_like(
     form: Form,
     *,
@@ -118,7 +120,8 @@ def kalman_like(
     box.
 
     Args: `rho` > 0 (1/s), the forgetting rate; `R` positive, one for each output, unit y^2 s: that of the noise (for
-    white noise of variance v per sample, v dt), so that P is distinct from S_0^-1; `inputs`, `period`: the future
+    white noise of variance v per sample, v dt), so that P is distinct from S_0^-1; `noise`, `R_per_sample` in place of
+    R, and `density`, as in `riccati`; `inputs`, `period`: the future
     inputs, where they are known, for the check of persistence (see `estimators.persistence`; `hgogen.excitation`
     analyses measured data); `window` (s) of the Gramian whose smallest eigenvalue is bounded, by default that period,
     or 1/rho where A and C are constant; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by the

@@ -20,6 +20,7 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import Riccati, extended, noise_rank
 from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
@@ -46,6 +47,7 @@ EQUATIONS = (
     lambda scale: scale.kalman,
     quick=math.inf,
 )
+@declares_noise
 def riccati(
     form: Form,
     *,
@@ -63,8 +65,11 @@ def riccati(
     coordinates or in their order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for
     white noise of variance v per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the
     plant's state (by name, or n numbers in the plant's order); `covariance` P(0) = S(0)^-1, positive definite, in the
-    same format as Q, default the unit matrix; `accept` ids of refuted checks to ignore. A matrix that is symmetric up
-    to rounding (1e-12) is replaced by (Q + Q')/2.
+    same format as Q, default the unit matrix; `noise`, `R_per_sample` in place of R: the standard deviation, or the
+    variance, of one sample by output, R = v T for samples T apart; `Q_per_sample` in place of Q: the covariance that a
+    step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I + dt F + (dt F)^2/2 by the default method, Q =
+    Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `accept` ids of refuted checks to
+    ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients and a constant theta, where (C,
     A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the plant's

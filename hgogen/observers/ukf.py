@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from math import sqrt
 
 from hgogen.check import Verdict
+from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended
 from hgogen.estimators.square_root import LARGEST, Unscented
 from hgogen.form import Form
@@ -59,6 +60,7 @@ THEOREM = Theorem(
     lambda scale: scale.kalman,
     quick=LARGEST,
 )
+@declares_noise
 def ukf(
     form: Form,
     *,
@@ -74,8 +76,8 @@ def ukf(
     """The unscented Kalman filter of `form`, of up to 7 states: P = S S', and mean and covariance after the model from
     its values at the sigma points z, z +- g s_i, s_i the columns of S.
 
-    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the scaled
-    unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g = alpha
+    Args: `Q`, `R`, `noise`, .., `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the
+    scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g = alpha
     sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds about
     6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
 

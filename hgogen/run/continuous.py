@@ -42,7 +42,7 @@ from hgogen.estimators.theta import Decaying
 from hgogen.graph import CVODES, Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.program import Block, Place, address, sym
+from hgogen.program import INF, Block, Place, address, sym
 from hgogen.reading.given import Misfit, reals, requires
 from hgogen.run.samples import Run, table
 from hgogen.step import Step, plan
@@ -73,11 +73,13 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
     observer = source.observer if isinstance(source, Step) else source
     if isinstance(source, Step):
         dt, between = source.dt, source.clock.between
+    elif isinstance(dt, int | float) and 0 < dt < INF:
+        observer = observer.sampled(float(dt), (float(dt),) * len(observer.form.output))
     fine = [
         replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
         for part in observer.parts
     ]
-    step = plan(replace(observer, parts=tuple(fine)), Continuous(), dt, between)
+    step = plan(replace(observer, parts=tuple(fine), at_period=None), Continuous(), dt, between)
     y = table("y", y, step.outputs, None)
     u = table("u", u, step.inputs, len(y))
     x, traces, status = Machine(step, partial(_bound, step)).record(u, y)
