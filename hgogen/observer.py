@@ -14,10 +14,11 @@ from hgogen.analysis.dynamics import Dynamics, with_fallback
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.maps import without_rates
 from hgogen.analysis.scaling import exponents
-from hgogen.check import Check, ClaimId, Refuted, Verdict, demand
+from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
+from hgogen.prove.inclusion import Nothing
 from hgogen.reading.given import BadGain, Values, in_order, names, names_of, positive, real, reals, requires
 from hgogen.rigor.definite import one_thread
 from hgogen.sentence import because
@@ -27,6 +28,8 @@ from hgogen.theorem import Hypothesis, Theorem
 
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
+_CLOSE = "Begin close to the plant, and watch the innovations."
+_OF_MOTION = ("convergence", "theta", "hold", "attenuation")  # claims that the error moves by the theorem's equation
 _LAST = 32  # calls of each case whose observers are remembered
 
 
@@ -238,28 +241,30 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
 
 
 def _up_to_turns(observer: Observer) -> Observer:
-    """Return the observer, its convergence unproved if an output is periodic: the correction
-    takes the short way round, as the theorem assumes only for errors below half a turn."""
+    """Return the observer; of one with a periodic output nothing is claimed that needs errors below half a turn, where
+    the injection is that of the theorem, but for what is proved with `NAME.region`, a region of initial errors."""
     turning = [y.name for y in observer.form.system.outputs if y.period is not None]
     if not turning:
         return observer
-    why = because("that the error of {names: and } stays below half a turn is not proved", names=turning)
+    id, below = ClaimId(observer.name, "region"), f"the error of {' and '.join(turning)} stays below half a turn"
+    unproved = because("it is not proved that {below}", below=below)
+    unknown = Check(id, below, Verdict.UNKNOWN, because("no proof is made of this observer"), fix=_CLOSE)
 
     def known() -> tuple[Check, ...]:
-        proved = (
-            (check, check.id.maker == observer.name and check.id.fact == "convergence") for check in observer.checks
-        )
-        return tuple(
-            replace(check, verdict=Verdict.UNKNOWN, reason=why) if own and check.verdict is Verdict.PROVED else check
-            for check, own in proved
-        )
+        checks = observer.checks
+        if any(check.id == id for check in checks):
+            return checks
+        of_motion = (check.id.maker == observer.name and check.id.fact in _OF_MOTION for check in checks)
+        return *(
+            replace(check, verdict=Verdict.UNKNOWN, reason=unproved, proofs=())
+            if conditional and check.proofs
+            else check
+            for check, conditional in zip(checks, of_motion, strict=True)
+        ), unknown
 
-    below = Hypothesis(
-        "the errors of periodic outputs stay below half a turn",
-        verdict=Verdict.UNKNOWN,
-        reason="begin with an estimate that is off by less, and watch the innovations",
-    )
-    return replace(observer, claims=known, theorem=observer.theorem.under(below), error=None)
+    hypothesis = Hypothesis("the errors of periodic outputs stay below half a turn", (Claims(observer.name, "region"),))
+    error = observer.error and Nothing(because("the proof is not made for the samples of periodic outputs"))
+    return replace(observer, claims=known, theorem=observer.theorem.under(hypothesis), error=error)
 
 
 @dataclass(frozen=True)

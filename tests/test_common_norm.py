@@ -19,11 +19,12 @@ from hgogen.estimators.gains import coefficients
 from hgogen.estimators.integrators import Integrators
 from hgogen.model import load
 from hgogen.prove import convergence, inequality
-from hgogen.prove.convergence import Falls, Flow, theta_checks
+from hgogen.prove.convergence import Falls, Flow
 from hgogen.prove.error_models import on_companion, with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing
 from hgogen.prove.inequality import falling
 from hgogen.prove.quadratic import Quadratic, negative, rational, reach, verified
+from hgogen.prove.region import theta_checks
 from hgogen.sentence import same, up
 from tests.sweep import sweep
 

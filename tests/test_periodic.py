@@ -262,14 +262,6 @@ def test_a_compass_keeps_its_accuracy_over_a_hundred_turns() -> None:
     assert np.sqrt((short_way(run.x[300:, 0] - truth[300:]) ** 2).mean()) < 0.01
 
 
-def test_claims_that_need_errors_below_half_a_turn_are_unknown() -> None:
-    observers = [hg.observers.high_gain(hg.forms.triangular(rotor(turns)), **CHAIN) for turns in (False, True)]
-    (line,), (circle,) = ([c for c in one.checks if str(c.id) == "high_gain.convergence"] for one in observers)
-    assert line.verdict is hg.Verdict.PROVED
-    assert circle.verdict is hg.Verdict.UNKNOWN
-    assert "below half a turn is not proved" in str(circle.reason)
-
-
 @pytest.mark.parametrize("sample", [1e30, TURN * 1100, np.inf, np.nan])
 def test_a_sample_beyond_a_thousand_turns_is_not_used(sample: float) -> None:
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(rotor(True)), **KALMAN), dt=DT)

@@ -107,7 +107,10 @@ class Carried:
         for k, (s, image) in enumerate(self.images.items()):
             values = bound(image, box_x, boxes=_RANGES)
             low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
-            period = next((x.period for x in plant.states if image in (x, -x)), None)
+            angle = next((x for x in plant.states if x.period is not None and image in (x, -x)), None)
+            if angle is not None:  # of which the box has more than a turn
+                low, high = sorted(end if image == angle else -end for end in angle.interval)
+            period = angle and angle.period
             meaning = f"derivative of {y.name} of order {k}" if k else y.meaning or y.name
             states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high, period=period))
         rename = dict(zip(self.images, states, strict=True))

@@ -28,6 +28,7 @@ from hgogen.registry import version
 from hgogen.rigor.bounds import Proof, Range
 from hgogen.rigor.box import box, exact
 from hgogen.rigor.lookup import Table
+from hgogen.rigor.periodic import exact_turn
 from hgogen.rigor.tape import plain
 from hgogen.sentence import up
 from hgogen.signal import Signal
@@ -277,6 +278,7 @@ def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
             "outputs": [y.name for y in plant.outputs],
             "flow": _written(form, plant.flow),
             "output": _written(form, plant.output),
+            **_periods((*plant.states, *system.inputs, *plant.outputs)),
         },
         "form": {
             "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
@@ -288,6 +290,7 @@ def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
             "output": _written(form, form.output),
             "blocks": list(map(str, form.blocks)),
             "alignment": form.alignment,
+            **_periods(form.states),
         },
         "observer": _observer(form, checks, observer),
     }
@@ -317,6 +320,12 @@ def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
     return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
+
+
+def _periods(signals: Iterable[Signal]) -> dict[str, dict[str, str]]:
+    """Return the periods of angles by name under the key "periods"; nothing where there are none."""
+    periods = {s.name: str(exact_turn(s.period)) for s in signals if s.period is not None}
+    return {"periods": periods} if periods else {}
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,8 @@
      "claims": [{"id", "verdict", "evidence"}],
      "digest": SHA-256 of all the other keys}
 
-Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
+Plant and form have "periods", {name: "2*pi"}, where a signal has one; the range of an angle is a whole turn. Numbers
+are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
 value as both ends. The plant as first declared is x' = flow(x, u), y = output(x, u). The form is z = to_form(x), x =
 from_form(z), z' = A z + b, y = output, with the number of states of each output's chain, and the alignment of chains.
 
@@ -31,7 +32,8 @@ form: "chain" (y, y', ..) in the plant's states; of its injectivity: "weights" L
 "minors" at "places"; of the convergence of an observer of a constant injection: "scale" S, the ranges of the "slopes"
 of b in S z, each of "row", "column", "low", "high" (null of no end), "tree", with "core" N = S (A - gains C) S^-1, or
 "ranges", the enclosures of the a_i, or "units" s_i of which S is s_i a_1 .. a_i, and "P", with multipliers "S" or
-without, of a quadratic Lyapunov function at the theta "least"; of the rate at theta: "alpha" and its "P", with its "S".
+without, of a quadratic Lyapunov function at the theta "least"; of the rate at theta: "alpha" and its "P", with its "S";
+of initial errors that stay below half a turn: "P", "S", "level", "first".
 Of other observers: "units", "scale", and the keys in the docstrings of their modules. Of inequality (38): the "gain" of
 the observer, the disturbances "G1" and "G2" and the ranges of the "errors", from which the system is rebuilt, with V
 and mu; on which "share" of the box of errors its second order is definite in which "basis"; "slabs" cover the

@@ -32,7 +32,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.method import OnErrors
 from hgogen.prove.inclusion import NO_SCALES, Nothing, state_row
-from hgogen.prove.inequality import Contracts
+from hgogen.prove.inequality import NOW, Contracts
 from hgogen.prove.plant_step import ErrorInput, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
 from hgogen.prove.quadratic import rational
 from hgogen.prove.questions import InputBound, Signed, confined
@@ -293,7 +293,8 @@ def _start_multiple(
         names, index = running.step.observer.form.names, running.error.layout.index
         return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in slack.items() if most <= 0)))
     rows = {k: state_row(start.scales, k) / rational(m) for k, m in slack.items()}
-    clear = confined(running.proof, start.corners, rows)
+    proof = running.proof
+    clear = confined(proof.step.falls(NOW), proof.steps.coordinates, start.corners, rows)
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 

@@ -29,7 +29,7 @@ from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.constant_gain import bounded, constant_gain, entries_of, injected, no_argument, sample_in_place
-from hgogen.prove.convergence import theta_checks
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Theorem, large_theta

@@ -28,9 +28,9 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import same

@@ -26,8 +26,8 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.convergence import theta_checks
 from hgogen.prove.filter_design import core, injected
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.starting import Gains, Scale, starts, two, whole

@@ -34,7 +34,7 @@ from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Place, sym
 from hgogen.prove.constant_gain import ConstantGain, constant_gain
-from hgogen.prove.convergence import theta_checks
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_theta

@@ -27,9 +27,9 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import sym
-from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.starting import starts

@@ -34,9 +34,9 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.program import sym
-from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, positive
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import same

@@ -26,8 +26,8 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
-from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import middles, slopes_on, uniform_error
+from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.sentence import Reason
 from hgogen.starting import starts

@@ -45,7 +45,7 @@ from flint import fmpq, fmpq_mat
 from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
+from hgogen.prove.inclusion import Inclusion, Slope, Uncertain
 from hgogen.prove.inequality import NOW, corners, falling, farthest, flow
 from hgogen.prove.quadratic import (
     Array,
@@ -522,15 +522,6 @@ class AtTheta:
         `FromTheta.evidence`."""
         function = self.falls.written
         return None if function is None else {"alpha": self.falls.alpha, **function}
-
-
-def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
-    """Return the checks `MAKER.convergence`, that errors converge above some theta, and `MAKER.theta`, that `theta` is
-    above it, with the rate."""
-    if isinstance(error, Nothing):
-        return nothing(maker, theta, error.reason)
-    kind = OneSided if error.endless else Flow
-    return claims(maker, form, kind(error, Fraction(theta)), {"theta": theta, **error.numbers})
 
 
 def claims(

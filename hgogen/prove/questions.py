@@ -173,11 +173,11 @@ class Confined:
     bounds: Mapping[int, Fraction]
 
 
-def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
-    """Return a proof with a small largest |c e| over the `rows` c (N), by key, for the step that contracts by `proof`
-    from errors in the box with these `corners` (k, N), one of each opposite pair; None for none. Raises: `NoSolver`.
-    Each c is in the unit in which its bound counts; all numbers are FLINT's rationals."""
-    form, W = proof.step.falls(NOW), proof.steps.coordinates
+def confined(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
+    """Return a proof with a small largest |c e| over the `rows` c (N), by key, from errors in the box with these
+    `corners` (k, N), one of each opposite pair; None for none. `form`: the inequality that |e|_P does not grow; `W`:
+    coordinates e = W x, near which P is expected. Raises: `NoSolver`. Each c is in the unit in which its bound counts;
+    all numbers are FLINT's rationals."""
     if W is None:
         return None
     in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))

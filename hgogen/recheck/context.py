@@ -44,6 +44,7 @@ from .file import (
 )
 from .matrix import Matrix
 from .text import Expression, Unreadable, expression, number
+from .turns import Turn, demand_periodic
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,25 @@ class Context:
         for name, row in zip(plant.states, form.from_form, strict=True):
             if not algebra.is_zero(algebra.read(row, z) - algebra.names[name]):
                 raise Unproved(f"{name} is not undone by the change of coordinates")
+
+    @cached_property
+    def turns(self) -> tuple[Turn | None, ...]:
+        """The periods of the outputs (p), None of one without. The plant and the form are verified to be periodic in
+        their angles, so that both obey their equations on the whole line. Raises: `Unproved`."""
+        plant, form = self.plant, self.form
+        forward = ((row, form.turns.get(name)) for name, row in zip(self.z, form.to_form, strict=True))
+        outputs = zip(plant.output, plant.periods, strict=True)
+        demand_periodic((*((row, None) for row in plant.flow), *outputs, *forward), plant.turns, plant.box)
+        back = ((row, plant.turns.get(name)) for name, row in zip(plant.states, form.from_form, strict=True))
+        rows = ((row, None) for row in (*form.b, *(entry for line in form.A for entry in line)))
+        outputs = zip(form.output, plant.periods, strict=True)
+        demand_periodic((*rows, *outputs, *back), form.turns, form.box)
+        return plant.periods
+
+    @property
+    def modulo(self) -> str:
+        """The condition under which an observer's error obeys its equation, in words; "" without periodic outputs."""
+        return ", while the errors of periodic outputs are below half a turn" if any(self.plant.periods) else ""
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
@@ -596,7 +616,8 @@ class Rule:
     before the dot, none for the form's kind; `facts`: the part after it, without its row numbers; `rows`: the number of
     row numbers by the kind of form, none for other kinds; `kinds`: the kinds of form on which the rule holds, none for
     any; `keys`: the permitted parts of the evidence; `assumes`: the ids of the claims that it assumes; `about`: the
-    subject of its sentence, both with {maker} and the form's {kind} filled in."""
+    subject of its sentence, both with {maker} and the form's {kind} filled in; `turning`: the ids of the claims that it
+    assumes as well of a plant with periodic outputs, None for a rule that does not hold there."""
 
     makers: Keys
     facts: Keys
@@ -607,6 +628,7 @@ class Rule:
     verdict: str = "proved"
     assumes: Keys = ()
     about: str = "the {kind} form"
+    turning: Keys | None = ()
 
     def accepts(self, kind: str, claim: Claim) -> bool:
         """Return whether the rule verifies a claim on a form of the given kind."""
@@ -615,10 +637,12 @@ class Rule:
         known = claim.maker in (self.makers or (kind,)) and fact in self.facts and count == rows
         return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
 
-    def needs(self, kind: str, claim: Claim) -> Keys:
-        """Return the ids of the claims that a claim on a form of the given kind assumes. On a form carried to other
-        coordinates the structure is no claim: it is verified with each claim that assumes it."""
-        return tuple(self.named(id, kind, claim) for id in self.assumes if id != STRUCTURE or kind not in CARRIED)
+    def needs(self, kind: str, claim: Claim, periodic: bool) -> Keys:
+        """Return the ids of the claims that a claim on a form of the given kind assumes, for a plant with `periodic`
+        outputs or none. On a form carried to other coordinates the structure is no claim: it is verified with each
+        claim that assumes it."""
+        assumed = (*self.assumes, *((self.turning or ()) if periodic else ()))
+        return tuple(self.named(id, kind, claim) for id in assumed if id != STRUCTURE or kind not in CARRIED)
 
     def named(self, text: str, kind: str, claim: Claim) -> str:
         """Return a text of the rule with the claim's maker and the form's kind filled in."""
@@ -626,6 +650,8 @@ class Rule:
 
     def find(self, context: Context, claim: Claim) -> Finding:
         """Return the finding on a claim that the rule accepts. Raises: `Unproved`."""
+        if self.turning is None and any(context.plant.periods):
+            raise Unproved("an output is periodic, for which its rule is not")
         if STRUCTURE in self.assumes and context.form.kind in CARRIED:
             observer = context.file.observer
             if observer is None or observer.name != claim.maker:
@@ -643,11 +669,21 @@ class Needed:
     others: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
 
 
-def observer_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
+def observer_rule(
+    makers: Keys,
+    facts: Keys,
+    verify: Verify,
+    keys: Keys = (),
+    *assumes: str,
+    kinds: Keys = (),
+    turning: Keys | None = None,
+) -> Rule:
     """Return the rule of claims about observers' numbers only, on forms of these `kinds` or any; see `Rule`."""
-    return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer")
+    return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer", turning=turning)
 
 
-def chains_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
+def chains_rule(
+    makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, turning: Keys | None = None
+) -> Rule:
     """Return the rule of claims about observers on chains of integrators, whose structure it assumes; see `Rule`."""
-    return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)
+    return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS, turning=turning)

@@ -16,6 +16,7 @@ from .arithmetic import Unproved
 from .box import Box, End
 from .matrix import Matrix
 from .text import Expression, RecheckError, expression, kind_of, number
+from .turns import Turn, Turns, turn
 
 FORMAT, VERSION = "hgogen certificate", "3"
 LARGEST = 50_000_000  # characters of a file
@@ -28,8 +29,8 @@ _ROWS = re.compile(r"(.*?)((?:_[1-9][0-9]{0,3})*)\Z", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}\Z", re.ASCII)
 _KEYS = {
     "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
-    "plant": ("name", "states", "inputs", "parameters", "outputs", "flow", "output"),
-    "form": ("kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"),
+    "plant": ("name", "states", "inputs", "parameters", "outputs", "periods", "flow", "output"),
+    "form": ("kind", "states", "periods", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"),
     "a range": ("name", "low", "high"),
     "a claim": ("id", "verdict", "evidence"),
 }
@@ -47,18 +48,22 @@ class NoCertificate(RecheckError):
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations x' = flow, y = output of the plant, as expressions; `box`: the range of every name in them."""
+    """The equations x' = flow, y = output of the plant, as expressions; `box`: the range of every name in them;
+    `turns`: the periods of angles among the states and inputs, `periods` those of the outputs, or None."""
 
     states: tuple[str, ...]
     box: Box
     flow: tuple[Expression, ...]
     output: tuple[Expression, ...]
+    turns: Turns
+    periods: tuple[Turn | None, ...]
 
 
 @dataclass(frozen=True)
 class FormFile:
     """A form of a plant: z = to_form(x), x = from_form(z), z' = A z + b, y = output; `blocks` are the sizes of its
-    chains of integrators in order, `alignment` says which states of other chains b may read."""
+    chains of integrators in order, `alignment` says which states of other chains b may read, `turns` are the periods of
+    angles among the states and inputs."""
 
     kind: str
     states: tuple[str, ...]
@@ -70,6 +75,7 @@ class FormFile:
     output: tuple[Expression, ...]
     blocks: tuple[int, ...]
     alignment: str
+    turns: Turns
 
 
 @dataclass(frozen=True)
@@ -207,9 +213,19 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> 
     n, m = len(states), len(part(plant, "outputs", list))
     if not (n and m and z):
         raise NoCertificate("its plant or its form has no states, or there are no outputs")
+    outputs = _names(plant["outputs"])
+    turns = _periods(plant, (*states, *inputs, *outputs))
+    of_inputs = {name: turns[name] for name in inputs if name in turns}
     return Certificate(
         name=part(plant, "name", str),
-        plant=Equations(tuple(states), x_box, _rows(plant, "flow", x_box, n), _rows(plant, "output", x_box, m)),
+        plant=Equations(
+            states=tuple(states),
+            box=x_box,
+            flow=_rows(plant, "flow", x_box, n),
+            output=_rows(plant, "output", x_box, m),
+            turns={name: period for name, period in turns.items() if name in x_box},
+            periods=tuple(map(turns.get, outputs)),
+        ),
         form=FormFile(
             kind=part(form, "kind", str),
             states=tuple(z),
@@ -221,6 +237,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> 
             output=_rows(form, "output", z_box, m),
             blocks=_blocks(form, len(z)),
             alignment=part(form, "alignment", str),
+            turns=_periods(form, z) | of_inputs,
         ),
         observer=_observer(content, observers, z_box, _blocks(form, len(z))),
         inputs=tuple(inputs),
@@ -244,6 +261,21 @@ def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = N
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
+
+
+def _names(values: Iterable[Any]) -> tuple[str, ...]:
+    return tuple(value if isinstance(value, str) else "" for value in values)
+
+
+def _periods(holder: Mapping[str, Any], names: Iterable[str]) -> dict[str, Turn]:
+    """Return the periods by name under the key "periods", which may be missing. Raises: `NoCertificate`."""
+    known = part({"periods": {}, **holder}, "periods", dict)
+    if strange := sorted(known.keys() - set(names)):
+        raise NoCertificate(f"{words(strange[0])} has a period, and is no state, input or output")
+    try:
+        return {name: turn(text) for name, text in known.items()}
+    except Unproved as error:
+        raise NoCertificate(str(error)) from None
 
 
 def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:

@@ -38,10 +38,11 @@ from .context import (
 )
 from .file import Observer, column, entries, fields, matrix, part, scalar
 from .inequality import Parts
-from .matrix import Matrix, companion, outer, similar, unit, unit_row, zeros
+from .matrix import Matrix, companion, dot, outer, similar, unit, unit_row, zeros
 from .text import Expression
 
 Numbers = Mapping[str, Any]
+_CORNERS = 8  # states up to which all corners of the initial errors are tried
 _SATURATED = 8  # states up to which all combinations of saturations are tried
 
 
@@ -226,6 +227,20 @@ class ErrorInclusion:
         if len(known) < len(values):
             raise Unproved("its scale is not of numbers")
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
+
+    def largest(self, scales: Sequence[Fraction], first: Sequence[Fraction], P: Matrix) -> Fraction:
+        """Return the largest |e(0)|_P^2 for initial errors of states of at most `first` (n), at the corners, `scales`
+        (N) those of e; a field that estimates no state begins with 0. Raises: `Unproved`."""
+        if len(first) > _CORNERS:
+            raise Unproved(f"it has more than {_CORNERS} states")
+        if min(first) < 0:
+            raise Unproved("a first error is negative")
+        sides = [s * first[i] * fed for s, i, fed in zip(scales, self.index, self.fed, strict=True)]
+        largest = Fraction(0)
+        for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
+            e = [side * signs[i] for side, i in zip(sides, self.index, strict=True)]
+            largest = max(largest, dot(e, P.applied(e)))
+        return largest
 
     def at(self, theta: Fraction) -> Parts:
         """Return `Parts` of e' at a theta: M and R with the middles of slopes, G, H and E with half their ranges."""

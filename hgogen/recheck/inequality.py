@@ -411,7 +411,7 @@ class Decay:
         observer, least = observer_of(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
-        return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
+        return Finding(f"in continuous time, without noise, {phrase}{context.modulo}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
         """Return the finding that the observer's gain is above the `least` gain of its claim `convergence`, and V' <=
@@ -424,15 +424,16 @@ class Decay:
             return Finding(known)
         alpha = signless(claim.evidence, "alpha")
         boxes = self.falls(context, claim, bound.evidence, chosen, alpha)
-        return Finding(f"{known}, where V' <= -{printed(alpha, -1)} V", boxes)
+        return Finding(f"{known}, where V' <= -{printed(alpha, -1)} V{context.modulo}", boxes)
 
 
-def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
+def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys, turning: Keys | None = None) -> tuple[Rule, Rule]:
     """Return two rules for observers (`makers`) on chains: one for the claim `convergence`, a least gain, one for
-    `theta`, that the observer's is above it; `slopes`, `norm`: the permitted keys of evidence on slopes and on V."""
+    `theta`, that the observer's is above it; `slopes`, `norm`: the permitted keys of evidence on slopes and on V;
+    `turning`: as in `Rule`."""
     return (
-        chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
-        chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
+        chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm), turning=turning),
+        chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence", turning=turning),
     )
 
 
@@ -443,4 +444,4 @@ def clamped(makers: Keys) -> Rule:
     def steep(context: Context, claim: Claim) -> Finding:
         return jacobian_bound(context, claim, context.form.b, "db/dz")
 
-    return observer_rule(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED)
+    return observer_rule(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED, turning=())

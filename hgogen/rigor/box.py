@@ -17,6 +17,7 @@ import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.rigor.outward import Pair, number
+from hgogen.rigor.periodic import whole_turn
 
 RationalPoint = Mapping[sp.Symbol, sp.Rational]
 
@@ -35,11 +36,12 @@ STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # not finite re
 
 
 class Ranged(Protocol):
-    """A symbol with an optional declared range and an optional nominal value: a `Signal`."""
+    """A symbol with an optional declared range, nominal value and period: a `Signal`."""
 
     low: float | None
     high: float | None
     nominal: float | None
+    period: float | None
 
     @property
     def bounded(self) -> bool:
@@ -200,12 +202,14 @@ def box(
     signals: Iterable[Ranged], nominal: Mapping[sp.Symbol, sp.Rational] | None = None
 ) -> dict[sp.Symbol, tuple[End, End]]:
     """Return the declared range (low, high) of each signal. A signal without one has its value in `nominal` (such as
-    `system.nominal`, of the parameters), else it is unbounded. A float is the rational of its shortest decimal."""
+    `system.nominal`, of the parameters), else it is unbounded. A float is the rational of its shortest decimal; the
+    ends of an angle are rounded outward to a whole turn."""
     fixed = nominal or {}
     ends: dict[sp.Symbol, tuple[End, End]] = {}
     for signal in signals:
         if signal.low is not None and signal.high is not None:
-            ends[signal] = _shortest_decimal(float(signal.low)), _shortest_decimal(float(signal.high))
+            low, high = _shortest_decimal(float(signal.low)), _shortest_decimal(float(signal.high))
+            ends[signal] = (low, high) if signal.period is None else whole_turn(low, high, signal.period)
         elif signal in fixed:
             ends[signal] = (Fraction(fixed[signal]),) * 2
         else:

@@ -1,10 +1,20 @@
-"""Return by how much an expression changes over one turn of a symbol, exactly, to find whether it is periodic."""
+"""Return by how much an expression changes over one turn of a symbol, exactly, to find whether it is periodic.
 
+A function that is the same a turn later has the same values on one turn as on the whole line, and so have its slopes:
+proofs take one turn as the range of an angle. The ends of that range are rounded outward, so that it has no gap.
+"""
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
 
 _MOST = 720  # a float is taken for a multiple of pi by a fraction with at most this denominator
+_FINE = 10**40  # parts of 1 to which a multiple of pi is rounded
+_DIGITS = 13  # after the first digit of a period, of the ends of a turn
 _DEEP = {"trig": False, "power_base": False, "power_exp": False, "log": False}
 
 
@@ -14,6 +24,22 @@ def exact_turn(period: Any) -> sp.Expr:
     share = sp.Rational(period / float(sp.pi)).limit_denominator(_MOST)
     turn = share * sp.pi
     return turn if share != 0 and float(turn) == period else sp.Rational(repr(period))
+
+
+def half_turn(period: float) -> Fraction:
+    """Return a lower bound of half a turn, of the exact one and of the program's."""
+    exactly = sp.floor(exact_turn(period) * _FINE)
+    return min(Fraction(int(exactly), _FINE), Fraction(period)) / 2
+
+
+@lru_cache(maxsize=256)
+def whole_turn(low: Fraction, high: Fraction, period: float) -> tuple[Fraction, Fraction]:
+    """Return the range of an angle from `low` to `high`, its ends rounded outward until they span an exact turn."""
+    step = Fraction(10) ** (Decimal(repr(period)).adjusted() - _DIGITS)
+    bottom, top = step * math.floor(low / step), step * math.ceil(high / step)
+    while top - bottom < Fraction(int(sp.ceiling(exact_turn(period) * _FINE)), _FINE):
+        bottom, top = bottom - step, top + step
+    return bottom, top
 
 
 def advance(expression: sp.Expr, symbol: sp.Symbol, turn: sp.Expr) -> sp.Expr:

@@ -66,7 +66,7 @@ def rule_of(kind: str, claim: Claim) -> Rule | None:
 def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
     """Return the ids of the claims that this one assumes; any claim of a form assumes those of its coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
-    named = rule.needs(kind, claim) if rule else ()
+    named = rule.needs(kind, claim, any(certificate.plant.periods)) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")
     return (*named, *(() if claim.maker == "recast" else coordinates))
 

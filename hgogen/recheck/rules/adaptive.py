@@ -412,10 +412,10 @@ OBSERVERS = {
     **dict.fromkeys(_LEVELS, ObserverKeys(("theta", "decay", "r", "gains"))),
 }
 RULES = (
-    observer_rule(("updated_gain",), ("p_1",), falls, ("P", "b")),
-    observer_rule(("updated_gain",), ("p_3",), rises, ("P", "b", "peak")),
-    chains_rule(("updated_gain",), ("cap",), below_cap, (*STEEP, "units", "scale")),
-    observer_rule(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",)),
+    observer_rule(("updated_gain",), ("p_1",), falls, ("P", "b"), turning=()),
+    observer_rule(("updated_gain",), ("p_3",), rises, ("P", "b", "peak"), turning=()),
+    chains_rule(("updated_gain",), ("cap",), below_cap, (*STEEP, "units", "scale"), turning=()),
+    observer_rule(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",), turning=()),
     chains_rule(
         ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),

@@ -131,6 +131,33 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
     return error.boxes
 
 
+# --- initial errors
+
+
+def region(context: Context, claim: Claim) -> Finding:
+    """Prove that initial errors |z| <= `first` keep the errors of all injected periodic outputs below half a turn: V =
+    e'P e does not grow, is at most `level` at first, and level C P^-1 C' < (period/2)^2, C the slope of an output."""
+    observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
+    theta, error = above_zero(observer.numbers, "theta"), one_sided_inclusion(context, observer, evidence)
+    demand_decays(error.at(theta), Fraction(0), evidence)
+    scales, level, first = error.scales(context, theta), above_zero(evidence, "level"), column(evidence, "first", n)
+    P, turning = matrix(evidence, "P", len(scales), len(scales)), list[str]()
+    for j, (turn, z) in enumerate(zip(context.turns, context.observed, strict=True)):
+        if turn is None or not z:
+            continue
+        field = error.picks[context.z.index(z)]
+        c = [context.output_slope(j) / scales[field] * x for x in unit_row(field, len(scales))]
+        demand_positive({"half a turn": (turn.ends[0] / 2) ** 2 * P - level * outer(c, c)})
+        turning.append(str(j + 1))
+    if not turning:
+        raise Unproved("no periodic output is injected")
+    if error.largest(scales, first, P) > level:
+        raise Unproved("its initial errors are not within its level")
+    sizes = ", ".join(f"{z} by at most {printed(size, -1)}" for z, size in zip(context.z, first, strict=True))
+    below = f"the errors of outputs {', '.join(turning)} stay below half a turn"
+    return Finding(f"in continuous time, without noise, from initial errors of {sizes} {below}", error.boxes)
+
+
 # --- inputs
 
 
@@ -316,7 +343,6 @@ def _gramian(A: Matrix, start: Matrix) -> Matrix:
     return total
 
 
-_INJECTED = (*INJECTED, "switched_gain")
 _UNIFORM = "uniform_injection"
 OBSERVERS = {
     _UNIFORM: ObserverKeys(("theta", "gains")),
@@ -343,10 +369,12 @@ RULES = (
             strict=True,
         )
     ),
-    Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant"),
-    *decays(_INJECTED, Decay(_falls, _least, _phrase), ERROR, _NORM),
+    Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant", turning=None),
+    *decays(INJECTED, Decay(_falls, _least, _phrase), ERROR, _NORM, ("{maker}.region",)),
+    *decays(("switched_gain",), Decay(_falls, _least, _phrase), ERROR, _NORM),
+    chains_rule(INJECTED, ("region",), region, (*ERROR, *_NORM, "level", "first"), turning=()),
     chains_rule(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
-    clamped(_INJECTED),
+    clamped((*INJECTED, "switched_gain")),
     chains_rule(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
     chains_rule(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

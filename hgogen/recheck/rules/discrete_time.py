@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property, reduce
-from itertools import product
 from math import comb
 from operator import add
 from typing import Any
@@ -39,13 +38,12 @@ from ..inequality import (
     within,
 )
 from ..local_error import demand_core_error, demand_remainder
-from ..matrix import Matrix, dot, inverse, outer, unit_row, zeros
+from ..matrix import Matrix, inverse, outer, unit_row, zeros
 from ..plant_motion import demand_followed
 from ..program import demand_rounding, equation_of
 from ..text import number
 
 _PIECES = 24  # of a range of step lengths
-_CORNERS = 8  # states up to which all corners of the initial errors are tried
 _FINE = 2**200  # parts of a root
 
 
@@ -160,18 +158,14 @@ def start(context: Context, claim: Claim) -> Finding:
     """Prove that |e|_P decreases at each call, and that initial errors |z| <= `first` keep each estimating field within
     its limit and each state within its bound: |e(0)|_P^2 <= V at the corners, bound^2 P >= V c'c for an error c e."""
     run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
-    if n > _CORNERS:
-        raise Unproved(f"it has more than {_CORNERS} states")
     scales, first = run.scales, column(evidence, "first", n)
-    if min(first) < 0:
-        raise Unproved("a first error is negative")
     clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
     if any(not isinstance(one, dict) for one in peaks):
         raise Unproved("a peak is no object")
     begins = list[Fraction]()
     for one in (clear, *peaks):
         demand_falls(run.parts, run.method, run.h, Fraction(0), one)
-        begins.append(_largest(run.error, scales, first, matrix(one, "P", len(scales), len(scales))))
+        begins.append(run.error.largest(scales, first, matrix(one, "P", len(scales), len(scales))))
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, run)
     for k, limit in limits.items():
         within(clear, k, scales, limit / multiple, begins[0])
@@ -194,17 +188,6 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
     if limits.keys() != run.estimating:
         raise Unproved("its limits are not those of the fields that estimate")
     return limits
-
-
-def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """Return the largest e'P e at t = 0 for initial errors of the states of at most `first` (n),
-    over the corners; an observer state that estimates no plant state begins with error 0."""
-    sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
-    largest = Fraction(0)
-    for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
-        e = [side * signs[i] for side, i in zip(sides, error.index, strict=True)]
-        largest = max(largest, dot(e, P.applied(e)))
-    return largest
 
 
 # --- shares of inputs

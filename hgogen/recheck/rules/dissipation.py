@@ -537,7 +537,7 @@ def _second_order(claimed: ClaimedGain, box: Box) -> Matrix:
 _SECOND = ("system", "share", "basis", "slabs")
 _ABOUT = "the plant"
 RULES = (
-    Rule(("dissipation",), ("positive",), is_positive, _SECOND, about=_ABOUT),
-    Rule(("dissipation",), ("inequality",), inequality, (*_SECOND, "left"), about=_ABOUT),
-    Rule(("dissipation",), ("level",), level, ("system", "floor"), about=_ABOUT),
+    Rule(("dissipation",), ("positive",), is_positive, _SECOND, about=_ABOUT, turning=None),
+    Rule(("dissipation",), ("inequality",), inequality, (*_SECOND, "left"), about=_ABOUT, turning=None),
+    Rule(("dissipation",), ("level",), level, ("system", "floor"), about=_ABOUT, turning=None),
 )
