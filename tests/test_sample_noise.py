@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.cli import app
+from hgogen.estimators.noise import sample_deviations
 from hgogen.reading.given import BadGain, BadNames
 
 DT = 2.0**-6  # products with it are exact
@@ -88,8 +91,38 @@ def test_each_spelling_is_the_same_step(name: str) -> None:
 def test_the_program_is_that_of_densities() -> None:
     plain = hg.sample(hg.observers.riccati(form, Q=(0.25 / DT, 1 / DT), R=0.25 * DT), dt=DT)
     sampled = hg.sample(hg.observers.riccati(form, Q_per_sample=(0.25, 1), noise={"y": 0.5}), dt=DT)
-    assert hg.targets.c99(sampled) == hg.targets.c99(plain)
+    said = "R as the standard deviation of one sample: y = 0.5"
+
+    def without(text: str) -> list[str]:
+        return [line for line in text.splitlines() if said not in line and line.strip(" *")]
+
+    written, expected = dict(hg.targets.c99(sampled)), dict(hg.targets.c99(plain))
+    assert {name: without(text) for name, text in written.items()} == {
+        name: without(text) for name, text in expected.items()
+    }
+    assert {name for name, text in written.items() if said in text} >= {"swing.h", "swing.md"}
+    assert not any(said in text for text in expected.values())
     assert plain.save() == sampled.save()
+
+
+def test_reports_print_the_noise_of_a_sample(tmp_path: Path) -> None:
+    """Of densities too: R = 0.25 dt is a standard deviation of 0.5."""
+    path = tmp_path / "swing.toml"
+    path.write_text(TEXT.replace("SPELLED", "Q = {q = 16, w = 64}\nR = 0.00390625"))
+    log = tmp_path / "log.csv"
+    log.write_text("t,y\n" + "\n".join(f"{k * DT},{np.sin(k * DT):.6f}" for k in range(400)))
+    for arguments in (
+        ["check", str(path)],
+        ["run", str(path), "--data", str(log), "--time", "t", "--out", str(tmp_path / "out")],
+    ):
+        printed = CliRunner().invoke(app, arguments).output
+        assert "R as the standard deviation of one sample: y = 0.5" in printed, printed
+    weights = hg.observers.hamilton_jacobi(form, Q=(1, 1), R=1 / (0.25 * DT))
+    assert sample_deviations(hg.sample(weights, dt=DT)) == {"y": pytest.approx(0.5)}
+    slow = hg.sample(hg.observers.riccati(form, Q=(1, 1), noise={"y": 0.5}), dt=DT, periods={"y": 4 * DT})
+    assert sample_deviations(slow) == {"y": 0.5}
+    without_noise = hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1, -1))
+    assert sample_deviations(hg.sample(without_noise, dt=DT)) == {}
 
 
 def test_a_slow_sensor_keeps_the_variance_of_its_sample() -> None:
@@ -126,8 +159,7 @@ def test_claims_wait_for_dt() -> None:
     assert hg.sample(observer, dt=DT, guards="none").observer.checks == form.checks
 
 
-def test_a_text_model_takes_each_spelling(tmp_path: Path) -> None:
-    text = """
+TEXT = """
 name = "swing"
 states = {q = {low = -5, high = 5, flow = "w"}, w = {low = -5, high = 5, flow = "-2*q - .3*w"}}
 outputs = {y = {equation = "q"}}
@@ -136,6 +168,9 @@ form = "original"
 dt = 0.015625
 SPELLED
 """
+
+
+def test_a_text_model_takes_each_spelling(tmp_path: Path) -> None:
     spelled = {
         "plain": "Q = {q = 16, w = 64}\nR = 0.00390625",
         "density": "Q = {q = 16, w = 64}\nR = 0.00390625\ndensity = true",
@@ -144,7 +179,7 @@ SPELLED
     }
     for name, lines in spelled.items():
         path = tmp_path / f"{name}.toml"
-        path.write_text(text.replace("SPELLED", lines))
+        path.write_text(TEXT.replace("SPELLED", lines))
         model = hg.load(path)
         assert model.step("riccati").tuned == {"Q": (16.0, 64.0), "R": (0.00390625,)}
         resampled = model.step("riccati", 2 * DT).tuned

@@ -53,6 +53,7 @@ from hgogen.commands.trial_runs import (
 from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
+from hgogen.estimators.noise import deviation_lines
 from hgogen.extras.costs import Costs, demand_board, measured
 from hgogen.extras.folder import ALL, SOURCES, chosen, folder, known
 from hgogen.model import Model, load
@@ -467,6 +468,7 @@ class Simulated(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Yield the events of each trial, and the errors with their bounds."""
         yield f"{self.step.observer.name} observer: {', '.join(map(field_text, self.step.layout.gains))}\n"
+        yield from (f"{line}\n" for line in deviation_lines(self.step))
         yield trials_table([one.row.summary for one in self.trials], self.step.time)
         yield from (bounds_table(one.bounds) for one in self.trials if one.bounds)
         falls = (one.falling for one in self.trials if one.falling)

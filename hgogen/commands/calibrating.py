@@ -39,6 +39,7 @@ from hgogen.commands.output import Bar, Written, cell, folder_of, headed, note, 
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
+from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
 from hgogen.logs.tune import Calibration, Tuned, tune
@@ -146,7 +147,9 @@ class TuneReport(ModelReport):
                 nis = ", ".join(f"{each:.2g}" for each in one.nis.values())
                 cost = f"{gains.operations}", f"{gains.state} B"
                 comparison.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
-        yield Group(errors, "", comparison, "", *map(Text, self.notes), "", *refusals_table(self.refused))
+        steps = {row.name: row.first.step for row in self.calibration.rows}
+        noise = [Text(f"{name}: {line}") for name, step in steps.items() for line in deviation_lines(step)]
+        yield Group(errors, "", comparison, "", *noise, *map(Text, self.notes), "", *refusals_table(self.refused))
 
 
 @command(TuneReport)

@@ -18,6 +18,7 @@ from hgogen.certificates.contraction import Admitted, admitted
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, Verdict, refuted
 from hgogen.commands.output import headed
+from hgogen.estimators.noise import deviation_lines
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
 from hgogen.program import Field
@@ -90,7 +91,8 @@ class Checked(Encoded):
 
     @property
     def head(self) -> tuple[Sentence, ...]:
-        """The lines of the form's coordinates and equations, the observer's gains and the limits of dt."""
+        """The lines of the form's coordinates and equations, the observer's gains with the noise of a sample, and the
+        limits of dt."""
         title, *lines = self.form.head
         origin = self.form.system.origin
         if origin is not None:  # the plant was recast: its states replace the declared ones
@@ -98,8 +100,9 @@ class Checked(Encoded):
             change = equations({new: old for new, old in pairs if new.name != str(old)})
             lines = [Sentence.of("  with {change}", change=change), *lines]
         gains = (Sentence.of("  {gain}", gain=field_text(gain)) for gain in self.gains)
+        noise = (Sentence.of("  {line}", line=line) for line in (deviation_lines(self.step) if self.step else ()))
         limits = (Sentence.of("  {limits}", limits=dt.sentence) for dt in (self.dt,) if dt)
-        return (title, *lines, *gains, *limits)
+        return (title, *lines, *gains, *noise, *limits)
 
     @property
     def hypotheses(self) -> tuple[Row, ...]:

@@ -325,8 +325,7 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
     process, sample = noise
     if not process:
         return model.step(_JUDGE)
-    R = {name: sigma**2 * dt for name, sigma in sample.items()}
-    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "R": R}}).step(_JUDGE, dt)
+    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(_JUDGE, dt)
 
 
 def _without_offset(result: Fit) -> Iterator[str]:

@@ -39,6 +39,7 @@ from hgogen.commands.command import (
 from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
 from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
+from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -149,6 +150,7 @@ class RecordRun(ModelReport):
         """Yield the log, the status, predictions and innovations."""
         step = self.step
         yield log_summary(self.record.report, self.initial)
+        yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
         yield predictions_table(self.predictions, step.dt, step.time)
         units = {x.name: Text(x.unit) for x in step.states}

@@ -40,6 +40,7 @@ from hgogen.emit.manual import (
     rates,
     refuted_and_accepted,
     result,
+    sample_noise,
     state,
     title,
     verdict,
@@ -367,7 +368,10 @@ def _gains(step: Step) -> list[str]:
             lines.append([f"`{name}`", same(field.initial[k]), range_, plain(step.unit(field)), plain(meaning)])
     if not lines:
         return ["There are no gains to tune."]
-    return table(("gain", "value", "range", "unit", "meaning"), lines)
+    return [
+        *table(("gain", "value", "range", "unit", "meaning"), lines),
+        *(f"\n{plain(line)}." for line in sample_noise(step)),
+    ]
 
 
 def _method(step: Step) -> list[str]:

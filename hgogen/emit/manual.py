@@ -20,6 +20,7 @@ from hgogen.check import Check, Verdict
 from hgogen.emit.cost import cost
 from hgogen.emit.naming import renaming_sentence
 from hgogen.emit.syntax import Real, Syntax
+from hgogen.estimators.noise import deviation_lines
 from hgogen.observer import Observer
 from hgogen.program import Place
 from hgogen.prove.questions import Each, Signed
@@ -125,7 +126,7 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
     lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in recast)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
-    lines += [f"  {field_text(f)}" for f in step.layout.gains]
+    lines += [f"  {field_text(f)}" for f in step.layout.gains] + [f"  {line}" for line in sample_noise(step)]
     lines += _method(step)
     lines += [f"Between two calls the input is taken to {BETWEEN[step.clock.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
@@ -147,7 +148,7 @@ def summary(step: Step, syntax: Syntax) -> list[str]:
     lines = ["Plant", *(f"  {each}" for each in equations)] if brief else [f"Plant: {sizes}"]
     lines += [f"Form: {observer.form.kind}", f"Observer: {observer.name}"]
     laws = (*observer.equations, *(field_text(f) for f in step.layout.gains))
-    lines += [f"  {each}" for each in laws if len(each) <= LINE][:FEW]
+    lines += [f"  {each}" for each in laws if len(each) <= LINE][:FEW] + [f"  {line}" for line in sample_noise(step)]
     lines += _method(step)
     unproved = [check for check in observer.checks if check.verdict is not Verdict.PROVED]
     lines += [f"Claims: {len(observer.checks) - len(unproved)} proved"]
@@ -159,6 +160,11 @@ def _equations(step: Step) -> list[str]:
     plant = step.observer.form.system.declared
     equations = [f"{s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
     return equations + [f"{y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
+
+
+def sample_noise(step: Step) -> tuple[str, ...]:
+    """Return the noise of a sample, where it was declared as that of a sample."""
+    return deviation_lines(step) if step.observer.at_period else ()
 
 
 def _method(step: Step) -> list[str]:

@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from inspect import Parameter, signature
-from typing import Any
+from math import sqrt
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from hgogen.form import Form
 from hgogen.observer import Observer, remembered
 from hgogen.reading.given import BadGain, by_coordinate, by_output, demand_switch, in_order, names_of, positive
 from hgogen.sentence import because
+
+if TYPE_CHECKING:
+    from hgogen.step import Step
 
 SPELLINGS = {  # the keywords besides Q and R, with the type that a signature shows
     "noise": "Mapping[str, float] | None",
@@ -163,3 +167,29 @@ def _deviations(form: Form, noise: Any) -> list[float]:
     return [
         positive(f"noise of {name}", sigma) for name, sigma in zip(names, in_order("noise", noise, names), strict=True)
     ]
+
+
+# --- reports
+
+_DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma from R and T, by R's unit
+    "y^2 s": lambda R, T: sqrt(R / T),
+    "1/(y^2 s)": lambda R, T: sqrt(1 / (R * T)),
+}
+
+
+def sample_deviations(step: "Step") -> dict[str, float]:
+    """Return the standard deviation of one sample of each output, from the gain R of a step at theta = 1, in the
+    output's unit; empty for an observer without R."""
+    fields = (field for field in step.layout.gains if field.name == "R" and field.unit in _DEVIATIONS)
+    return {
+        name: _DEVIATIONS[field.unit](R, T)
+        for field in fields
+        for name, R, T in zip(field.labels, field.initial, step.clock.periods, strict=True)
+    }
+
+
+def deviation_lines(step: "Step") -> tuple[str, ...]:
+    """Return a line with `sample_deviations`, none for an observer without R."""
+    units = {y.name: f" {y.unit}" if y.unit else "" for y in step.outputs}
+    each = [f"{name} = {sigma:.4g}{units[name]}" for name, sigma in sample_deviations(step).items()]
+    return (f"R as the standard deviation of one sample: {', '.join(each)}",) if each else ()
