@@ -94,13 +94,15 @@ def leaves(value: Graph, low: float, high: float) -> Graph:
     return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
 
 
-def wrapped(difference: Graph, period: float) -> Graph:
-    """The difference of two angles the short way round, in [-period/2, period/2); SX.
+def wrapped(difference: Graph, period: float | None) -> Graph:
+    """The difference of two angles the short way round, in [-period/2, period/2); unchanged without a period; SX.
 
         d - k P,   k = floor(d/P + 1/2),   subtracted in two parts of P: k times the first, of 12 bits, is exact
 
     So up to 2^10 turns cost no digits that the difference has, in float as in double; 0 turns change nothing.
     """
+    if period is None:
+        return difference
     mantissa, power = math.frexp(period)
     first = math.ldexp(math.floor(math.ldexp(mantissa, 12)), power - 12)
     turns = ca.floor(difference * (1 / period) + 0.5)

@@ -24,7 +24,7 @@ def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | N
     difference = now - last
     if any(turns):
         pairs = zip(ca.vertsplit(difference), turns, strict=True)
-        difference = ca.vertcat(*(wrapped(each, period) if period else each for each, period in pairs))
+        difference = ca.vertcat(*(wrapped(each, period) for each, period in pairs))
     return last + c * difference
 
 

@@ -26,6 +26,7 @@ _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 864
 _PLURAL = {"us": "microseconds", "ms": "milliseconds", "s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 HIGHEST = 60  # order of a derivative: a form reads derivatives of an order below its number of states
 LONGEST = 63  # characters of a signal's name, which C99 guarantees to be significant
+TURNS = 2**10  # up to so many turns off, an angle is brought back to its own
 LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range and no gain goes beyond it
 
 
@@ -224,6 +225,39 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         middle = math.fsum(self.interval) / 2
         return middle + _short_way(np.subtract(values, middle), self.period)
 
+    def reduced(self, values: Any) -> Any:
+        """Return samples (array of any shape), of a periodic signal each in its turn; NaN beyond `TURNS` turns, as
+        a step rejects them."""
+        if self.period is None:
+            return values
+        far = np.abs(np.subtract(values, math.fsum(self.interval) / 2)) > (TURNS + 0.5) * self.period
+        return self.turned(np.where(far, np.nan, values))
+
+    def nearest(self, values: Any, reference: Any) -> Any:
+        """Return the values (arrays of any shape), of a periodic signal moved by whole turns next to the reference."""
+        return values if self.period is None else reference + self.difference(values, reference)
+
+    def unwrapped(self, values: np.ndarray) -> np.ndarray:
+        """Return the course (N,), of a periodic signal unwrapped: without a step of more than half a turn; NaN where
+        missing."""
+        if self.period is None:
+            return values
+        course = np.array(self.reduced(values))
+        there = np.isfinite(course)
+        inside = course[there]
+        turns = np.floor(np.diff(inside, prepend=inside[:1]) / self.period + 0.5)
+        course[there] = inside - self.period * np.cumsum(turns)
+        return course
+
+    def mean(self, values: np.ndarray) -> float:
+        """Return the mean of the finite values (N,), NaN without one; of a periodic signal a centre plus the mean of
+        the differences from it, the centre being the direction of the mean of unit vectors."""
+        finite = values[np.isfinite(values)]
+        if not len(finite) or self.period is None:
+            return float(finite.mean()) if len(finite) else math.nan
+        centre = np.angle(np.exp(2j * np.pi * finite / self.period).mean()) * self.period / (2 * np.pi)
+        return float(self.turned(centre + self.difference(finite, centre).mean()))
+
     def derivative(self, order: int, time: str = "s") -> "Signal":
         """Return the signal's time derivative of this order, as a signal in the range of `rates`; order 0 is the
         signal.
@@ -255,6 +289,13 @@ def differences(signals: Sequence[Signal], values: np.ndarray, references: np.nd
         if signal.period is not None:
             error[:, j] = signal.difference(values[:, j], references[:, j])
     return error
+
+
+def in_turn(signals: Sequence[Signal], values: np.ndarray) -> np.ndarray:
+    """Return the columns (N, k) of signals, those of periodic ones in their turn."""
+    if not any(signal.period for signal in signals):
+        return values
+    return np.column_stack([signal.turned(column) for signal, column in zip(signals, values.T, strict=True)])
 
 
 def resting(signal: Signal) -> float:

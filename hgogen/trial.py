@@ -43,7 +43,7 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import requires_plant, scalar
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times
-from hgogen.signal import Signal, derived, differences, plural, resting
+from hgogen.signal import Signal, derived, differences, in_turn, plural, resting
 from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
@@ -251,7 +251,7 @@ class Plant:
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
         y = np.array(self._measure.map(times.size)(x.T, times, values)).T
         plant = self._plant
-        return Truth(self.times, _in_turn(x, plant.states), self.u, _in_turn(y, plant.outputs), plant.states)
+        return Truth(self.times, in_turn(plant.states, x), self.u, in_turn(plant.outputs, y), plant.states)
 
     @cached_property
     def u(self) -> np.ndarray:
@@ -292,12 +292,6 @@ class Plant:
                 "time or leave the domain of a function: check flow, start and inputs, or shorten the trial",
             )
         return reached
-
-
-def _in_turn(values: np.ndarray, signals: Sequence[Signal]) -> np.ndarray:
-    if not any(signal.period for signal in signals):
-        return values
-    return np.column_stack([signal.turned(column) for signal, column in zip(signals, values.T, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)

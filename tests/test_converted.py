@@ -9,6 +9,7 @@ import pytest
 from test_cli import hgogen
 from test_mapped import record
 
+import hgogen as hg
 from hgogen.reading import log as log_module
 from hgogen.reading.log import BadRecord, Conversion, Inconvertible, conversion, named_unit
 from hgogen.reading.measured import read
@@ -75,7 +76,8 @@ def log(folder: Path) -> Path:
 
 def test_a_log_is_read_in_the_units_of_the_model(tmp_path: Path) -> None:
     columns, units = {"T": "T [degC]", "twice": "2*[T [degC]]", "u": "u [V]"}, {"T": "K", "twice": "K", "u": "V"}
-    got = read(log(tmp_path), columns, dt=0.1, time="t (ms)", units=units)
+    signals = {name: hg.Signal(name, unit) for name, unit in units.items()}
+    got = read(log(tmp_path), columns, dt=0.1, time="t (ms)", signals=signals)
     np.testing.assert_allclose(got.t, [0, 0.1, 0.2])
     np.testing.assert_allclose(got.values[:, 0], [293.15, 294.15, np.nan])
     np.testing.assert_allclose(got.values[:, 1], [40, 42, np.nan])  # an expression says itself what it does
@@ -84,7 +86,7 @@ def test_a_log_is_read_in_the_units_of_the_model(tmp_path: Path) -> None:
     assert "time: converted from ms to s" in notes
     assert got.operands == {"T": "(1*[T [degC]] + 273.15)", "twice": "(2*[T [degC]])", "u": "[u [V]]"}
     with pytest.raises(BadRecord, match=r"the column 'u \[V\]' is in V, which does not convert to K.*1\*\[u \[V\]\]"):
-        read(log(tmp_path), {"T": "u [V]"}, dt=0.1, time="t (ms)", units={"T": "K"})
+        read(log(tmp_path), {"T": "u [V]"}, dt=0.1, time="t (ms)", signals={"T": signals["T"]})
 
 
 @pytest.mark.full

@@ -893,7 +893,8 @@ def ramps() -> hg.System:
 
 def task(plant: hg.System, log: hg.Log, offset: tuple[hg.Signal, ...] = ()) -> Task:
     """Of all parameters of a plant, by simulation."""
-    return Task(plant, plant, plant.parameters, (), (log,), offset, "hold", "simulation")
+    records = (replace(log, y=log.y.reshape(-1, len(plant.outputs))),)
+    return Task(plant, plant, plant.parameters, (), records, offset, "hold", "simulation")
 
 
 def test_the_size_of_an_offset_is_the_spread_of_its_own_output() -> None:

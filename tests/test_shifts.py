@@ -119,7 +119,7 @@ def test_an_input_that_stands_still_has_no_other_sign() -> None:
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
     assert better(step, u[:300], y[:300], 0, native.engine()) is not None
-    monkeypatch.setattr(prediction, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
+    monkeypatch.setattr(prediction, "_scale", lambda outputs, y: np.full(1, 1e-6))  # as if copying erred by that
     assert better(step, u[:300], y[:300], 0, native.engine()) is None
 
 

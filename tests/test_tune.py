@@ -229,7 +229,7 @@ def test_the_beginning_of_a_record_is_in_no_segment() -> None:
 def test_hidden_states_are_measured_from_their_mean_over_all_records() -> None:
     records = [hg.Log(np.zeros((3, 0)), np.zeros((3, 1)), 1.0)] * 2
     truth = ({"w": np.array([0.0, 1.0, np.nan])}, {"w": np.array([4.0, 5.0, 5.0])})
-    first, second = Hidden(truth).rival(records)
+    first, second = Hidden(truth, (hg.Signal("w"),)).rival(records)
     assert first[:, 0] == pytest.approx([9.0, 4.0, np.nan], nan_ok=True)  # the mean is 3
     assert second[:, 0] == pytest.approx([1.0, 4.0, 4.0])
 

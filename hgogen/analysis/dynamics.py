@@ -312,8 +312,7 @@ class Dynamics:
 
     def output_error(self, j: int, y: Graph, predicted: Graph) -> Graph:
         """y - predicted of output j, the short way round where it is periodic; SX scalar."""
-        period = self.form.system.outputs[j].period
-        return y - predicted if period is None else wrapped(y - predicted, period)
+        return wrapped(y - predicted, self.form.system.outputs[j].period)
 
     @staticmethod
     def _zero_invalid(slopes: Graph, valid: Mapping[int, Graph]) -> Graph:

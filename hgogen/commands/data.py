@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from hgogen.commands.command import Columns, once
-from hgogen.logs.records import Log, beyond
+from hgogen.logs.records import Log, beyond, jumps
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
 from hgogen.system import System
@@ -42,12 +42,12 @@ class Logs:
         return tuple(self._log(record, len(record.t)) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the logs leave the declared ranges, with the file's name if there are several."""
+        """Return where the logs leave the declared ranges or jump by a turn, with the file's name if several."""
         several = len(self.records) > 1
         return tuple(
             f"{record.report.path}: {note}" if several else note
             for record, log in zip(self.records, self.whole, strict=True)
-            for note in beyond(self.plant, log)
+            for note in (*beyond(self.plant, log), *jumps(self.plant, log))
         )
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
@@ -82,9 +82,9 @@ def logs_of(
     shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
     first = plant.declared
-    units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
-    words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time, "units": units}
-    words |= {"inputs": inputs, "caller": replace(COMMAND, others=options)}
+    signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
+    words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time}
+    words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
     records = tuple(read(path, columns, **words).shifted(shifts) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 

@@ -40,7 +40,7 @@ from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, tru
 from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.estimators.noise import deviation_lines
-from hgogen.logs.records import Log, beyond
+from hgogen.logs.records import Log, beyond, jumps, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import file_name_fault
@@ -243,6 +243,7 @@ def _over_record(
     other = None if wrong else better(judge, u, y, counted, engine)
     used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
     doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
+    doubts += tuple(jumps(model.plant, Log(u, y, step.dt)))
     more = [*too_far(ahead, [one.ahead for one in errors])]
     more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
@@ -258,16 +259,16 @@ def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine:
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
-def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
+def _begun(step: CallableStep, samples: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
     plant, first_states = step.observer.form.system.declared, {}
-    for output, column in zip(plant.output, y.T, strict=True):
+    for y, output, column in zip(plant.outputs, plant.output, samples.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):
             state = plant.states[plant.states.index(output)]
-            first_states[state.name] = float(np.clip(column[there[0]], *state.interval))
+            first_states[state.name] = float(np.clip(reading_of(state, y, column[there[0]]), *state.interval))
     return (step.started({**step.observer.initial, **first_states}), first_states) if first_states else (step, {})
 
 
@@ -296,7 +297,7 @@ def _record(
     named = mapping(str(data), columns.map_ or (), step.inputs, step.samples)
     wanted = {**{s.name: named[s.name] for s in signals}, **dict(true.values())}
     inputs = {s.name: WINDOWS[step.clock.between] for s in step.inputs}
-    units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
+    known = {s.name: s for s in signals} | {truth_name(x.name): x for x in step.states}
     return read(
         data,
         wanted,
@@ -306,7 +307,7 @@ def _record(
         unit=step.time,
         caller=replace(COMMAND, others=truth_options(true)),
         inputs=inputs,
-        units=units,
+        signals=known,
         rates=derived(step.inputs),
     )
 
@@ -390,7 +391,8 @@ def noise_(
     d = innovation_window(loaded, "--window", observer) if window is None else window
     record = _record(step, data, columns, step.outputs)
     selected = within_interval(record.t, begin, end, step.time)
-    suggestions = (suggest(s.name, record.of([s])[selected, 0], step.dt, d, step.time) for s in step.outputs)
+    courses = ((s, s.unwrapped(record.of([s])[selected, 0])) for s in step.outputs)
+    suggestions = (suggest(s.name, course, step.dt, d, step.time) for s, course in courses)
     return NoiseReport(loaded.path, record, tuple(suggestions), step.time)
 
 

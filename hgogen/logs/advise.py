@@ -27,6 +27,7 @@ from hgogen.reading.given import positive, requires_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
+from hgogen.signal import differences
 from hgogen.starting import Scale, gains_of, scale, two
 from hgogen.system import System
 from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried
@@ -201,7 +202,7 @@ class _Problem:
         )
         steady = truth.t >= trial.steady_from - 1e-9
         with np.errstate(all="ignore"):
-            rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
+            rms = np.sqrt(np.mean(differences(step.states, noisy.x, clean.x)[steady] ** 2, axis=0))
         names = [s.name for s in step.states]
         return metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True))
 

@@ -1,7 +1,8 @@
 """Parameters of a plant from measured logs, with their identifiability.
 
 A sensor may lag, y' = (h(x, u) - y)/tau, with tau an unknown of the fit. A lag below half a sample is indistinguishable
-from none; of one above a quarter of a log too little is observed.
+from none; of one above a quarter of a log too little is observed. The sensor of an angle, which turns, has as its state
+the lag d = h - y itself, which does not: d' = h' - d/tau, with h' the derivative of h(x) along the flow.
 """
 
 import math
@@ -26,13 +27,13 @@ from hgogen.logs.problem import (
     digests,
     paced,
 )
-from hgogen.logs.records import BadLog, Log, demanded
+from hgogen.logs.records import BadLog, Log, demanded, reading_of
 from hgogen.reading.given import count, requires_plant, requires_switches, signals_named
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.consistency import CORNER, WRONG, Whiteness, alike, corner, deviation, whiteness
 from hgogen.sentence import Encoded
-from hgogen.signal import Signal, resting
+from hgogen.signal import Signal, in_turn, resting
 from hgogen.system import System, valued
 
 Array = np.ndarray
@@ -171,6 +172,7 @@ class Fit(Encoded):
     def notes(self) -> tuple[str, ...]:
         """Return the doubts about the result, a sentence each."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
+        turning = [y.name for y in self.plant.outputs if y.period]
         lines = []
         for one in self.parameters:
             if one.at and ranged[one.name]:
@@ -182,8 +184,11 @@ class Fit(Encoded):
             if one.at == "low":
                 lines.append(f"the records show no lag of {one.name} of half a sample or more")
             elif math.isfinite(one.deviation):
-                state = f"a state {one.name}_behind' = (output - {one.name}_behind)/{one.value:.3g}"
-                lines.append(f"the sensor of {one.name} lags, which the model does not say: give it {state} as output")
+                behind, tau = f"{one.name}_behind", f"{one.value:.3g}"
+                state = f"a state {behind}' = (output - {behind})/{tau} as output"
+                if one.name in turning:
+                    state = f"a state {behind}' = (rate of the output) - {behind}/{tau}, which the output is less by"
+                lines.append(f"the sensor of {one.name} lags, which the model does not say: give it {state}")
         lines += [
             f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
         ]
@@ -337,8 +342,9 @@ class Task:
 
     @cached_property
     def spread(self) -> Array:
-        """The standard deviation of each output's samples."""
-        return np.asarray(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0))
+        """The standard deviation of each output's samples, of a periodic one from its mean the short way round."""
+        columns = zip(self.plant.outputs, np.concatenate([record.y for record in self.records]).T, strict=True)
+        return np.sqrt([np.nanmean(y.difference(column, y.mean(column)) ** 2) for y, column in columns])
 
     def corners(self, unknowns: Array) -> Array:
         """Return the corner c of the pseudo-Huber loss of each output (p), from its residuals at the `unknowns` (v)."""
@@ -371,7 +377,7 @@ class Task:
         """The solver of the problem, with bounds and units of the unknowns from the declared ranges."""
         segments = sum(self.problem.segments)
         ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
-        ends += [x.interval for x in self.plant.states] * segments
+        ends += [x.limits for x in self.plant.states] * segments
         unit = [*map(_unit, self.free), *(self.problem.scale[self.plant.outputs.index(y)] for y in self.offset)]
         unit += [_unit(x) for x in self.plant.states] * segments
         ends += [(low, high) for _, low, high in self.problem.levels]
@@ -400,10 +406,12 @@ class Task:
         for record, segments in zip(self.records, self.problem.segments, strict=True):
             at = np.arange(segments) * self.problem.length
             rows = [np.full(segments, resting(x)) for x in self.plant.states]
-            for j, expressions in enumerate(zip(self.given.output, self.plant.output, strict=True)):
-                there = np.flatnonzero(np.isfinite(record.y[:, j]))
-                for h in set(expressions) & set(self.plant.states):
-                    rows[self.plant.states.index(h)] = np.interp(at, there, record.y[there, j])
+            outputs = zip(self.plant.outputs, record.y.T, self.given.output, self.plant.output, strict=True)
+            for y, column, *expressions in outputs:
+                there = np.flatnonzero(np.isfinite(column))
+                for i in (i for i, x in enumerate(self.plant.states) if x in expressions):
+                    x = self.plant.states[i]
+                    rows[i] = np.interp(at, there, x.unwrapped(reading_of(x, y, column))[there])
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
 
@@ -416,8 +424,8 @@ class Task:
         deviations, untold, joint = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
-        names = list(map(str, self.given.states))
-        first = (dict(zip(names, at[: len(names), 0].full().ravel().tolist(), strict=True)) for at in nodes)
+        begins = (zip(self.given.states, at[:, 0].full().ravel().tolist(), strict=False) for at in nodes)
+        first = ({x.name: float(x.turned(value)) for x, value in states} for states in begins)
         still = replace(self, plant=self.given, chosen=(), lags=(), offset=(), corner=None)
         before = still.problem.information(still.solver.solve(still.nominal).unknowns, still.solver.unit)
         return Fit(
@@ -427,7 +435,7 @@ class Task:
             tuple(replace(e, name=y) for e, y in zip(estimates[inner:count], self._lagging, strict=True)),
             estimates[count:],
             tuple(first),
-            tuple(record.y - e for record, e in zip(self.records, known.residuals, strict=True)),
+            tuple(in_turn(self.plant.outputs, log.y - e) for log, e in zip(self.records, known.residuals, strict=True)),
             self._by_output(map(_rms, known.outputs)),
             self._by_output(self.spread.tolist()),
             self._by_output(map(_rms, before.outputs)),
@@ -504,7 +512,7 @@ class Task:
         at = self._end(i, value)
         if i >= len(self.free):
             y = self.offset[i - len(self.free)]
-            return Estimate(y.name, float(value), 0.0, float(deviation), y.unit, at)
+            return Estimate(y.name, float(y.difference(value, 0.0)), 0.0, float(deviation), y.unit, at)
         p = self.free[i]
         within = float(np.clip(value, *_bounds(p)))
         return Estimate(p.name, within, float(p.nominal or 0.0), float(deviation), p.unit, at)
@@ -566,7 +574,8 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
     """Return the plant with a state for the first-order lag of each of these outputs' sensors, and the time constants
     tau as parameters, in the order of the outputs.
 
-    `period`, `duration`: of a sample and of the shortest log, in the plant's time.
+    `period`, `duration`: of a sample and of the shortest log, in the plant's time. Raises: `CannotFit` for a periodic
+    output that reads an input, whose derivative no log holds.
     """
     low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
     flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
@@ -574,8 +583,17 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
         behind = Signal(f"{y.name}_behind", y.unit, f"{y.name} as its sensor shows it")
         tau = Signal(f"lag_of_{y.name}", plant.time, f"lag of the sensor of {y.name}", FIRST * period, low, high)
         row = plant.outputs.index(y)
-        flow.append((output[row] - behind) / tau)
-        output[row] = behind
+        h = output[row]
+        if y.period is None:
+            flow.append((h - behind) / tau)
+            output[row] = behind
+        else:
+            if h.free_symbols & set(plant.inputs):
+                raise CannotFit(
+                    f"output {y.name!r}", "is periodic and reads an input; its lag is not fitted, leave it out"
+                )
+            flow.append(sum(h.diff(x) * f for x, f in zip(plant.states, plant.flow, strict=True)) - behind / tau)
+            output[row] = h - behind
         states.append(behind)
         lags.append(tau)
     parameters = (*plant.parameters, *lags)

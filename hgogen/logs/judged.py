@@ -19,6 +19,7 @@ from hgogen.logs.tune import Calibration, Tuned
 from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
 from hgogen.run.samples import Engine, last_values
+from hgogen.signal import Signal, differences
 from hgogen.system import System
 
 Array = np.ndarray
@@ -101,7 +102,7 @@ def _of_step(
             if one.ahead is not None:
                 squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[record.cut :])
         for name, true in record.truth.items():
-            hidden.setdefault(name, []).append((run[name] - true)[record.cut :, None])
+            hidden.setdefault(name, []).append(run.off(name, true)[record.cut :, None])
     names = [y.name for y in step.outputs]
     errors = {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in squares.items() if parts}
     return errors, {name: _rms(parts)[0] for name, parts in hidden.items()}
@@ -116,10 +117,10 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
     hidden: dict[str, list[Array]] = {}
     for record in records:
         y = record.log.y
-        last, age, change = _last_two(y)
+        last, age, change = _last_two(plant.outputs, y)
         for h in ahead:
             for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * change)):
-                errors[name][h].append((guess[:-h] - y[h:])[max(0, record.cut - h) :])
+                errors[name][h].append(differences(plant.outputs, guess[:-h], y[h:])[max(0, record.cut - h) :])
         for state, (output, sign) in rates.items():
             if state in record.truth:
                 rate = sign * change[:, output] / record.log.dt
@@ -136,7 +137,7 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
     )
 
 
-def _last_two(y: Array) -> tuple[Array, Array, Array]:
+def _last_two(outputs: Sequence[Signal], y: Array) -> tuple[Array, Array, Array]:
     """Return for each sample of y (N, p) the last value up to it, the value's age in samples,
     and the change per sample between the last two values, 0 if there is only one."""
     count = np.arange(len(y))[:, None]
@@ -144,7 +145,7 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
     there = (at > 0) & (before >= 0) & (before < at)
     last = last_values(y)
-    change = last - np.take_along_axis(last, np.maximum(before, 0), axis=0)
+    change = differences(outputs, last, np.take_along_axis(last, np.maximum(before, 0), axis=0))
     return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
 
 

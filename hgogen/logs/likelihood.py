@@ -28,9 +28,10 @@ import sympy as sp
 from hgogen.analysis.dynamics import clamp
 from hgogen.discretisation.runge_kutta import open_loop
 from hgogen.form import Form
-from hgogen.logs.records import Log
+from hgogen.graph import wrapped
+from hgogen.logs.records import Log, reading_of
 from hgogen.program import column
-from hgogen.signal import resting
+from hgogen.signal import Signal, resting
 from hgogen.starting import Scale
 
 Array = np.ndarray
@@ -49,13 +50,14 @@ def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: I
 @dataclass(frozen=True, eq=False)
 class Innovations:
     """An extended Kalman filter as CasADi functions of its parameters theta (q): `move` (x, u now, u then, theta) -> x
-    at the next sample, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p). A
-    correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares."""
+    at the next sample, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p) of the
+    `outputs`. A correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares."""
 
     move: Any
     read: Any
     process: Any
     sensor: Any
+    outputs: tuple[Signal, ...]
     ends: Array
     corner: float = math.inf
 
@@ -100,7 +102,7 @@ class Innovations:
         for j in range(predicted.numel()):
             row = H[j, :]
             s = row @ P @ row.T + r[j]
-            e = y[j] - predicted[j] - row @ (x - before)
+            e = wrapped(y[j] - predicted[j] - row @ (x - before), self.outputs[j].period)
             gain = valid[j] * P @ row.T / s
             pulled, loss, c = e, e * e / s / 2, self.corner
             if c < math.inf:
@@ -210,6 +212,7 @@ class Likelihood:
             ca.Function("read", [z, now, g], [model.read(z, now)]),
             ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(ca.vertcat(*process))]),
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
+            self.form.system.outputs,
             np.array([[-np.inf] * n, [np.inf] * n]),  # the form clamps the argument of its dynamics itself
         )
 
@@ -217,9 +220,10 @@ class Likelihood:
         """Return z and P at the first sample: z from the outputs that are states of the plant,
         the others at their defaults. The first sample therefore corrects nothing."""
         system = self.form.system
-        measured = dict(zip(system.output, record.y.T, strict=True))
+        first = zip(system.outputs, system.output, record.y.T, strict=True)
+        measured = {h: (y, column[np.isfinite(column)][0]) for y, h, column in first}
         states = [signal for signal, _ in self.form.estimates]
-        x = [float(measured[s][np.isfinite(measured[s])][0]) if s in measured else resting(s) for s in states]
+        x = [float(reading_of(s, *measured[s])) if s in measured else resting(s) for s in states]
         model = open_loop(self.form, self.records[0].dt, self.between)
         z = np.array(model.entry(x, record.u[0])).ravel()
         P = np.diag([s * s / 4 for s in self.scale.states.values()])

@@ -153,6 +153,15 @@ class _OnRecords:
         return column(to_casadi(rows, values))
 
 
+def short_way(differences: Any, signals: Sequence[Signal]) -> Any:
+    """Return a column (MX) of differences of these signals, those of periodic ones the short way round."""
+    periods = np.array([signal.period or 0.0 for signal in signals])
+    if not periods.any():
+        return differences
+    turns = ca.floor(differences * ca.DM(np.divide(1, periods, out=np.zeros_like(periods), where=periods > 0)) + 0.5)
+    return differences - ca.DM(periods) * turns
+
+
 def eliminated(F: Any, A: Any, q: int) -> Array:
     """Return the information M (q, q) on the first q unknowns when the others are optimal: the Schur complement of the
     Hessian F (v, v) under the constraints A dx = 0; F and A (gaps, v) may be sparse."""
@@ -281,8 +290,9 @@ class Shooting(_OnRecords):
             read.append(outputs)
         table = ca.vec(ca.vertcat(*read))  # by segment, sample and output
         place, output = np.nonzero(np.isfinite(record.y))
-        errors = (record.y[place, output] - table[(place * record.y.shape[1] + output).tolist()]) / self.scale[output]
-        return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
+        errors = record.y[place, output] - table[(place * record.y.shape[1] + output).tolist()]
+        errors = short_way(errors, [self.plant.outputs[j] for j in output]) / self.scale[output]
+        return errors, short_way(ca.vec(nodes[:, 1:] - at[:, :-1]), self.plant.states * (count - 1))
 
     def _stretch(self, samples: int) -> Any:
         """Return the function (x, p, offsets, u and the next u of `samples`
@@ -397,7 +407,8 @@ class Predicting(_OnRecords):
             ca.Function("read", [x, u, theta], [self.reading(x, p, o, u)]),
             ca.Function("process", [theta, Phi], [gathered(Phi, ca.diag(self._density(levels) * dt))]),
             ca.Function("sensor", [theta], [samples]),
-            np.array([x.interval for x in self.plant.states]).T,
+            self.plant.outputs,
+            np.array([x.limits for x in self.plant.states]).T,
             self.corner,
         )
 
@@ -563,7 +574,7 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
     """Return the digests that identify a fit: of the plant, the logs and the options."""
-    signals = [(s.name, s.nominal, s.interval) for s in plant.signals]
+    signals = [(s.name, s.nominal, s.interval, *([s.period] if s.period else [])) for s in plant.signals]
     arrays = [part for record in records for part in (record.u.tobytes(), record.y.tobytes(), repr(record.dt))]
     return {
         "plant": _digest(signals, plant.flow, plant.output, plant.time),

@@ -24,11 +24,12 @@ from hgogen import forms
 from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
+from hgogen.reading.jumps import turn_of, written
 from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
-from hgogen.signal import Signal, derived, resting
-from hgogen.stepping.guards import readings
+from hgogen.signal import Signal, derived, differences, resting
+from hgogen.stepping.guards import plausible_range, readings
 from hgogen.system import System
 
 LEAST = 10  # least number of samples of an output
@@ -50,25 +51,39 @@ class Log:
         """Return the log with a column for each input that a form reads: those of the plant, which it holds, and after
         them their derivatives, as differences."""
         count, sources = self.u.shape[1], derived(inputs)
-        columns = dict(zip((u.name for u in inputs), self.u.T, strict=False))
+        columns = {u.name: u.unwrapped(column) for u, column in zip(inputs, self.u.T, strict=False)}
         rates = [difference(columns[name], order, self.dt) for name, order in (sources[u.name] for u in inputs[count:])]
         return replace(self, u=np.column_stack([self.u, *rates]))
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
-    """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value.
-    Raises: `BadLog`, `BadShape`."""
+    """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value,
+    and periodic signals are in their turn. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
-    u = table("u", record.u, plant.inputs, len(y))
+    u = _reduced(plant.inputs, table("u", record.u, plant.inputs, len(y)))
     name = f"record {number}"
     if isinstance(record.dt, str) or not 0 < record.dt < math.inf:
         raise BadLog(name, f"has the period {record.dt!s:.60}; give a positive time")
-    y = np.where(np.isfinite(y), y, np.nan)
+    y = _reduced(plant.outputs, np.where(np.isfinite(y), y, np.nan))
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
     filled = last_values(u)
     return Log(np.where(np.isfinite(filled), filled, [resting(s) for s in plant.inputs]), y, float(record.dt))
+
+
+def _reduced(signals: Sequence[Signal], values: Any) -> Any:
+    """Return a table (N, k) of signals with the columns of periodic ones in their turn."""
+    if not any(signal.period for signal in signals):
+        return values
+    return np.column_stack([signal.reduced(column) for signal, column in zip(signals, values.T, strict=True)])
+
+
+def reading_of(state: Signal, y: Signal, values: Any) -> Any:
+    """Return the values of a state as its output `y` measures them: of a periodic output the one of its turns that is
+    nearest to the middle of the state's range, and of a periodic state in its turn."""
+    middle = sum(state.interval) / 2 if state.bounded else 0.0
+    return state.turned(y.nearest(values, middle))
 
 
 def beyond(plant: System, record: Log) -> Iterator[str]:
@@ -77,14 +92,33 @@ def beyond(plant: System, record: Log) -> Iterator[str]:
         state = next((x for x in plant.states if x == h and x.bounded), None)
         if state is None:
             continue
-        low, high = state.interval
-        outside = column[(column < low) | (column > high)]
+        low, high = state.limits
+        outside = reading_of(state, y, column)
+        outside = outside[(outside < low) | (outside > high)]
         if len(outside):
             farthest = outside[np.argmax(np.maximum(low - outside, outside - high))]
             yield (
                 f"{y.name} leaves the declared range of {state.name}, {low:g}..{high:g}, in {len(outside)} of "
                 f"{len(column)} samples, as far as {farthest:.4g}: widen it, if the unit and the sign are right"
             )
+
+
+def jumps(plant: System, record: Log) -> Iterator[str]:
+    """Yield a sentence for each output without a declared period whose samples jump by a whole turn."""
+    for y, row, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
+        measured = [x for x in plant.states if (slope := row.diff(x)).is_number and slope]
+        widths = [s.interval[1] - s.interval[0] for s in (y, *(x for x in measured if x == row)) if s.bounded]
+        jump = None if y.period else turn_of(y, column, widths)
+        if jump is None:
+            continue
+        turn, at = jump
+        step = column[at] - column[:at][np.isfinite(column[:at])][-1]
+        names, unit = " and ".join(s.name for s in (y, *measured)), f" {y.unit}" if y.unit else ""
+        yield (
+            f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * record.dt:.6g} {plant.time} after the first), a "
+            f"whole turn, which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in "
+            "place of low and high"
+        )
 
 
 class BadSignal(BadArgument):
@@ -112,13 +146,13 @@ def record(
 
     Raises: `BadRecord`; `NotInstalled` for a file whose library is missing.
     """
-    units = {s.name: s.unit for s in (*plant.inputs, *plant.outputs)}
+    signals = {s.name: s for s in (*plant.inputs, *plant.outputs)}
     columns, shift = columns or {}, shift or {}
-    if unknown := [name for name in (*columns, *shift) if name not in units]:
-        raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(units)}")
+    if unknown := [name for name in (*columns, *shift) if name not in signals]:
+        raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(signals)}")
     inputs = {s.name: WINDOWS[between] for s in plant.inputs}
-    wanted = {name: columns.get(name, name) for name in units}
-    words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "units": units, "caller": PYTHON}
+    wanted = {name: columns.get(name, name) for name in signals}
+    words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
     got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
     return Log(got.of(plant.inputs), got.of(plant.outputs), got.report.dt)
 
@@ -132,9 +166,11 @@ BEGIN = 0.05  # share of a log at its beginning, in which an estimate may conver
 @dataclass(frozen=True)
 class Ahead:
     """The criterion by which gains are judged: errors of predictions `samples` samples ahead, relative to those of
-    copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged."""
+    copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged. `outputs`:
+    the signals of y."""
 
     samples: int
+    outputs: tuple[Signal, ...] = ()
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
         """Return for each log the squared errors (N, p) of copying: (y_j(k+h) - y_j(k))^2 at each sample with a last
@@ -142,7 +178,8 @@ class Ahead:
         h, rival_squares = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
-            squares[h:] = (record.y[h:] - last_values(record.y)[: len(record.y[h:])]) ** 2
+            later = record.y[h:]
+            squares[h:] = differences(self.outputs, later, last_values(record.y)[: len(later)]) ** 2
             rival_squares.append(squares)
         return rival_squares
 
@@ -156,15 +193,16 @@ class Ahead:
 @dataclass(frozen=True, eq=False)
 class Hidden:
     """The criterion by which gains are judged: estimation errors of hidden states, relative to the deviations from
-    their mean; `truth` (N) of each log by state, NaN for missing samples."""
+    their mean; `truth` (N) of each log by state, NaN for missing samples; `states`: their signals."""
 
     truth: tuple[Mapping[str, Array], ...]
+    states: tuple[Signal, ...]
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
         """Return for each log the squared deviations from the mean, (x_j - mean of x_j)^2."""
         tables = [np.column_stack(list(each.values())) for each in self.truth]
-        means = np.array([_mean(column) for column in np.concatenate(tables).T])
-        return [(table - means) ** 2 for table in tables]
+        means = np.array([x.mean(column) for x, column in zip(self.states, np.concatenate(tables).T, strict=True)])
+        return [differences(self.states, table, np.broadcast_to(means, table.shape)) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
         """Return the errors of the estimate along log number k."""
@@ -264,11 +302,11 @@ def as_good(errors: Array, best: Array) -> bool:
 
 
 def readable(plant: System, record: Log, number: int) -> Log:
-    """Return the log number `number` without the samples that a step rejects: those beyond an output's range by more
-    than its width, as `plausible` of the guards does. Raises: `BadLog`, `BadShape`."""
-    ranges = np.array(readings(forms.original(plant)))
-    width = np.diff(ranges, axis=1).T
-    low, high = np.maximum(ranges[:, 0] - width, -HUGE), np.minimum(ranges[:, 1] + width, HUGE)
+    """Return the log number `number` without the samples that a step rejects: those outside of an output's plausible
+    range. Raises: `BadLog`, `BadShape`."""
+    ranges = readings(forms.original(plant))
+    pairs = [plausible_range(y, ends) for y, ends in zip(plant.outputs, ranges, strict=True)]
+    low, high = np.clip(np.array(pairs).T, -HUGE, HUGE)
     there = demanded(plant, record, number)
     y = np.where((there.y >= low) & (there.y <= high), there.y, np.nan)
     for signal, ends, admitted, column in zip(plant.outputs, ranges, y.T, there.y.T, strict=True):

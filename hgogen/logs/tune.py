@@ -394,7 +394,9 @@ def tune(
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(replace(readable(plant, record, k), dt=period) for k, record in enumerate(records, 1))
     true = _truth(plant, truth, logs)
-    judge = Judge(logs, Hidden(true) if true else Ahead(ahead), segments, native.engine())
+    named = {x.name: x for x in plant.declared.states}
+    hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
+    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments, native.engine())
     if judge.count < 2:
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
         reason = f"show no change of {over} in at least 2 of their segments"

@@ -29,6 +29,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from hgogen.reading.given import unmasked
+from hgogen.reading.jumps import other_angle
 from hgogen.reading.log import BadRecord, Column, Table, column_of, converted, log_of, operand
 from hgogen.signal import Signal, plural, seconds
 
@@ -41,6 +42,8 @@ _BEAT = 0.01  # of a period, from a whole multiple: beyond it rows and samples d
 _AMBIGUOUS = 0.4  # of a period, from a whole multiple: beyond it the number of periods of a step is ambiguous
 LONGEST = 10_000_000  # samples on the grid; with more the times are hardly seconds
 _SPARSE, _LONG = 500, 1_000_000  # nor if rows are so many samples apart on a grid of so many samples
+_INSIDE = 0.51  # of a turn, from its middle: a sample farther off is given in another turn
+_PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
 _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 
@@ -142,10 +145,14 @@ class Record:
         """Return the columns (N, k) of some signals, in their order."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
-    def with_rates(self, rates: Mapping[str, tuple[str, int]]) -> "Record":
-        """Return the record with derivatives of signals as well, given by name as a source signal and an order."""
-        dt, index = self.report.dt, self.names.index
-        columns = [difference(self.values[:, index(of)], order, dt) for of, order in rates.values()]
+    def with_rates(
+        self, rates: Mapping[str, tuple[str, int]], signals: Mapping[str, Signal] = MappingProxyType({})
+    ) -> "Record":
+        """Return the record with derivatives of signals as well, given by name as a source signal and an order;
+        `signals` by name, of which periodic ones go the short way."""
+        dt, courses = self.report.dt, dict(zip(self.names, self.values.T, strict=True))
+        courses |= {name: signals[name].unwrapped(values) for name, values in courses.items() if name in signals}
+        columns = [difference(courses[of], order, dt) for of, order in rates.values()]
         return replace(
             self,
             names=(*self.names, *rates),
@@ -191,7 +198,7 @@ def read(
     unit: str = "s",
     caller: Caller = COMMAND,
     inputs: Mapping[str, Window] = MappingProxyType({}),
-    units: Mapping[str, str] = MappingProxyType({}),
+    signals: Mapping[str, Signal] = MappingProxyType({}),
     rates: Mapping[str, tuple[str, int]] = MappingProxyType({}),
 ) -> Record:
     """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period.
@@ -199,9 +206,9 @@ def read(
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names the
     column of times, or `period` is the time between rows; `unit`: that of all times, the model's; `caller`: whose
     options error messages suggest; `inputs`: the names that are averaged if the log is faster or irregular, with their
-    windows, others are sampled; `units`: those of the names, to which a column with another unit in its name is
-    converted; `rates`: names that are derivatives of others, with their order, computed as differences if the log has
-    no such column.
+    windows, others are sampled; `signals`: those of the names, to whose unit a column with another unit in its name is
+    converted, and to whose turn the values of a periodic one are brought; `rates`: names that are derivatives of
+    others, with their order, computed as differences if the log has no such column.
 
     Raises: `BadRecord`.
     """
@@ -218,19 +225,37 @@ def read(
     series = {name: column_of(log, text) for name, text in columns.items()}
     operands = {name: operand(log, text) for name, text in columns.items()}
     for name, text in [pair for pair in columns.items() if pair[1] in log.header]:
-        log, series[name], operands[name] = converted(log, series[name], name, text, units.get(name, ""))
+        unit_of = signals[name].unit if name in signals else ""
+        log, series[name], operands[name] = converted(log, series[name], name, text, unit_of)
+    for name, signal in [(name, signal) for name, signal in signals.items() if signal.period and name in series]:
+        series[name], notes = _in_turn(series[name], name, signal, operands[name], caller)
+        log = replace(log, notes=(*log.notes, *notes))
     if time is not None:
         log, clock, _ = converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
     else:
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
-    record = _gridded(log, series, times, dt, unit, inputs)
+    record = _gridded(log, series, times, dt, unit, inputs, signals)
     for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
         what = f"the column {series[name].name!r} holds no number for {name}{example}"
         raise BadRecord(log.path, f"{what}; say {caller.fix(name)}")
-    return replace(record, operands=operands).with_rates(differences)
+    return replace(record, operands=operands).with_rates(differences, signals)
+
+
+def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Caller) -> tuple[Column, tuple[str, ...]]:
+    """Return the column of a periodic signal with its values in their turn, and notes; a value that a step rejects is
+    not changed. `written`: the column as an operand."""
+    reduced = signal.reduced(column.values)
+    values = np.where(np.isnan(reduced), column.values, reduced)
+    low, high = signal.interval
+    beyond = int(np.count_nonzero(np.abs(column.values - (low + high) / 2) > _INSIDE * (high - low)))
+    notes = [f"{name}: values outside of its turn, {low:g}..{high:g}, taken in it: {beyond}"] * (beyond > 0)
+    if (unit := other_angle(signal, column.values)) is not None:
+        fix = caller.fix(name).replace("COLUMN", f"'{'pi/180' if unit == 'degrees' else '180/pi'}*{written}'")
+        notes.append(f"{name} jumps by a turn in {unit}, and its period is {signal.period:g}; if it is, say {fix}")
+    return replace(column, values=values), tuple(notes)
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
@@ -338,6 +363,7 @@ def _gridded(
     step: float | None,
     unit: str,
     inputs: Mapping[str, Window],
+    signals: Mapping[str, Signal] = MappingProxyType({}),
 ) -> Record:
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
@@ -357,16 +383,12 @@ def _gridded(
     means = [name for name in series if name in inputs and needs_averaging(steps, period, dt)]
     notes = [*log.notes, *_pace(period, dt, unit)]
     notes += [f"{', '.join(means)}: averaged over each step, {_HOLD_NOTE}"] * bool(means)
+    hold = max(HOLD_PERIODS * period, dt)
     for name in means:
-        values[:, list(series).index(name)] = window_means(
-            times,
-            series[name].values[ordered],
-            float(times[0]),
-            samples,
-            dt,
-            inputs[name],
-            max(HOLD_PERIODS * period, dt),
-        )
+        signal = signals.get(name, _PLAIN)
+        course = signal.unwrapped(series[name].values[ordered])
+        mean = window_means(times, course, float(times[0]), samples, dt, inputs[name], hold)
+        values[:, list(series).index(name)] = signal.turned(mean)
     cells = {name: column.select_rows(timed) for name, column in series.items()}
     absent = dict(zip(series, np.isnan(values).sum(axis=0).tolist(), strict=True))
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}

@@ -401,7 +401,7 @@ def _interval(signal: Signal, width: str | float | None, middle: float) -> tuple
     if width is None and not signal.bounded:
         raise BadVariation(signal.name, "it has no range; declare low= and high=, or say how far, as in 10% or 0.2")
     low, high = signal.interval if width is None else _read(signal.name, width, middle)
-    bottom, top = signal.interval
+    bottom, top = signal.limits
     if low < bottom or high > top:
         reason = f"[{low:g}, {high:g}] leaves its range [{bottom:g}, {top:g}]; say less, or declare a wider range"
         raise BadVariation(signal.name, reason)

@@ -49,6 +49,7 @@ from hgogen.run.samples import Engine, Run
 from hgogen.run.uncertainty import uncertainty
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal
+from hgogen.signal import differences as short_way
 from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_out
 
 
@@ -188,7 +189,7 @@ def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics],
     """Return the difference between C and Python, from trajectory and metrics on a trial and seed; `dt`: the period."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
-    difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
+    difference = (np.abs(short_way(mine.truth.states, mine.x, other.x)) / peak).max(axis=1)
     rises = crossings(other.traces["theta"]) if "theta" in other.traces else np.array([], int)
     first = int(rises[0]) if len(rises) else len(difference)
     return Agreement(
@@ -236,7 +237,8 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
     status = int(np.count_nonzero(single.status != double.status))
     each = []
     for signal in states:
-        gap, size = np.abs(single[signal.name] - double[signal.name]), np.abs(double[signal.name])
+        gap = np.abs(signal.difference(single[signal.name], double[signal.name]))
+        size = np.abs(double[signal.name])
         gap, peak = np.where(np.isfinite(gap), gap, 0.0), float(size[np.isfinite(size)].max(initial=0.0))
         width = signal.interval[1] - signal.interval[0]
         scale, kind = (width, "range") if signal.bounded else (peak, "peak")
@@ -325,7 +327,8 @@ def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np
     slope = wide.reshape(form.n, len(u), -1).swapaxes(0, 1)
     P = run.covariance
     assert P is not None  # the step has one
-    return slope @ P @ slope.swapaxes(1, 2), (estimate - np.array(there(truth.T, u.T)[0])).T
+    error = short_way(form.states, estimate.T, np.array(there(truth.T, u.T)[0]).T)
+    return slope @ P @ slope.swapaxes(1, 2), error
 
 
 def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:

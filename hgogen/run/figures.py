@@ -1,7 +1,8 @@
 """Figures of a trial or of a measured log, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
 
 One panel for each state, with the truth black, the estimate red and measurements light grey; then the innovation with
-its thresholds, and theta. As SVG and PNG; the same numbers give the same bytes.
+its thresholds, and theta. An angle is drawn as a course without jumps, beyond its turn. As SVG and PNG; the same
+numbers give the same bytes.
 """
 
 import io
@@ -68,11 +69,12 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
     t, true = trajectory.truth.t, trajectory.truth.x
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
-        j = measured_as(step, signal)
+        j, course = measured_as(step, signal), signal.unwrapped(true[:, i])
         if j is not None:
-            axis.plot(*thin(t, trajectory.y[:, j]), color=MEASURED, linewidth=0.6, label="measured")
-        axis.plot(*thin(t, true[:, i]), color=TRUTH, label="truth")
-        axis.plot(*thin(t, trajectory.x[:, i]), color=ESTIMATE, label="estimate")
+            y = step.outputs[j].nearest(trajectory.y[:, j], course)
+            axis.plot(*thin(t, y), color=MEASURED, linewidth=0.6, label="measured")
+        axis.plot(*thin(t, course), color=TRUTH, label="truth")
+        axis.plot(*thin(t, signal.nearest(trajectory.x[:, i], course)), color=ESTIMATE, label="estimate")
         caption(axis, signal.name, signal.unit, signal.meaning)
     legend(figure, axes)
     return figure
@@ -84,8 +86,9 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
     those of the fitted plant."""
     figure, axes = panels(len(plant.outputs), t, plant.time)
     for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
-        axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
-        axis.plot(*thin(t, z), color=ESTIMATE, label="fitted")
+        course = signal.unwrapped(y)
+        axis.plot(*thin(t, course), color=MEASURED, linewidth=3, label="measured")
+        axis.plot(*thin(t, signal.nearest(z, course)), color=ESTIMATE, label="fitted")
         caption(axis, signal.name, signal.unit, signal.meaning)
     legend(figure, axes, ("measured", "fitted"))
     return figure
@@ -326,12 +329,12 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
     missing; `truth` (N,) by state."""
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
-        j, x = measured_as(step, signal), run.x[:, i]
+        j, x = measured_as(step, signal), signal.unwrapped(run.x[:, i])
         if j is not None:
-            _measured(axis, t, y[:, j], "measured", MEASURED, 3.0)
+            _measured(axis, t, step.outputs[j].nearest(y[:, j], x), "measured", MEASURED, 3.0)
         axis.plot(*thin(t, x), color=ESTIMATE, linewidth=1.6, label="estimate")
         if signal.name in truth:
-            _measured(axis, t, truth[signal.name], "truth", TRUTH, 0.6)
+            _measured(axis, t, signal.nearest(truth[signal.name], x), "truth", TRUTH, 0.6)
         if run.covariance is not None:
             _band(axis, t, x, np.sqrt(np.maximum(run.covariance[:, i, i], 0.0)))
         caption(axis, signal.name, signal.unit, signal.meaning)

@@ -382,9 +382,9 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
 
 def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
     whole = np.hstack([u, y])
-    j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
-    values = whole[np.isfinite(whole[:, j]), j]
-    whole[:, j] -= 2 * values.mean() if len(values) else 0.0
+    signals = (*step.inputs, *step.outputs)
+    j = [s.name for s in signals].index(signal)
+    whole[:, j] -= 2 * signals[j].mean(whole[:, j])
     return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
 
 

@@ -44,9 +44,8 @@ from hgogen.program import (
 )
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
-from hgogen.signal import LOST, Signal
+from hgogen.signal import LOST, TURNS, Signal
 
-TURNS = 2**10  # up to so many turns off, an angle is brought back to its own
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
@@ -190,18 +189,19 @@ def guard_inputs(observer: Observer) -> Block:
 
 def plausible(signal: Signal, reading: tuple[float, float], raw: Graph) -> Graph:
     """Return whether a sample is a number in the plausible range of its sensor."""
-    low, high = _plausible_range(signal, reading)
+    low, high = plausible_range(signal, reading)
     in_range = ca.logic_and(raw >= low, raw <= high) if high - low < INF else _within(raw, HUGE)
     return ca.logic_and(_within(raw, LARGEST_NUMBER), in_range)
 
 
-def _plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
+def plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
+    """Return the range of a sensor, widened by its width at both ends; that of an angle by `TURNS` turns."""
     return widened(*reading, 1 if signal.period is None else TURNS)
 
 
 def implausible(signal: Signal, reading: tuple[float, float]) -> str:
     """Return the text of which samples are implausible."""
-    low, high = _plausible_range(signal, reading)
+    low, high = plausible_range(signal, reading)
     place = f"outside {low:g} .. {high:g}" if high - low < INF else f"beyond {HUGE:g}"
     return f"{place}, or {10 * HUGE:g} off its estimate"
 

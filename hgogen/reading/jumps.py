@@ -1,0 +1,78 @@
+"""Jumps by a whole turn in the course of an angle that is given in one turn.
+
+An angle in (-pi, pi] has a course that is smooth on the circle: taken the short way round, a step that crosses the end
+of the turn is as long as those around it, and no value lies outside of one turn. A course of plain numbers has no such
+jumps, unless a sensor fails, or a plant switches between two values, which leaves the middle of the turn empty.
+"""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from hgogen.signal import Signal
+
+RADIANS, DEGREES = 2 * math.pi, 360.0
+UNITS = {"rad": RADIANS, **dict.fromkeys(("deg", "degree", "degrees", "°"), DEGREES)}  # the turn in these
+_BEYOND, _HARDLY = 0.05, 2e-4  # of a turn: how far noise may take values out of it; in the unit of an angle
+_REACH = 8  # steps on both sides that a jump is compared with
+_LONGER = 5.0  # times the median of these, and _ROUGH of a turn: the longest step across the end
+_ROUGH, _LONGEST = 0.01, 0.25  # of a turn
+_MORE = 3.0  # times as many steps as fit no angle: least number of jumps by a turn
+_MIDDLE, _THROUGH = 0.5, 0.05  # of a turn; least share of the samples of a course through the middle of a turn
+_LEAST = 10  # samples
+_SAME = 0.03  # relative difference of two turns that count as one
+
+
+def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | None:
+    """Return the number of the sample after the first jump by a `turn` in a course (N,), NaN where missing; None if it
+    is no course of an angle in one turn. `through`: whether it must pass the middle of the turn."""
+    there = np.flatnonzero(np.isfinite(values))
+    course = values[there]
+    if len(course) < _LEAST or np.ptp(course) > (1 + (_BEYOND if through else _HARDLY)) * turn:
+        return None
+    age = np.diff(there)
+    steps = np.where(age <= np.median(age), np.diff(course), 0.0)
+    turns = np.floor(steps / turn + 0.5)
+    jumps, short = turns != 0, np.abs(steps - turns * turn)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(short, _REACH, "reflect"), 2 * _REACH + 1)
+    smooth = short <= np.minimum(_LONGER * np.median(windows, axis=1) + _ROUGH * turn, _LONGEST * turn)
+    whole, broken = jumps & smooth, np.where(jumps, ~smooth, short > _LONGEST * turn)
+    if not whole.any() or whole.sum() < _MORE * broken.sum():
+        return None
+    middle = np.abs(course - (course.min() + course.max()) / 2) < _MIDDLE / 2 * turn
+    if through and middle.mean() < _THROUGH:
+        return None
+    return int(there[1:][whole][0])
+
+
+def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tuple[float, int] | None:
+    """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, or one of the `widths` of
+    declared ranges, with the number of the first sample after such a jump; None without one."""
+    turns: list[float] = []
+    for turn in (RADIANS, DEGREES, *widths):
+        if all(abs(turn / other - 1) > _SAME for other in turns):
+            turns.append(turn)
+            at = first_jump(values, turn, through=UNITS.get(signal.unit) != turn)
+            if at is not None:
+                return turn, at
+    return None
+
+
+def other_angle(signal: Signal, values: np.ndarray) -> str | None:
+    """Return "degrees" for the course (N,) of a periodic signal that is declared in radians and jumps by 360, "radians"
+    for the converse, else None."""
+    pairs = {"degrees": (RADIANS, DEGREES), "radians": (DEGREES, RADIANS)}
+    return next(
+        (
+            unit
+            for unit, (own, turn) in pairs.items()
+            if signal.period and math.isclose(signal.period, own) and first_jump(values, turn, through=False)
+        ),
+        None,
+    )
+
+
+def written(turn: float) -> str:
+    """Return a turn as text, as it is declared."""
+    return "2*pi" if turn == RADIANS else f"{turn:g}"
