@@ -144,9 +144,11 @@ class Model:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on expressions that SymPy reads otherwise than the text on the declared box. Raises: `MissingPart`."""
+        """Notes on expressions that SymPy reads otherwise than the text on the declared box, and on observers that have
+        another name here. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
-        return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
+        folded = (str(note) for note in (fold.on(around) for fold in self.folds) if note)
+        return (*folded, *self.tuning.synonyms)
 
     def has(self, part: str) -> bool:
         """Return whether the file defines `part`, such as "trial"; for "step" a tuning with a period suffices."""

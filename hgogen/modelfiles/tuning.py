@@ -40,6 +40,7 @@ from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, refuted
 from hgogen.errors import HgogenError, nearest
 from hgogen.estimators import innovation, theta
+from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.form import Form
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
@@ -138,6 +139,14 @@ class Tuning:
             self._arguments(where, make, options)
         return self._refusals(where, lambda: make(self.plant, **options))
 
+    @property
+    def synonyms(self) -> Iterator[str]:
+        """A sentence for each tuning whose kind is another name of an observer."""
+        for name, table in self.tables.items():
+            kind = table.get("kind", name) if isinstance(table, Mapping) else name
+            if isinstance(kind, str) and kind in SYNONYMS:
+                yield f"{self.where(name)}: {SYNONYMS[kind].sentence}"
+
     def period(self, name: str) -> float:
         """Return the sampling period dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
         table = self._sampling(name)
@@ -188,7 +197,7 @@ class Tuning:
     def _case(self, where: str, folder: Any, name: Any) -> Any:
         if not isinstance(name, str):
             return name
-        if name not in folder.__all__:
+        if name not in folder.__all__ and not (folder is observers and name in SYNONYMS):
             known = nearest(name, folder.__all__, f"there are {', '.join(folder.__all__)}")
             raise BadModelFile(self.file, where, f"there is no {name[:60]!r}; {known}")
         return getattr(folder, name)

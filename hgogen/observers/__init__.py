@@ -12,8 +12,15 @@ kind its tests are skipped. Copy `low_power.py` for an observer on a chain of in
 outputs or A(u).
 """
 
+from typing import Any
+
+from hgogen.estimators.synonyms import SYNONYMS, observer_called
 from hgogen.observer import remembered
 from hgogen.reading.given import requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: requires_switches(remembered(case)))
+__all__, __dir__, _missing = cases_of(__name__, lambda case: requires_switches(remembered(case)))
+
+
+def __getattr__(name: str) -> Any:
+    return observer_called(name, globals()) if name in SYNONYMS else _missing(name)

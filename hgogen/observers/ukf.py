@@ -116,5 +116,6 @@ def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, flo
     least = -(alpha**2) * kappa / n
     if not least <= beta <= 1e6:
         wanted = f"must be from -alpha^2 kappa/n = {least + 0.0:g} to 1e6, so that the covariance stays positive"
-        raise BadGain(f"beta = {beta:g}", wanted)
+        julier = "; with a negative kappa, such as Julier's 3 - n, it may not: take kappa = 0, or a beta from there on"
+        raise BadGain(f"beta = {beta:g}", wanted + julier * (kappa < 0))
     return reach, beta - alpha**2

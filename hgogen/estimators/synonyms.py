@@ -1,0 +1,65 @@
+"""Other names of observers: textbook names, each with the observer that it is and the arguments that it fixes.
+
+Q and R of `riccati` are spectral densities. Most filters that are called `ekf` or `kalman` take the noise of one
+sample, so that under these names Q and R are accepted only with `density=True`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial, update_wrapper
+from inspect import signature
+from typing import Any
+
+from hgogen.observer import Observer
+from hgogen.reading.given import BadGain, demand_switch
+
+
+@dataclass(frozen=True)
+class Synonym:
+    """Another name of an `observer`, whose `fixed` arguments it sets; `sentence`: what it is; `explicit`: whether its
+    noise must be declared as densities or as that of a sample."""
+
+    observer: str
+    fixed: Mapping[str, Any]
+    sentence: str
+    explicit: bool = False
+
+
+SYNONYMS = {
+    "ekf": Synonym("riccati", {"theta": 1.0}, "ekf is riccati at theta = 1, the extended Kalman filter", explicit=True),
+    "kalman": Synonym(
+        "riccati",
+        {"theta": 1.0},
+        "kalman is riccati at theta = 1, the Kalman filter of a linear plant, and the extended one of another",
+        explicit=True,
+    ),
+    "luenberger": Synonym("high_gain", {"theta": 1.0}, "luenberger is high_gain at theta = 1, with its poles or gains"),
+}
+
+
+def observer_called(name: str, cases: Mapping[str, Any]) -> Callable[..., Observer]:
+    """Return the function of the observer that has the other name `name`, from the `cases` of `hg.observers`."""
+    known = SYNONYMS[name]
+    case = cases[known.observer]
+    function = partial(_make, name, case)
+    update_wrapper(function, case)
+    parameters = (each for each in signature(case).parameters.values() if each.name not in known.fixed)
+    vars(function).update(
+        __name__=name, __doc__=f"{known.sentence}.", __signature__=signature(case).replace(parameters=[*parameters])
+    )
+    return function
+
+
+def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any) -> Observer:
+    known = SYNONYMS[name]
+    if repeated := arguments.keys() & known.fixed.keys():
+        raise BadGain(f"{name}, {min(repeated)}=", f"is fixed: {known.sentence}; take {known.observer} for another")
+    demand_switch("density", arguments.get("density", False))
+    densities = [key for key in ("Q", "R") if arguments.get(key) is not None]
+    if known.explicit and densities and not arguments.get("density"):
+        reason = (
+            f"must say what its {' and '.join(densities)} are: give Q_per_sample, and noise or R_per_sample, for the "
+            "noise of one sample, or density = True for spectral densities"
+        )
+        raise BadGain(name, reason)
+    return case(form, **arguments, **known.fixed)

@@ -1,0 +1,93 @@
+"""Textbook names of observers, and the points of the unscented transform that are refused."""
+
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen.cli import app
+from hgogen.estimators.synonyms import SYNONYMS
+from hgogen.reading.given import BadGain
+from hgogen.reading.text_model import BadModelFile
+
+DT = 2.0**-6
+q, w, y = (hg.Signal(name, low=-5, high=5) for name in ("q", "w", "y"))
+plant = hg.System("swing", states=(q, w), outputs=(y,), flow=[w, -2 * q - 0.3 * w], output=[q])
+form = hg.forms.triangular(plant)
+NOISE = {"Q_per_sample": (0.25, 1), "noise": {"y": 0.5}}
+ARGUMENTS: dict[str, dict[str, Any]] = {"ekf": NOISE, "kalman": NOISE, "luenberger": {"poles": (-2, -3)}}
+
+
+@pytest.mark.parametrize("name", SYNONYMS)
+def test_it_is_the_observer_that_it_names(name: str) -> None:
+    known, arguments = SYNONYMS[name], ARGUMENTS[name]
+    step = hg.sample(getattr(hg.observers, name)(form, **arguments), dt=DT)
+    plain = hg.sample(getattr(hg.observers, known.observer)(form, **arguments, **known.fixed), dt=DT)
+    assert hg.targets.c99(step) == hg.targets.c99(plain)
+    assert step.observer.name == known.observer
+    assert not known.fixed.keys() & signature(getattr(hg.observers, name)).parameters.keys()
+    assert name not in hg.observers.__all__
+    with pytest.raises(BadGain, match="is fixed"):
+        getattr(hg.observers, name)(form, **arguments, theta=2.0)
+    assert not hasattr(hg.observers, "nobody")
+
+
+@pytest.mark.parametrize("name", ["ekf", "kalman"])
+def test_it_asks_what_the_noise_is(name: str) -> None:
+    make = getattr(hg.observers, name)
+    for arguments in ({"Q": (1, 1), "R": 1}, {"Q": (1, 1), "noise": {"y": 1}}, {"Q_per_sample": (1, 1), "R": 1}):
+        with pytest.raises(BadGain, match="must say what its"):
+            make(form, **arguments)
+        make(form, **arguments, density=True)
+
+
+def test_a_text_model_has_the_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "swing.toml"
+    text = """
+name = "swing"
+states = {q = {low = -5, high = 5, flow = "w"}, w = {low = -5, high = 5, flow = "-2*q - .3*w"}}
+outputs = {y = {equation = "q"}}
+[tuning.filter]
+kind = "ekf"
+dt = 0.015625
+"""
+    path.write_text(text + "Q_per_sample = [0.25, 1]\nnoise = {y = 0.5}\n")
+    assert hg.load(path).notes == ("tuning.filter: ekf is riccati at theta = 1, the extended Kalman filter",)
+    assert hg.load(path).step("filter").tuned["R"] == (0.25 * DT,)
+    assert "ekf is riccati at theta = 1" in " ".join(CliRunner().invoke(app, ["check", str(path)]).output.split())
+    path.write_text(text + "Q = [0.25, 1]\nR = 1\n")
+    with pytest.raises(BadModelFile, match="ekf must say what its Q and R are"):
+        hg.load(path).step("filter")
+
+
+def test_a_negative_kappa_is_refused_with_a_way_out() -> None:
+    """Julier's kappa = 3 - n is negative from 4 states on; with alpha = 1 and beta = 0 the sums may be indefinite."""
+    x = [hg.Signal(f"x{i}", low=-5, high=5) for i in range(5)]
+    chain = hg.System("chain", states=x, outputs=(y,), flow=[*x[1:], -x[0]], output=[x[0]])
+    make = hg.observers.ukf
+    arguments = {"Q": (1,) * 5, "R": 1, "alpha": 1.0, "kappa": -2.0}
+    with pytest.raises(
+        BadGain, match=r"= 0\.4 to 1e6, .* with a negative kappa, such as Julier's 3 - n, it may not: take"
+    ):
+        make(hg.forms.original(chain), **arguments, beta=0.0)
+    make(hg.forms.original(chain), **arguments, beta=0.4)
+    make(hg.forms.original(chain), **arguments | {"kappa": 0.0}, beta=0.0)
+
+
+@pytest.mark.parametrize(("alpha", "kappa", "n"), [(1.0, -2.0, 5), (0.5, 1.0, 3), (1.0, -0.5, 2), (2.0, 3.0, 4)])
+def test_the_limit_of_beta_is_exact(alpha: float, kappa: float, n: int) -> None:
+    """Of |z|^2, whose pairs of points do not differ, the variance by the textbook's weights is 0 at the limit."""
+    reach2, least = alpha**2 * (n + kappa), -(alpha**2) * kappa / n
+    values = np.array([0.0, *[reach2] * (2 * n)])
+
+    def variance(beta: float) -> float:
+        mean = np.array([1 - n / reach2, *[1 / (2 * reach2)] * (2 * n)])
+        weights = mean + np.eye(1, 2 * n + 1)[0] * (1 - alpha**2 + beta)
+        return float(weights @ (values - mean @ values) ** 2)
+
+    assert variance(least) == pytest.approx(0, abs=1e-12)
+    assert variance(least - 0.01) < 0 < variance(least + 0.01)
