@@ -26,7 +26,7 @@ from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.reading.given import among
 from hgogen.rigor.definite import one_thread
-from hgogen.signal import Signal, of_time, plural
+from hgogen.signal import TURNS, Signal, of_time, plural
 from hgogen.stepping import discretise
 from hgogen.stepping.guards import (
     MARK,
@@ -396,6 +396,7 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
     programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
     beyond = {y: implausible(y, read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
+    beyond |= {u: f"more than {TURNS} turns off" for u in step.inputs if u.period is not None}
     rates = step.observer.dynamics.fallback.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)

@@ -91,9 +91,9 @@ def test_every_observer_goes_round_as_on_the_line(name: str) -> None:
     made.reset()
     circle = made.run(u=short_way(u), y=short_way(y), engine="python")
     assert x[-1, 0] > 2 * 360
-    near = 1e-2 if name == "kalman_like" else 1e-7  # its covariance begins at a cap, which is made of the ranges
-    assert np.abs(short_way(circle.x[:, 0] - line.x[:, 0])).max() < near
-    assert np.abs(circle.x[:, 1] - line.x[:, 1]).max() < near
+    allowed = 1e-2 if name == "kalman_like" else 1e-7  # its covariance begins at a cap, which is made of the ranges
+    assert np.abs(short_way(circle.x[:, 0] - line.x[:, 0])).max() < allowed
+    assert np.abs(circle.x[:, 1] - line.x[:, 1]).max() < allowed
     assert circle.status.tolist() == line.status.tolist()
     assert 0 <= circle.x[:, 0].min() < circle.x[:, 0].max() <= 360
     assert rms(short_way(circle.x[100:, 0] - x[100:, 0])) < 8  # of the slowest, in degrees
@@ -139,6 +139,26 @@ def test_rust_has_the_bits_too(name: str, tmp_path: Path) -> None:
     done = made.run(u=u, y=y, engine="python")
     assert (printed[:, 0] == done.status).all()
     assert (printed[:, 1:] == np.ascontiguousarray(done.x).view(np.uint64)).all()
+
+
+# --- what the C says ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_the_c_says_what_an_angle_is(real: Any) -> None:
+    files = hg.targets.c99(step("riccati", True), real=real, check=False)
+    header, manual = files["motor.h"], files["motor.md"]
+    assert "[deg], one turn, 0 .. 360" in header
+    assert "[deg], one turn, -180 .. 180" in header
+    assert "a is not finite or absurd (more than 1024 turns off)" in " ".join(header.replace("\n * ", " ").split())
+    assert "y is implausible, outside -368820 .. 368820" in header
+    assert "| `measurement.y` |  | deg | one turn, -180 .. 180 |" in manual
+    assert "- Angles: a, y, th." in manual
+    assert ("near 1e6 is a multiple of 0.0625" in header, "has lost its digits" in manual) == (real == "float",) * 2
+
+
+def test_a_line_without_turns_says_nothing_of_them() -> None:
+    assert "turn," not in "".join(hg.targets.c99(step("riccati", False), check=False).values())
 
 
 # --- known answers ------------------------------------------------------------------------------------------

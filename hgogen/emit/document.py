@@ -46,13 +46,14 @@ from hgogen.emit.manual import (
     verdict,
 )
 from hgogen.emit.naming import c_name
+from hgogen.emit.structs import ONE_TURN
 from hgogen.emit.syntax import Real
 from hgogen.method import equations
 from hgogen.program import INF, Field, Place, Section, lines_of
 from hgogen.program import address as place_of
 from hgogen.registry import version
 from hgogen.sentence import same
-from hgogen.signal import Signal, pace
+from hgogen.signal import TURNS, Signal, pace
 from hgogen.step import Step
 from hgogen.stepping.guards import MARK, OF_PARAMETERS
 from hgogen.stepping.machine import Reading
@@ -185,6 +186,7 @@ def _signals(step: Step, real: Real) -> list[str]:
     for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
         if signals:
             lines += [f"### {title_}", "", *table(head, (_signal(struct, s) for s in signals)), ""]
+    lines += [*_list(_angles(step, real)), ""] if _angles(step, real) else []
     tuned = pystep.tuned(step, real)
     starts = zip(step.states, _first_estimate(step, tuned), strict=True)
     estimate = ([*_signal("x", s), same(start)] for s, start in starts)
@@ -201,9 +203,24 @@ def _signals(step: Step, real: Real) -> list[str]:
     return [*lines, "### All members of state and parameters", "", *table(("member", "meaning", "start"), members)]
 
 
+def _angles(step: Step, real: Real) -> list[str]:
+    turning = [s.name for s in (*step.inputs, *step.samples, *step.states) if s.period is not None]
+    if not turning:
+        return []
+    notes = [
+        f"Angles: {', '.join(turning)}. Values that differ by whole turns are equal, and every "
+        "difference is taken the short way round. An estimate is reported in its turn.",
+        f"An input or a sample of an angle may be up to {TURNS} turns off; beyond that an input is replaced by the "
+        "last valid one, and a sample is rejected.",
+    ]
+    lost = f"G{ONE_TURN[1:]}, so that an angle that counts its turns has lost its digits before it arrives."
+    return [*notes, lost] if real == "float" else notes
+
+
 def _signal(struct: str, signal: Signal) -> list[str]:
     name = f"`{struct}.{c_name(signal.name)}`"
-    return [name, plain(signal.meaning), plain(signal.unit), _range(*signal.interval)]
+    turn = "one turn, " if signal.period is not None else ""
+    return [name, plain(signal.meaning), plain(signal.unit), f"{turn}{_range(*signal.interval)}"]
 
 
 def _range(low: float, high: float) -> str:
@@ -252,7 +269,8 @@ def _coordinates(step: Step, real: Real) -> list[list[str]]:
             label = item.labels[k] if item.labels else ""
             ends = boxes.get((Place(struct, item.name), k), (-INF, INF))
             row = [f"`{place}{f'[{k}]' * (item.size > 1)}`", plain(label), plain(units.get(label, "")), same(start)]
-            row += [_range(*ends), _range(*outer)]
+            turn = "one turn, " if item.turns[k] else ""
+            row += [_range(*ends), f"{turn}{_range(*outer)}"]
             largest = max(map(abs, ends if ends[1] < INF else outer))
             resolution = f"{np.spacing(np.float32(largest)):.1g}" if largest < INF else ""
             lines.append([*row, *[resolution] * (real == "float")])

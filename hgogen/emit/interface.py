@@ -217,7 +217,8 @@ def described(item: Field) -> str:
         text += f" [{item.unit}]"
     if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
         low, high = ranges.pop()
-        text += f", {low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
+        turn = "one turn, " if item.periods and all(item.periods) else ""
+        text += f", {turn}{low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
     return text.strip(", ")
 
 
@@ -227,7 +228,8 @@ def of_signal(step: Step, signal: Signal) -> Field:
     derivatives = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
     units = {each.name: each.unit for each in derivatives}  # in the model's time
     unit = units.get(signal.name, signal.unit)
-    return scalar(signal.name, 0, low=low, high=high, unit=unit, meaning=signal.meaning)
+    turn = {} if signal.period is None else {"periods": (signal.period,)}
+    return scalar(signal.name, 0, low=low, high=high, unit=unit, meaning=signal.meaning, **turn)
 
 
 def entry(name: str, place: tuple[int, int]) -> str:

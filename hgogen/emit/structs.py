@@ -17,6 +17,7 @@ SIGNALS = {
     "output": "the measurement now",
     "estimate": "the estimate of the plant's state; ranges are the declared ones, beyond which it may peak",
 }
+ONE_TURN = "give an angle in one turn: a float near 1e6 is a multiple of 0.0625"
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,9 @@ class _Structs:
         step, marks = self.step, [self.step.layout.mark] if marked and self.step.layout.mark else []
         for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
             if signals:
-                yield Struct(kind, SIGNALS[kind], self.named(of_signal(step, signal) for signal in signals))
+                counted = kind != "estimate" and self.real == "float" and any(s.period for s in signals)
+                comment = f"{SIGNALS[kind]}; {ONE_TURN}" if counted else SIGNALS[kind]
+                yield Struct(kind, comment, self.named(of_signal(step, signal) for signal in signals))
         for kind, fields in parameters(step):
             ours = self.in_time(fields)
             yield Struct(kind, MEMBERS[kind], self.named(ours) if kind == "plant" else tuple(map(self.member, ours)))

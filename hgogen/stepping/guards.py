@@ -68,7 +68,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
     ),
     "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
     "REUSED": (
-        "{} is not finite or absurd (beyond 1e15): the last valid one was used",
+        "{} is not finite or absurd ({beyond}): the last valid one was used",
         "check the source of the input",
     ),
     "UNDEFINED": (
@@ -446,14 +446,18 @@ def possible_bits(
 ) -> list[Bit]:
     """Return the bits that a status may have, in the order of the word: for each output, each state in `rates` whose
     rate may have no finite value, each input, and the step; `beyond`: the text of when a sample of an output is
-    implausible."""
+    implausible, or an input that is an angle is absurd."""
     bits = []
     for signals, kinds in ((outputs, OUTPUT_BITS), (rates, RATE_BITS), (inputs, INPUT_BITS)):
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
                 bits.append(
-                    Bit(f"{kind}_{signal.name}", meaning.format(signal.name, beyond=beyond.get(signal)), action)
+                    Bit(
+                        f"{kind}_{signal.name}",
+                        meaning.format(signal.name, beyond=beyond.get(signal, "beyond 1e15")),
+                        action,
+                    )
                 )
     return bits + [Bit(name, meaning, action) for name, (meaning, action) in STEP_BITS.items()]
 
@@ -464,7 +468,7 @@ def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Con
     of_outputs = [
         f"{kind}_{each}" for each in outputs for kind in (*CERTAIN_BITS, *(DATED_BITS if each.name in dated else ()))
     ]
-    return of_outputs + [f"{kind}_{each.name}" for each in inputs for kind in INPUT_BITS[: 1 + each.bounded]]
+    return of_outputs + [f"{kind}_{each.name}" for each in inputs for kind in INPUT_BITS[: 1 + (each.limits[0] > -INF)]]
 
 
 def shortage(names: Sequence[str]) -> str:
