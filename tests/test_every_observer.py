@@ -24,7 +24,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.check import Refuted
-from hgogen.emit.pystep import start_state
+from hgogen.emit.pystep import placed_states
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model
@@ -117,7 +117,7 @@ def test_it_builds(model: str, name: str) -> None:
 @each
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_c_compiles_clean_and_has_the_bits_of_python(model: str, name: str, real: Real) -> None:
-    """Every warning is an error; a missing, an absurd, a lost and an excessive sample are among the vectors."""
+    """Every warning is an error; the vectors have a missing, an infinite, an absurd, a lost and an excessive sample."""
     one = step(model, name)
     files = hg.targets.c99(one, real=real)
     assert native.run_check(files, ("-O2", f"-D{one.name.upper()}_EXACT")).endswith("samples as recorded\n")
@@ -128,7 +128,7 @@ def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
     """Where the estimate is known to lie in the state, whatever the observer calls it."""
     one = step(model, name)
     rest = {Place("state", field.name): list(field.initial) for field in one.layout.state}
-    moved = {place: values for place, values in start_state(one).items() if place in rest}
+    moved = {place: values for place, values in placed_states(one)[0].items() if place in rest}
     assert moved
     assert all(values != rest[place] for place, values in moved.items())
 

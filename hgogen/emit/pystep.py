@@ -6,23 +6,27 @@ one state; and it computes the same bits, by `emit.pygraph`. User-given names do
     D, I, B    the record as numbers, as counters, as bytes          V    numpy's views of places, for matrix kernels
     w, t       work values of a section, values of a block           m    number of the current member of a group
 
-The inputs of the self-check are triangle waves over the declared ranges, with a missing, an absurd, a lost and an
-excessive sample, so that guards, correction and adaptation all run. A step without guards gets none of these samples,
-and its log ends where its estimate is lost. Late samples come with ages of every kind. No function of this machine is
-used.
+The self-check records an observer next to its plant, which is simulated inside its declared ranges, so that no clamp
+hides an equation; its inputs are triangle waves. A missing, an infinite, an absurd, a lost and an excessive sample make
+the guards run, and one is hardly plausible. Near the end the estimate is put out of its ranges, then far out, with
+fault counts at their limits, so that the step recovers from both, and is lost at last. A step without guards gets none
+of these, and its log ends where its estimate is lost. Late samples come with ages of every kind. No function of this
+machine is used.
 
 The tolerance is for other roundings, of libm or of contracted operations. Each changes a part of the operations by
 about a rounding unit; going from float to double changes them all. So the tolerance is 16 times that distance, and in
 double its share by rounding units.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from hgogen.analysis.dynamics import widened
 from hgogen.discretisation.kernels import KERNELS
+from hgogen.discretisation.runge_kutta import OpenLoop, open_loop
 from hgogen.emit import layout, pygraph, saved
 from hgogen.emit.code import indented
 from hgogen.emit.node import Node, boolean
@@ -48,7 +52,8 @@ from hgogen.program import (
 )
 from hgogen.signal import LOST, Signal
 from hgogen.step import Step
-from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED, plausible_range, readings
+from hgogen.stepping.recovery import MARGIN
 
 Entry = Callable[[], int]
 
@@ -259,14 +264,25 @@ class _Writer(Reader[list[str]]):
 
 
 SAMPLES = 64
-MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples that trigger a guard
+MISSING, INFINITE, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 25, 30, 35, 40, 45  # samples that trigger a guard
+FAR = 60  # a sample that is hardly plausible
+FARTHEST = 1e37  # a float, far beyond `LOST`
+SAVED = 32  # the sample before which the state is saved, reset and restored
+# samples before which the estimate is put at a multiple of its ranges, and fault counts of the ranges and the outputs
+# at a multiple of their limits
+PLACED = {48: (1.2, 0, 0), 52: (1.2, 1, 0), 55: (1.7, 1, 1), 58: (1.7, 1, -1), 61: (FARTHEST, 0, 0)}
+TRACE = 0.1  # of its range, at the start
+INSIDE = 0.8  # of the samples before the estimate is put out of its ranges
+BEGIN = 10  # samples, at the least, after which a plant that leaves its ranges begins anew
+PLANT, ESTIMATES = 0.4, (0.45, 0.41, 0.401)  # of their ranges, at the start: the first whose course is inside them
 
 
 @dataclass(frozen=True)
 class Vectors:
-    """The test vectors of a self-check: inputs `u` (N, m), outputs `y` (N, p), the expected `values` (N, n), their
-    `tolerance` (n), the `status` (N)."""
+    """The test vectors of a self-check: `placed`, by sample the values that the state is given before it, inputs `u`
+    (N, m), outputs `y` (N, p), the expected `values` (N, n), their `tolerance` (n), the `status` (N)."""
 
+    placed: Mapping[int, Mapping[Place, Sequence[float]]]
     u: np.ndarray
     y: np.ndarray
     values: np.ndarray
@@ -281,15 +297,26 @@ def compared_places(step: Step) -> tuple[Place, ...]:
 
 
 def record_vectors(step: Step, real: Real) -> Vectors:
-    """Return the test vectors of a self-check: a step's results from a reset on over synthetic inputs."""
+    """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
-    y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
+    begins, y = _motion(step, u)
     if step.clock.guarded:
-        y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
+        sensors = zip(step.outputs, readings(step.observer.form), strict=True)
+        low, high = np.array([plausible_range(*each) for each in sensors]).T
+        edge = np.where(np.isfinite(high - low), 0.01 * (high - low), np.nan)
+        y[MISSING], y[INFINITE], y[ABSURD], u[LOST_INPUT] = np.nan, 3.2e38, np.nan_to_num(high + edge, nan=1e30), np.nan
+        y[FAR] = np.where(np.isfinite(edge), low + edge, y[FAR])
         u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
-    runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
+    low, high = np.array([s.interval for s in step.states]).T
+    for share in ESTIMATES:
+        placed = placed_states(step, begins, share)
+        runs: dict[Real, tuple[np.ndarray, np.ndarray]] = {"double": _run(step, "double", placed, u, y)}
+        course = runs["double"][0][: min(PLACED), : len(low)]
+        if ((course >= low) & (course <= high)).all(axis=1).mean() > INSIDE:
+            break
+    runs["float"] = _run(step, "float", placed, u, y)
     # without guards up to the first sample at which a run has implausible values
     sound = np.all([(np.abs(values) <= LOST).all(axis=1) for values, _ in runs.values()], axis=0)
     count = SAMPLES if step.clock.guarded or sound.all() else int(np.argmin(sound))
@@ -299,7 +326,7 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(values).max(axis=0)
-    return Vectors(u, y, values, 16 * distance, status)
+    return Vectors(placed, u, y, values, 16 * distance, status)
 
 
 def lost_samples(step: Step) -> tuple[int, int]:
@@ -309,17 +336,66 @@ def lost_samples(step: Step) -> tuple[int, int]:
 
 def fault_words(step: Step) -> str:
     """Return the words on faulty samples that follow the number of samples in a self-check's text."""
-    return ", a missing, an absurd, a lost and an excessive one among them" if step.clock.guarded else ""
+    if not step.clock.guarded:
+        return ""
+    return ", a missing, an infinite, an absurd, a lost and an excessive one among them"
 
 
-def start_state(step: Step) -> dict[Place, list[float]]:
-    """Return the values of a step's state at the first sample of the self-check, by place.
+def placed_states(
+    step: Step, begins: Iterable[int] = (0,), share: float = ESTIMATES[0]
+) -> dict[int, dict[Place, list[float]]]:
+    """Return by sample the values of a step's state that a self-check sets before it, by place; `begins`: the samples
+    at which the plant begins, and the estimate at a `share` of the ranges.
 
-    The estimate is off its initial value, where a plant may be at an equilibrium at which the model has no effect. An
-    element of the estimate is moved if it is linear in one element of the state.
+    The estimate is off its initial value, where a plant may be at an equilibrium at which the model has no effect. With
+    guards it is put out of its ranges as well, with fault counts at their limits.
     """
-    boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
-    wanted = [low + 0.7 * (high - low) for low, high in boxes]
+    boxes, start = [_interval(s) for s in step.observer.form.states], _at(step, _start(step, share))
+    ranges = {field.name: field.box[0] for field in step.layout.state}
+    for name in step.observer.traces:  # such as theta, which moves from there
+        low, high = ranges[name]
+        start |= {Place("state", name): [low + TRACE * (high - low)]} if high - low < LOST else {}
+    placed = dict.fromkeys(begins, start)
+    for k, (where, *due) in PLACED.items() if step.clock.guarded else ():
+        placed[k] = _at(step, [min(low + where * (high - low), FARTHEST) for low, high in boxes])
+        counts = {sign: float(sign.wait * due[sign.output is not None]) for sign in step.code.signs}
+        for sign, count in counts.items():
+            placed[k] |= {Place("state", sign.count): [count], Place("state", sign.limit): [float(sign.wait)]}
+        placed[k] |= {Place("state", "fault_checksum"): [sum(map(abs, counts.values()))]} if counts else {}
+    return placed
+
+
+def _start(step: Step, share: float) -> list[float]:
+    """Return the point z of the step's form at which each state of the plant is at this share of its range."""
+    x = [low + share * (high - low) for low, high in (_interval(s) for s in step.states)]
+    u = [_wave(0.0, s) for s in step.inputs]
+    (z,) = pygraph.evaluated(_model(step).entry, "double")((x, u))
+    return z
+
+
+def _model(step: Step) -> OpenLoop:
+    return open_loop(step.observer.form, step.dt, step.clock.between)
+
+
+def _motion(step: Step, u: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """Return the samples at which the plant begins, and its outputs (N, p) at the inputs `u` (N, m). A plant that is
+    about to leave its ranges begins anew, or is kept inside where it did so less than `BEGIN` samples before."""
+    model, start, begins, rows = _model(step), _start(step, PLANT), [0], []
+    move, read = (pygraph.evaluated(function, "double") for function in (model.move, model.read))
+    low, high = np.array([widened(*s.limits, -MARGIN) for s in step.observer.form.states]).T
+    z = start
+    for k, (now, then) in enumerate(zip(u, [*u[1:], u[-1]], strict=True), 1):
+        rows += read((z, now))
+        (after,) = move((z, now, then))
+        clamped = np.clip(np.where(np.abs(after) <= LOST, after, z), low, high).tolist()
+        begins += [k] if clamped != after and k - begins[-1] >= BEGIN and k < min(PLACED) else []
+        z = start if k == begins[-1] else clamped
+    return begins, np.array(rows)
+
+
+def _at(step: Step, wanted: Sequence[float]) -> dict[Place, list[float]]:
+    """Return the values of the places of a step's state at which its estimate z is `wanted` (n), where an element of z
+    is linear in one element of the state."""
     values = {Place("state", field.name): np.array(field.initial) for field in step.layout.state}
     known = nominal(step.observer) | values
     changed = {}
@@ -331,20 +407,22 @@ def start_state(step: Step) -> dict[Place, list[float]]:
         (place, index), (rise, now) = places[0], (numbers(graph, known).item() for graph in (slope, z))
         values[place][index] = goal if z.is_symbolic() else values[place][index] + (goal - now) / rise
         changed[place] = values[place]
-    return {place: list(map(float, array)) for place, array in changed.items()}
+    return {place: np.clip(array, -FARTHEST, FARTHEST).tolist() for place, array in changed.items()}
 
 
-def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _run(
+    step: Step, real: Real, placed: Mapping[int, Mapping[Place, Sequence[float]]], u: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     memory = layout.initial_record(step, real)
     views, calls = layout.places(step, memory), entries(step, memory, real)
     calls["tune"]()
-    for place, elements in start_state(step).items():
-        views[place][:] = elements
     kinds = (("input", step.inputs), ("output", step.samples))
     signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
     results = [views[place] for place in compared_places(step)]
     values, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
     for k in range(SAMPLES):
+        for place, elements in placed.get(k, {}).items():
+            views[place][:] = elements
         for array, value in zip(signals, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = calls["step"]()
@@ -361,8 +439,11 @@ def _ages(step: Step) -> np.ndarray:
 
 
 def _wave(cycles: float, signal: Signal) -> float:
-    """Return a triangle wave at `cycles` periods: half the
-    signal's declared range (or +-1) about its middle."""
-    low, high = signal.interval if signal.bounded else (-1.0, 1.0)
+    """Return a triangle wave at `cycles` periods: half the signal's declared range (or +-1) about its middle."""
+    low, high = _interval(signal)
     triangle = 1 - 4 * abs(cycles % 1 - 0.5)
     return (low + high) / 2 + (high - low) / 4 * triangle
+
+
+def _interval(signal: Signal) -> tuple[float, float]:
+    return signal.interval if signal.bounded else (-1.0, 1.0)

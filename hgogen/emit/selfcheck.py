@@ -2,14 +2,22 @@
 
 # Takes apart: templates, whose lines it makes.
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from string import Template
 
 from hgogen.emit.code import indented
 from hgogen.emit.heads import arguments, rust_status_type
 from hgogen.emit.interface import address, prototypes, status_type, structs
-from hgogen.emit.pystep import MISSING, compared_places, fault_words, lost_samples, record_vectors, start_state
+from hgogen.emit.pystep import (
+    MISSING,
+    SAVED,
+    Vectors,
+    compared_places,
+    fault_words,
+    lost_samples,
+    record_vectors,
+)
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.emit.syntaxes import RUST, C
@@ -31,11 +39,6 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
     vectors, results = record_vectors(step, real), [here.place_text(place) for place in compared_places(step)]
     signals = [here.place_text(place) for place, _ in _signals(step)]
     statuses = [f"{syntax.literal(value, 'unsigned')}," for value in vectors.status]
-    starting = (
-        f"{here.lvalue(place, i, len(values))} = {syntax.literal(value, real)};"
-        for place, values in start_state(step).items()
-        for i, value in enumerate(values)
-    )
 
     def rows(table: Iterable[Sequence[float]]) -> str:
         numbers = ([syntax.literal(float(v) if v == v else 0.0, real) for v in each] for each in table)
@@ -54,8 +57,21 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
         "wanted": rows(vectors.values),
         "tolerance": ", ".join(syntax.literal(float(value), real) for value in vectors.tolerance),
         "expected": block(" ".join(statuses[k : k + across]) for k in range(0, len(statuses), across)),
-        "start": block(starting),
+        "placed": block(_placed(here, vectors), 8),
     }
+
+
+def _placed(here: Writer, vectors: Vectors) -> Iterator[str]:
+    """Yield the lines that give the state the values which a self-check sets before some samples."""
+    for k, values in vectors.placed.items():
+        yield here.syntax.condition.format(f"k == {here.syntax.number(k)}")
+        for place, each in values.items():
+            elements = (here.lvalue(place, i, len(each)) for i in range(len(each)))
+            yield from indented(
+                f"{element} = {here.syntax.literal(value, here.real)};"
+                for element, value in zip(elements, each, strict=True)
+            )
+        yield "}"
 
 
 def filled(here: Writer, text: str) -> list[str]:
@@ -141,9 +157,15 @@ unsigned ${name}_check(void)
     const $real none = nan_given;
     unsigned bad = (none >= none) ? ${missing}u : 0u; /* compiled to take it for a number: sample $missing is lost */
 $locals
+    unsigned char saved[${upper}_SAVED];
     ${name}_init(&s, &p);
-$start
     for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
+$placed
+        if (k == ${restored}u) {
+            ${name}_save(&s, saved);
+            ${name}_reset(&s);
+            (void)${name}_restore(&s, saved, sizeof(saved)); /* refused, it leaves the reset state, which differs */
+        }
 $fill
         const $status status = $call;
         ${name}_estimate(&s, &p, &x);
@@ -186,6 +208,7 @@ def c_check(step: Step, real: Real) -> list[str]:
         status=status_type(step),
         cmsis=C.literal(CMSIS, real),
         missing=MISSING + 1,
+        restored=SAVED,
         locals=block(each.local for each in structs(step)),
         fill=block(filled(here, "{place} = (k == {missing}u) ? none : given[k][{column}];"), 8),
         call=prototypes(step)["step"].call(address),
@@ -222,8 +245,11 @@ $expected
 fn differs() -> Option<usize> {
     let p = Parameters::new();
     let mut s = State::new();
-$start
     for k in 0..$count {
+$placed
+        if k == $restored {
+            s = State::restored(&s.save()).unwrap_or_else(State::new);
+        }
 $fill
         let status = s.step($arguments);
         let x = s.estimate(&p);
@@ -256,6 +282,7 @@ def rust_check(step: Step, real: Real) -> list[str]:
     text = _RUST_TEXT.substitute(
         recorded(here, "[{}],", 1),
         status=rust_status_type(step),
+        restored=SAVED,
         structs="Inputs, " if many else "",
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
         fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),
