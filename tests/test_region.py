@@ -174,6 +174,24 @@ def test_from_the_edge_of_the_region_no_error_reaches_half_a_turn(name: str) -> 
     assert np.abs(off).max() < 1e-3 * period
 
 
+@pytest.mark.parametrize("guards", ["all", "none"])
+@pytest.mark.parametrize("speed", [0.0, 15.0, 40.0])
+def test_a_fast_encoder_keeps_the_region_in_the_running_step(speed: float, guards: str) -> None:
+    """The output turns by up to a quarter of its period in a call, and the first error is on the edge."""
+    known, answer, count = observer("encoder"), evidence(observer("encoder")), 80
+    P, angle, dt = floats(rational(answer["P"])), 0.3 + speed * np.arange(80) * 0.01, 0.01
+    touching = np.linalg.inv(P)[:, 0] * np.sqrt(float(answer["level"]) / np.linalg.inv(P)[0, 0]) * (0.99, 0.99 * 5)
+    for sign in (1, -1):
+        begin = {"x": 0.3 + sign * touching[0], "v": float(np.clip(speed + sign * touching[1], -50, 50))}
+        own = hg.observers.high_gain(known.form, theta=5, poles=(-1, -1), initial=begin)
+        y = wrapped(4 * angle, TURN)[:, None]
+        run = hg.sample(own, dt=dt, guards=guards).run(u=np.zeros((count, 1)), y=y, engine="python")
+        off = 4 * wrapped(run.x[:, 0] - angle, TURN)
+        assert 0.95 * np.pi < abs(off[0]) < np.pi
+        assert np.abs(off).max() < np.pi
+        assert np.abs(off[-1]) < 0.5
+
+
 def unit_vectors(rng: np.random.Generator, count: int) -> np.ndarray:
     vectors = rng.standard_normal((count, 2))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])

@@ -304,8 +304,11 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
         error = observer.dynamics.output_error(j, raw, predicted[j])
         usable, bits = _judged(signal, readings(observer.form)[j], raw, error)
         bits |= undefined_bits
-        now.append(ca.if_else(usable, near(signal, raw, predicted[j]), predicted[j]))
-        last_near = near(signal, last[j], now[-1])
+        last_near = near(
+            signal, last[j], predicted[j]
+        )  # whose error is below half a turn, however fast the plant turns
+        previous = ca.if_else(last_valid[j], last_near, predicted[j])
+        now.append(ca.if_else(usable, near(signal, raw, previous), predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last_near, now[-1]))
         valid.append(usable)
         status.update(bits)

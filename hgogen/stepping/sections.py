@@ -395,8 +395,8 @@ def plain_outputs(observer: Observer, clock: Clock) -> Block:
     call."""
     outputs, last = observer.form.system.outputs, sym("state", "y", clock.outputs)
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
-    now = column(near(y, sym("output", y.name), predicted[j]) for j, y in enumerate(outputs))
-    before = column(near(y, last[j], now[j]) for j, y in enumerate(outputs))
+    before = column(near(y, last[j], predicted[j]) for j, y in enumerate(outputs))
+    now = column(near(y, sym("output", y.name), before[j]) for j, y in enumerate(outputs))
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): before})
 
 
