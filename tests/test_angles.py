@@ -108,6 +108,25 @@ def faulty(name: str) -> tuple[np.ndarray, np.ndarray]:
     return u, y
 
 
+def test_whole_turns_of_samples_and_inputs_change_nothing() -> None:
+    made, (u, y, _) = step("riccati", True), course(False)
+    turns = np.random.default_rng(3).integers(-1000, 1000, (2, COUNT, 1)) * 360
+    made.reset()
+    once = made.run(u=short_way(u), y=short_way(y), engine="python")
+    made.reset()
+    turned = made.run(u=short_way(u) + turns[0], y=short_way(y) + turns[1], engine="python")
+    assert np.abs(short_way(turned.x[:, 0] - once.x[:, 0])).max() < 1e-8
+    assert turned.status.tolist() == once.status.tolist() == [0] * COUNT
+
+
+@pytest.mark.parametrize(("turns", "flags"), [(1023, set()), (1026, {"REUSED_A", "REJECTED_Y"})])
+def test_beyond_1024_turns_nothing_is_used(turns: int, flags: set[str]) -> None:
+    made = step("riccati", True)
+    made.reset()
+    made(u=0, y=-80)
+    assert set(made(u=360 * turns, y=360 * turns).flags) == flags
+
+
 @needs_compiler
 @pytest.mark.ordinary("riccati")
 @pytest.mark.parametrize("name", OBSERVERS)

@@ -21,9 +21,11 @@ from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import from_table, to_text
 from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.run.prediction import forecasts
 from hgogen.signal import BadRange
 from hgogen.starting import gains_of, scale
 from hgogen.system import BadSystem
+from hgogen.trial import Trial, simulate
 
 TURN = 2 * np.pi
 DT = 0.01
@@ -160,6 +162,29 @@ def test_an_angle_is_in_its_turn(degrees: float) -> None:
 
 def test_half_a_turn_has_one_sign() -> None:
     assert float(_WRAPPED(np.pi)) == float(_WRAPPED(-np.pi)) == -np.pi
+
+
+PERIODS = (TURN, np.pi, 360.0, 1.0, 0.1, 2.0**40)
+
+
+@given(st.sampled_from(PERIODS), st.floats(-1000, 1000), st.floats(-1000, 1000))
+def test_a_difference_is_the_short_way_round(period: float, a: float, b: float) -> None:
+    """Within half a turn, its own negative the other way round but for the tie, exact, and that of a step's graph."""
+    a, b, signal = a * period, b * period, hg.Signal("a", period=period)
+    short, back = float(signal.difference(a, b)), float(signal.difference(b, a))
+    assert -period / 2 <= short < period / 2
+    assert short == -back or short == back == -period / 2
+    turns = (Fraction(a - b) - Fraction(short)) / Fraction(period)
+    assert turns == round(turns) or abs(turns - round(turns)) * 2**53 <= abs(turns) + 1
+    off = abs(float(ca.evalf(wrapped(ca.SX(a - b), period))) - short) / period
+    assert min(off, 1 - off) < 1e-12
+
+
+@given(st.sampled_from(PERIODS), st.integers(-1000, 1000))
+def test_whole_turns_are_no_difference_and_a_tie_has_one_sign(period: float, turns: int) -> None:
+    signal = hg.Signal("a", period=period)
+    assert abs(signal.difference(turns * period, 0.0)) <= 2.0**-53 * abs(turns * period)
+    assert signal.difference(period / 2, 0) == signal.difference(-period / 2, 0) == -period / 2
 
 
 # --- observers ----------------------------------------------------------------------------------------------
@@ -399,3 +424,21 @@ def test_a_first_coordinate_turns_with_the_state_that_it_is() -> None:
         plant = hg.System("p", states=(state, r), outputs=(angle("y"),), flow=[r, acceleration], output=[output])
         first.append(hg.forms.phase(plant).states[0])
     assert [(z.period, z.interval) for z in first] == [(None, (-99, 99)), (TURN, (-TURN, 0))]
+
+
+def test_innovations_forecasts_and_truths_go_round() -> None:
+    u, states = driven()
+    y = states[:, :1] + 0.005 * np.random.default_rng(0).standard_normal((COUNT, 1))
+    trial = Trial("turns", 10.0, {"th": 0.5, "w": 0.0}, {"u": 3.0}, estimate={"th": 0.5, "w": 0.0})
+    innovations, errors, truths = [], [], []
+    for turns, samples in ((False, y), (True, short_way(y))):
+        step = SIBLINGS["original"](turns)
+        run = step.run(u=u, y=samples)
+        innovations.append(run.innovations)
+        errors.append(np.concatenate([each.model for each in forecasts(step, run, u, samples, [10, 50])]))
+        truths.append(simulate(rotor(turns), trial, DT).x)
+    assert np.nanmax(np.abs(innovations[0] - innovations[1])) < 1e-9
+    assert np.nanmax(np.abs(errors[0] - errors[1])) < 1e-9
+    assert np.isfinite(errors[0]).sum() > COUNT
+    assert truths[0][-1, 0] > 6 * TURN
+    assert np.abs(short_way(truths[0][:, 0]) - truths[1][:, 0]).max() < 1e-9
