@@ -12,6 +12,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics, with_fallback
 from hgogen.analysis.linearised import evaluated
+from hgogen.analysis.manifold import onto
 from hgogen.analysis.maps import without_rates
 from hgogen.analysis.scaling import exponents
 from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict, demand
@@ -21,7 +22,7 @@ from hgogen.program import INF, Block, Field
 from hgogen.prove.inclusion import Nothing
 from hgogen.reading.given import BadGain, Values, in_order, names, names_of, positive, real, reals, requires
 from hgogen.rigor.definite import one_thread
-from hgogen.sentence import because
+from hgogen.sentence import Reason, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System
 from hgogen.theorem import Hypothesis, Theorem
@@ -223,7 +224,7 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
         keywords = {k: with_fallback(v, accepted) if isinstance(v, Form) else v for k, v in call.keywords.items()}
         with one_thread():
             observer = make(*args, **keywords)
-        return replace(_up_to_turns(observer), construction=partial(make, *call.args, **call.keywords))
+        return replace(_on_invariants(_up_to_turns(observer)), construction=partial(make, *call.args, **call.keywords))
 
     last = lru_cache(maxsize=_LAST)(new)
 
@@ -254,17 +255,36 @@ def _up_to_turns(observer: Observer) -> Observer:
         checks = observer.checks
         if any(check.id == id for check in checks):
             return checks
-        of_motion = (check.id.maker == observer.name and check.id.fact in _OF_MOTION for check in checks)
-        return *(
-            replace(check, verdict=Verdict.UNKNOWN, reason=unproved, proofs=())
-            if conditional and check.proofs
-            else check
-            for check, conditional in zip(checks, of_motion, strict=True)
-        ), unknown
+        return *_unproved(observer, _OF_MOTION, unproved), unknown
 
     hypothesis = Hypothesis("the errors of periodic outputs stay below half a turn", (Claims(observer.name, "region"),))
     error = observer.error and Nothing(because("the proof is not made for the samples of periodic outputs"))
     return replace(observer, claims=known, theorem=observer.theorem.under(hypothesis), error=error)
+
+
+def _on_invariants(observer: Observer) -> Observer:
+    """Return the observer; of one whose estimate is projected onto invariants nothing is claimed of its error's motion,
+    which the projection could increase in the norm of a proof."""
+    if not observer.form.system.invariants:
+        return observer
+    smaller = "the projection onto the plant's invariants increases no error"
+    why = because("it is not proved that {smaller}", smaller=smaller)
+    hypothesis = Hypothesis(smaller, verdict=Verdict.UNKNOWN, reason="try it on trials that are like the plant")
+    return replace(
+        observer,
+        claims=lambda: _unproved(observer, (*_OF_MOTION, "region"), why),
+        theorem=observer.theorem.under(hypothesis),
+        error=observer.error and Nothing(why),
+    )
+
+
+def _unproved(observer: Observer, facts: Collection[str], why: Reason) -> tuple[Check, ...]:
+    """Return the checks of an observer, in which none of its own `facts` is proved, for the reason `why`."""
+    own = {ClaimId(observer.name, fact) for fact in facts}
+    return tuple(
+        replace(check, verdict=Verdict.UNKNOWN, reason=why, proofs=()) if check.id in own and check.proofs else check
+        for check in observer.checks
+    )
 
 
 @dataclass(frozen=True)
@@ -400,6 +420,9 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
         if not (np.isfinite(value) and low <= value <= high):
             raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
         start[signal] = float(signal.turned(value))
+    plant = form.system.declared
+    projected = onto(plant.invariants, states, plant.nominal, np.array([list(start.values())]))
+    start = dict(zip(states, map(float, projected[0]), strict=True)) if len(projected) else start
     if origin is None:
         return start, now
     numbers = start | form.system.nominal

@@ -112,8 +112,9 @@ class Pieces:
     `update` has one program for each output, run when its sample is valid; `uses_output`: whether `predict` reads the
     measurement; `bits`: bits of the part, or its words for the step's; `rule`: the method that integrates the part,
     where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
-    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `project`: statements that
-    project the estimates of members onto their ranges.
+    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `congruence`: returns, for an SX
+    N (n, n), statements that replace P by N P N'; `project`: statements that project the estimates of members onto
+    their ranges; `constrain`: statements that project the estimate onto the plant's invariants.
     """
 
     fields: tuple[Field, ...] = ()
@@ -129,7 +130,9 @@ class Pieces:
     choice: str = ""
     inner: tuple[Section, ...] = ()
     covariance: Graph | None = None
+    congruence: Callable[[Graph], Program] | None = None
     project: Program = ()
+    constrain: Program = ()
 
 
 class Part:

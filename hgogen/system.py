@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
@@ -11,6 +12,7 @@ from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
 from hgogen.rigor.box import End, box
+from hgogen.rigor.invariant import opposites, remainder
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
@@ -45,7 +47,8 @@ class System:
 
     Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and
     `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value. `time`: the
-    unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is.
+    unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is. `invariants`:
+    expressions of states and parameters that the flow keeps at 0, as q0**2 + .. + q3**2 - 1 of a quaternion.
 
     Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value,
     a unit of time that is no word; `BadName` for a name that C could not carry; `BadFileName` for
@@ -61,6 +64,7 @@ class System:
     output: tuple[sp.Expr, ...]
     origin: Origin | None
     time: str
+    invariants: tuple[sp.Expr, ...]
 
     def __init__(
         self,
@@ -74,6 +78,7 @@ class System:
         output: Sequence[Any],
         origin: Origin | None = None,
         time: str = "s",
+        invariants: Sequence[Any] = (),
     ) -> None:
         check_name(name)
         files.demand_file_name(name)
@@ -82,7 +87,8 @@ class System:
         if not is_unit(time):
             raise BadSystem(name, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
         fields |= {"name": name, "origin": origin, "time": str(time)}
-        fields |= {what: _expressions(name, what, rows) for what, rows in (("flow", flow), ("output", output))}
+        rows = {"flow": flow, "output": output, "invariants": invariants}
+        fields |= {what: _expressions(name, what, values) for what, values in rows.items()}
         for key, value in fields.items():
             object.__setattr__(self, key, value)
         _validate(self)
@@ -137,6 +143,11 @@ class System:
         """Return the box of `states`, the plant's inputs and parameters; parameters without a range are at their
         values."""
         return box((*states, *self.inputs, *self.parameters), self.nominal)
+
+    @cached_property
+    def opposites(self) -> tuple[tuple[int, ...], ...]:
+        """The sets of states in invariants, by index, of which both signs together are the same state, as q and -q."""
+        return opposites(self.invariants, dict(zip(self.states, self.flow, strict=True)), self.output)
 
     @property
     def constants(self) -> dict[Signal, sp.Rational]:
@@ -195,6 +206,7 @@ def _validate(system: System) -> None:
         by_name[signal.name] = signal
     flow, output = (list(enumerate(rows, 1)) for rows in (system.flow, system.output))
     places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
+    places |= {f"invariant {k}": row for k, row in enumerate(system.invariants, 1)}
     _validate_tables(system, by_name, places)
     _validate_periods(system, places)
     for parameter in system.parameters:
@@ -208,6 +220,7 @@ def _validate(system: System) -> None:
             tape([row], row.free_symbols)
         except NoTape as error:
             raise BadSystem(system.name, f"{place}: {_unknown(row, error)}") from None
+    _validate_invariants(system)
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
@@ -254,6 +267,19 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
                 raise BadSystem(system.name, _aperiodic(place, signal, change, own_period))
 
 
+def _validate_invariants(system: System) -> None:
+    """Refuse an invariant without a state, with an input, and one that the flow is not proved to keep at 0."""
+    flow = dict(zip(system.states, system.flow, strict=True))
+    for k, row in enumerate(system.invariants, 1):
+        for symbol in sorted(row.free_symbols - {*flow, *system.parameters}, key=str):
+            raise BadSystem(system.name, f"invariant {k} uses the input {symbol}; write it in states and parameters")
+        if not row.free_symbols & flow.keys():
+            raise BadSystem(system.name, f"invariant {k}, {row}, has no state; write what the states keep at 0")
+        if rate := remainder(row, system.invariants, flow):
+            why = f"is not kept by the flow, which changes it by {rate} in a unit of time"
+            raise BadSystem(system.name, f"invariant {k}, {row} = 0, {why}; correct the flow, or leave it out")
+
+
 def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None) -> str:
     over = f"{place} changes by {change} over one turn of {signal.name} (period {signal.period:g})"
     if place.startswith("output") and change.is_number and period is None:
@@ -275,8 +301,10 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
     """Return the plant with other nominal values of parameters, by name. Raises: `BadValue` for a name that is no
     parameter, a value outside of its range, and a plant that is recast."""
     new = exchanged(plant, values)
-    flow, output = (tuple(row.xreplace(new) for row in rows) for rows in (plant.flow, plant.output))
-    return replace(plant, parameters=tuple(new.get(p, p) for p in plant.parameters), flow=flow, output=output)
+    groups = (plant.flow, plant.output, plant.invariants)
+    flow, output, invariants = (tuple(row.xreplace(new) for row in rows) for rows in groups)
+    parameters = tuple(new.get(p, p) for p in plant.parameters)
+    return replace(plant, parameters=parameters, flow=flow, output=output, invariants=invariants)
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:

@@ -33,6 +33,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.linearised import NoLinearisation, pace
+from hgogen.analysis.manifold import onto
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
@@ -167,13 +168,22 @@ class Trial:
 @dataclass(frozen=True, eq=False)
 class Truth:
     """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; at a jump the values after it.
-    `states`: the signals of x; the values of a periodic one are in its turn."""
+    `states`: the signals of x; the values of a periodic one are in its turn; `opposites`: the sets of states of which
+    both signs together are the same state."""
 
     t: np.ndarray
     x: np.ndarray
     u: np.ndarray
     y: np.ndarray
     states: tuple[Signal, ...] = ()
+    opposites: tuple[tuple[int, ...], ...] = ()
+
+    def error(self, estimate: np.ndarray) -> np.ndarray:
+        """Return estimate - x (N, n), of angles the short way round, of opposites with the sign that is nearer."""
+        estimate = estimate.copy() if self.opposites else estimate
+        for v in map(list, self.opposites):
+            estimate[:, v] *= np.where((estimate[:, v] * self.x[:, v]).sum(axis=1) < 0, -1, 1)[:, None]
+        return differences(self.states, estimate, self.x)
 
     @property
     def at_once(self) -> int:
@@ -210,7 +220,7 @@ class Trajectory:
     @property
     def error(self) -> np.ndarray:
         """The estimate minus the truth (N, n)."""
-        return differences(self.truth.states, self.x, self.truth.x)
+        return self.truth.error(self.x)
 
 
 def simulate(plant: System, trial: Trial, dt: float) -> Truth:
@@ -251,7 +261,8 @@ class Plant:
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
         y = np.array(self._measure.map(times.size)(x.T, times, values)).T
         plant = self._plant
-        return Truth(self.times, in_turn(plant.states, x), self.u, in_turn(plant.outputs, y), plant.states)
+        x, y = in_turn(plant.states, x), in_turn(plant.outputs, y)
+        return Truth(self.times, x, self.u, y, plant.states, plant.opposites)
 
     @cached_property
     def u(self) -> np.ndarray:
@@ -433,6 +444,11 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
         low, high = states[jump.state].limits
         if not low <= jump.value <= high:
             yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
+    point = np.array([[trial.start[name] for name in states]], dtype=float)
+    projected = onto(plant.invariants, plant.states, plant.nominal, point)
+    if not (len(projected) and np.allclose(projected, point, rtol=1e-6, atol=1e-9)):
+        listed = ", ".join(f"{name} = {value:.6g}" for name, value in zip(states, projected.ravel(), strict=False))
+        yield f"start is not on the plant's invariants; take {listed or 'a point on them'}"
 
 
 def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = False) -> None:
@@ -679,11 +695,17 @@ def proposed_trial(plant: System) -> Trial:
 
 
 def _motions(plant: System, longest: float) -> Iterator[Trial]:
-    middle = {x.name: _middle(x) for x in plant.states}
+    names = [x.name for x in plant.states]
+
+    def state(values: list[float]) -> dict[str, float]:
+        points = onto(plant.invariants, plant.states, plant.nominal, np.array([values]))
+        return dict(zip(names, points[0].tolist(), strict=True)) if len(points) else {}
+
+    middle = state([_middle(x) for x in plant.states])
     for share in SHARES:
         for signs in SIGNS:
             signed = zip(plant.states, islice(cycle(signs), len(plant.states)), strict=True)
-            start = {x.name: _middle(x) + share * sign * _half(x) for x, sign in signed}
+            start = state([_middle(x) + share * sign * _half(x) for x, sign in signed])
             inputs = {u.name: _middle(u) + share * _half(u) * sp.sin(2 * sp.pi * t / longest) for u in plant.inputs}
             yield Trial("proposed", CROSSINGS * longest, start, inputs, estimate=middle, seeds=(0,))
 

@@ -271,6 +271,33 @@ def angle_integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=0.01)
 
 
+def unit_vector() -> hg.Step:
+    """A direction in the plane by a vector sensor, and the bias of its gyro; the direction has length 1."""
+    c, s, bias, rate = signals("c s bias rate", -1, 1)
+    ahead, left = signals("ahead left", -1.5, 1.5)
+    flow = [-s * (rate - bias), c * (rate - bias), 0]
+    plant = hg.System(
+        "unit_vector",
+        states=(c, s, bias),
+        inputs=(rate,),
+        outputs=(ahead, left),
+        flow=flow,
+        output=[c, s],
+        invariants=(c**2 + s**2 - 1,),
+    )
+    return hg.sample(hg.observers.ukf(hg.forms.original(plant), Q=[1e-4, 1e-4, 1e-4], R=1e-5), dt=0.02)
+
+
+def hyperbola() -> hg.Step:
+    """A motion along x^2 - y^2 = 1, which a step of Newton keeps, with P = L D L'."""
+    x, y, seen = signals("x y seen", -9, 9)
+    plant = hg.System(
+        "hyperbola", states=(x, y), outputs=(seen,), flow=[y / 9, x / 9], output=[y], invariants=(x**2 - y**2 - 1,)
+    )
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=1e-3, initial={"x": 1})
+    return hg.sample(observer, hg.methods.continuous_discrete, dt=0.05)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -302,6 +329,8 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "removable": removable,
     "angles": angles,
     "angle_integrated": angle_integrated,
+    "unit_vector": unit_vector,
+    "hyperbola": hyperbola,
 }
 
 

@@ -31,10 +31,10 @@ def test_every_row_finds_its_place_and_its_tests() -> None:
             assert name in named(file), f"{row}: there is no {test}"
 
 
-def test_there_are_enough_and_half_of_them_unread() -> None:
+def test_there_are_enough_and_many_of_them_unread() -> None:
     assert len(ROWS) >= 80
     assert len({(row.function, row.pattern, row.replacement) for row in ROWS}) == len(ROWS)
-    assert sum(row.unread for row in ROWS) >= len(ROWS) / 2
+    assert sum(row.unread for row in ROWS) >= 600
 
 
 def test_nine_in_ten_have_a_test_in_the_ordinary_run(pytestconfig: pytest.Config) -> None:

@@ -29,7 +29,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "coupled",
         "for_flash",
     ),
-    *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable"),
+    *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable", "unit_vector", "hyperbola"),
 )
 
 

@@ -124,7 +124,7 @@ def with_fallback(form: Form, accepted: Iterable[str]) -> Form:
         return form
     result = replace(form, fallback=names)
     A, b, links = form.A.as_mutable(), list(form.b), _links(form)
-    in_z = replace(form.system, states=form.states, flow=form.flow, output=form.output, origin=None)
+    in_z = replace(form.system, states=form.states, flow=form.flow, output=form.output, origin=None, invariants=())
     for i in Fallback(result, 1.0).rates:
         for k in range(form.n):
             if (i, k) not in links and A[i, k] != 0 and gaps([A[i, k]], in_z):
@@ -370,6 +370,16 @@ class Dynamics:
         valid = self.output_slopes_valid(z, u)
         curved = ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u])
         return tuple(ca.if_else(valid[j], each, 0) if j in valid else each for j, each in enumerate(curved))
+
+    @property
+    def invariants(self) -> tuple[sp.Expr, ...]:
+        """The plant's invariants as expressions of z."""
+        back = dict(zip(self.form.system.states, self.form.from_form, strict=True))
+        return tuple(c.xreplace(back) for c in self.form.system.invariants)
+
+    def values(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> list[Graph]:
+        """Return expressions of the form's signals as graphs, at z itself."""
+        return self._convert(expressions, z, u, boxed=False)
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
         """Return the plant's states x, as first declared, from z (n) and u (m).

@@ -17,6 +17,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.manifold import onto, tangents
 from hgogen.analysis.undefined import FIX, MAKER, undefined_slopes
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument, HgogenError
@@ -107,7 +108,9 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
     corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
     points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
     lows, highs = np.array([*map(spread, signals)]).T
-    return np.asarray(lows + points * (highs - lows))
+    points = lows + points * (highs - lows)
+    z = onto(dynamics.invariants, dynamics.form.states, dynamics.form.system.nominal, points[:, : dynamics.n])
+    return np.hstack((z, points[: len(z), dynamics.n :]))
 
 
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
@@ -165,10 +168,11 @@ class NoLinearisation(HgogenError):
 @dataclass(frozen=True)
 class Linear:
     """A linearisation at N points, scaled by half the ranges of states (S) and outputs (R): A = S^-1 df/dx S (N, n, n),
-    C = R^-1 dh/dx S (N, p, n)."""
+    C = R^-1 dh/dx S (N, p, n); `along`: orthonormal bases (N, n, n - k) of the directions along k invariants."""
 
     A: np.ndarray
     C: np.ndarray
+    along: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -194,7 +198,9 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
-    x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
+    x = onto(plant.invariants, plant.states, plant.nominal, points[:, : len(plant.states)])
+    u = points[: len(x), len(plant.states) :]
+    points = np.hstack((x, u))
     with np.errstate(all="ignore"):
         rates, slopes = _linearised(plant, x, u)
         known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
@@ -202,7 +208,7 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
             raise NoLinearisation(f"the model has no value at any of {_POINTS} points of the box")
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
-    finite = Linear(slopes.A[known], slopes.C[known])
+    finite = Linear(slopes.A[known], slopes.C[known], slopes.along[known])
     fastest = np.abs(np.linalg.eigvals(finite.A)).max()
     return points[known], finite, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
 
@@ -214,7 +220,7 @@ def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
 
 def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
     """Return f (N, n), and the scaled linearisation, at x (N, n), u (N, m)."""
-    f, y, F, H = (np.array(part) for part in _functions(plant)(x.T, u.T))
+    f, y, F, H, K = (np.array(part) for part in _functions(plant)(x.T, u.T))
     S = np.array([_half(s) for s in plant.states])
     n, count = len(plant.states), len(x)
     A = F.T.reshape(count, n, n).transpose(0, 2, 1) * S / S[:, None]  # CasADi counts by columns
@@ -227,7 +233,8 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
         values = row[np.isfinite(row)]
         half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
         R.append(float(half or size or 1.0))
-    return f.T, Linear(A, C / np.array(R)[:, None])
+    invariant_slopes = K.T.reshape(count, n, len(plant.invariants)).transpose(0, 2, 1) * S
+    return f.T, Linear(A, C / np.array(R)[:, None], tangents(invariant_slopes))
 
 
 def slopes(
@@ -250,12 +257,14 @@ def slopes(
 
 
 def _functions(plant: System) -> Any:
+    """Return f, h, and df/dx, dh/dx, dc/dx as columns, c the invariants, as a CasADi function of x (n) and u (m)."""
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
     symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
-    f, h = (ca.densify(ca.vertcat(*to_casadi(part, symbols))) for part in (plant.flow, plant.output))
-    slopes = (ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h))
+    rows = (plant.flow, plant.output, plant.invariants)
+    f, h, c = (ca.densify(ca.SX(ca.vertcat(*to_casadi(part, symbols)))) for part in rows)
+    slopes = (ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h, c))
     return ca.Function("f", [x, u], [f, h, *slopes])
 
 

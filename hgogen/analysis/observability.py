@@ -32,6 +32,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import BadGain, cached, requires_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
+from hgogen.rigor.invariant import modulo
 from hgogen.rigor.rank import (
     FEW_BITS,
     Blurred,
@@ -517,8 +518,10 @@ class _Question:
 
     @property
     def rows(self) -> tuple[Exprs, Exprs, Exprs, Exprs, Exprs]:
-        n = len(self.plant.states)
-        return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
+        """Flow, output with invariants, states, inputs and unknown parameters."""
+        n, invariants = len(self.plant.states), self.plant.invariants  # known to be 0, as an output would show it
+        outputs = (*(modulo(row, invariants) for row in self.branch.rows[n:]), *invariants)
+        return self.branch.rows[:n], outputs, self.plant.states, self.plant.inputs, self.parameters
 
     def ranks(self) -> Ranks | None:
         """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""

@@ -113,7 +113,8 @@ def _recast(change: Change) -> System:
             what = f"{w} = {change.forward[w]} jumps, so that it has no rate there; take one that is continuous"
             raise BadSystem(plant.name, what)
     output = [_substituted(exact(h).xreplace(plain), backward, back, plant) for h in plant.output]
-    result = replace(plant, states=states, flow=tuple(rows), output=tuple(output))
+    invariants = tuple(_substituted(exact(c).xreplace(plain), backward, back, plant) for c in plant.invariants)
+    result = replace(plant, states=states, flow=tuple(rows), output=tuple(output), invariants=invariants)
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
     to = tuple(forward[w].xreplace(back) for w in states)
     return replace(result, origin=Origin(plant, to, reported, checks(change)))

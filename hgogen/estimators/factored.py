@@ -49,6 +49,7 @@ from hgogen.signal import LOST
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
 Writes = dict[Place, Graph]
 _READ = ("z", "u", "y", "valid")  # the arguments of flow and Jacobian, in this order
+SINGULAR = 1e-10  # of a variance: what is left below it is rounding
 POINTS = 12  # corners, and as many points inside, at which the growth of the model is evaluated
 LONGER = {"speed": 1450, "flash": 0}  # operations by which straight-line code may exceed loops, of about 6 bytes each
 FULL = 7  # states up to which a full matrix Q or P(0) is accepted, which loops do not admit
@@ -201,12 +202,25 @@ class Unrolled(FilterStep, ABC):
         """Return the assignments of the factors of growth Phi P Phi' + h Q_theta, Phi = `transition` (n, n) and growth
         = 1 for None, and the intermediate values that get a name in the code."""
 
+    @abstractmethod
+    def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
+        """Return the assignments of the factors of N P N', N (n, n), and the intermediate values that get a name. A
+        variance below `least` (n), left over after the states before it, is one of rounding."""
+
+    def congruence(self, N: Graph) -> Program:
+        """Return the statements P <- N P N', N (n, n), which may be singular."""
+        least = self.smallest(factor(self.part.covariance)[1])
+        ends = (ca.fmax(SINGULAR * P_ii, float(end)) for P_ii, end in zip(self.variances, least, strict=True))
+        factors, names = self.congruent(N, column(ends))
+        return (Block(f"P <- N P N', P = {self.name}", factors, names),)
+
     def pieces(self) -> Pieces:
         """Return the memory fields and the statements of the filter: predict, then one scalar update for each
         output."""
         return Pieces(
             fields=(self.part.z, *self.fields),
             covariance=self.covariance,
+            congruence=self.congruence,
             **self.common(),
             predict=(*self.prediction(), *self.bounded()),
             update=tuple(map(self.correction, range(self.clock.outputs))),
@@ -316,6 +330,12 @@ class UnitTriangular(Unrolled):
         L, d = self.symbols
         d = d if growth is None else growth * d
         L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
+        return self.writes(L, d), names
+
+    def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
+        """Return the assignments of L, D of N P N' (Thornton, without noise), and intermediate values."""
+        n = N.shape[0]
+        L, d, names = time_update(*self.symbols, N, ca.SX(n, 0), ca.SX(0, 1), least)
         return self.writes(L, d), names
 
 
@@ -440,6 +460,8 @@ def chosen(part: Riccati, clock: Clock) -> Pieces:
     too long; `choice` of the pieces names the reason. Where straight-line code is short, no loops are generated for
     comparison."""
     n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
+    if part.dynamics.invariants and n <= LARGE:
+        return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for invariants")
     if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")
     if n > LARGE:

@@ -397,12 +397,13 @@ def solve(S: Graph, right: Graph) -> Graph:
 
 
 def time_update(
-    L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph
+    L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph, least: Graph | None = None
 ) -> tuple[Graph, Graph, dict[str, Graph]]:
     """Return L, d of Phi L diag(d) L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the intermediate
     values that get a name.
 
-    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
+    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k); `least` (n): a d below
+    it counts as 0, where Phi is singular and there is no noise.
     """
     n = d.shape[0]
     stacked, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
@@ -411,7 +412,7 @@ def time_update(
     for j in range(n):
         weighted = rows[j] * weight
         diagonal.append(ca.dot(rows[j], weighted))
-        inverse = 1 / diagonal[j]
+        inverse = 1 / (diagonal[j] if least is None else ca.fmax(diagonal[j], least[j]))
         names |= {f"w{j + 1}_{k + 1}": rows[j][k] for k in range(rows[j].shape[0])}
         names |= {f"d{j + 1}": diagonal[j]} | ({f"d{j + 1}_inverse": inverse} if j < n - 1 else {})
         for i in range(j + 1, n):

@@ -72,14 +72,14 @@ POINTS_LIMITED = Bit(
 LARGEST = 7  # states; more would need too much flash as straight-line code
 
 
-def triangle(stack: Graph) -> Graph:
+def triangle(stack: Graph, least: Graph | None = None) -> Graph:
     """Return the lower triangular SX matrix S (n, n), positive diagonal, with S S' = A A', A = `stack` (n, k), and the
-    intermediate values that get a name."""
+    intermediate values that get a name. A square of an S_jj below `least` (n) counts as 0, where A is singular."""
     n = stack.shape[0]
     rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Graph]()
     for j in range(n):
         S[j, j] = ca.sqrt(ca.dot(rows[j], rows[j]))
-        inverse = 1 / S[j, j]
+        inverse = 1 / (S[j, j] if least is None else ca.sqrt(ca.fmax(S[j, j] ** 2, least[j])))
         unit = rows[j] * inverse
         names |= {f"s{j + 1}{j + 1}": S[j, j]} | ({f"s{j + 1}{j + 1}_inverse": inverse} if j < n - 1 else {})
         names |= {f"q{j + 1}_{k + 1}": unit[k] for k in range(unit.shape[0])}
@@ -167,6 +167,11 @@ class SquareRoot(Unrolled):
         """Return S, as an assignment, of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and intermediate values."""
         S = self.root if growth is None else ca.sqrt(growth) * self.root
         S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
+        return self.writes(S), names
+
+    def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
+        """Return the assignment of S of N P N' by Gram-Schmidt, and intermediate values."""
+        S, names = triangle(N @ self.root, least)
         return self.writes(S), names
 
     def noise_factor(self) -> Graph:

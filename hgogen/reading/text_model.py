@@ -23,9 +23,9 @@
     y = [0, 50]
     z = [[-2, -1], [0, 0], [2, 1]]
 
-Other keys: meaning and reference (text), known (known answers, a free table), and the tables that files of
-`hgogen.modelfiles` read: `observer` and `tuning` (tuning.py), `trial` (recipe.py), `dissipation` (storage.py).
-Expressions are those of `reading.expression`.
+Other keys: invariants (a list of expressions that the flow keeps at 0), meaning and reference (text), known (known
+answers, a free table), and the tables that files of `hgogen.modelfiles` read: `observer` and `tuning` (tuning.py),
+`trial` (recipe.py), `dissipation` (storage.py). Expressions are those of `reading.expression`.
 
 Each dictionary in a file of a library is one model. It is either a table as above with a key "bound_queries", where a
 parameter with a range is unknown and one without has a known value, or
@@ -63,7 +63,7 @@ from hgogen.signal import Signal
 from hgogen.system import System
 
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
-NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
+NUMBERS, ROWS, EXPRESSIONS = "a list of numbers", "a list of lists of numbers", "a list of expressions"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _TURN = {"period": EXPRESSION}  # "2*pi" or 360
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
@@ -78,9 +78,10 @@ _COORDINATES = ("x", "y", "z")
 _TOP = {
     **dict.fromkeys(("name", "meaning", "reference", "time"), TEXT),
     **dict.fromkeys(_KINDS, TABLE),
+    "invariants": EXPRESSIONS,
     **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
-_OF_PLANT = ("name", "time", "disturbances", "tables", *_KINDS)
+_OF_PLANT = ("name", "time", "disturbances", "tables", "invariants", *_KINDS)
 OTHER_KEYS = tuple(key for key in _TOP if key not in _OF_PLANT)  # the keys that do not declare the plant
 Result = TypeVar("Result")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
@@ -92,6 +93,7 @@ _EXAMPLES = {
     RANGES: "[[-1, 1], [-2, 2]]",
     NUMBERS: "[0, 0.5, 1]",
     ROWS: "[[0, 1], [2, 3]]",
+    EXPRESSIONS: '["x1**2 + x2**2 - 1"]',
 }
 
 
@@ -169,15 +171,18 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
             for name, entry in groups[kind].items()
         ]
 
-    flow, output = expressions("states", "flow"), expressions("outputs", "equation")
-    readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
+    rows = {"flow": expressions("states", "flow"), "output": expressions("outputs", "equation")}
+    rows["invariants"] = [
+        named(file, "invariants", read_expression, str(text), symbols, tables) for text in table.get("invariants", ())
+    ]
+    readings = {what: [one.reading for one in group] for what, group in rows.items()}
     plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
     for name, entry in table.get("disturbances", {}).items():
         signal = _signal(file, "disturbances", name, entry, _DISTURBANCE, "on")
         on, order = entry["on"], entry.get("order", 1)
         plant = named(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
     others = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in OTHER_KEYS}
-    return PlainModel(file, plant, **others, folds=tuple(one for one in (*flow, *output) if one.lost))
+    return PlainModel(file, plant, **others, folds=tuple(one for group in rows.values() for one in group if one.lost))
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
@@ -212,6 +217,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     RANGES: lambda value: isinstance(value, list) and all(_numbers(pair) and len(pair) == 2 for pair in value),
     NUMBERS: _numbers,
     ROWS: lambda value: isinstance(value, list) and all(map(_numbers, value)),
+    EXPRESSIONS: lambda value: isinstance(value, list) and all(map(_FITS[EXPRESSION], value)),
 }
 
 
@@ -267,6 +273,8 @@ def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> 
     }
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
     lines += [f"{_key(key)} = {inline(value)}" for key, value in others.items()]
+    invariants = [_expression(plant, symbols, row) for row in plant.invariants]
+    lines += [f"invariants = {inline(invariants)}"] * bool(invariants)
     lines += [line for cells in plant.tables for line in _table(plant, cells)]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):

@@ -217,7 +217,8 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
             return _along(plant, trial)
         points, linearised, rates = linearisation_on_box(plant)
         window = rates.longest or 1.0
-        each = [_frozen(A, C, window) for A, C in zip(linearised.A, linearised.C, strict=True)]
+        at_points = zip(linearised.A, linearised.C, linearised.along, strict=True)
+        each = [_frozen(A, C, along, window) for A, C, along in at_points]
         names = [s.name for s in (*plant.states, *plant.inputs)]
         at = [dict(zip(names, map(float, point), strict=True)) for point in points]
         measure = replace(_least(plant, each, at), window=window)
@@ -233,7 +234,9 @@ def _along(plant: System, trial: Trial) -> Sight:
     transitions = _exponential((linearised.A[:-1] + linearised.A[1:]) / 2 * (trial.duration / pieces))
     length, step = pieces // _SHARE, pieces // _SHARE**2
     starts = range(0, pieces - length + 1, step)
-    each = [_weakest(transitions[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
+    each = [
+        _weakest(transitions[k : k + length], linearised.C[k : k + length + 1], linearised.along[k]) for k in starts
+    ]
     at = [{"t": k * trial.duration / pieces} for k in starts]
     return replace(_least(plant, each, at), window=trial.duration / _SHARE, trial=trial.name)
 
@@ -249,29 +252,29 @@ def _observable_frozen(plant: System) -> bool:
         return False
 
 
-def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndarray]:
+def _frozen(A: np.ndarray, C: np.ndarray, along: np.ndarray, window: float) -> tuple[float, np.ndarray]:
     values = np.linalg.eigvals(A)
     window = min(window, _GROWTH / max(values.real.max(), 1e-300))
     low, high = _SAMPLES
     count = int(min(high, max(low, math.ceil(np.abs(values).max() * window / _TURN))))
     move = _exponential(A[None] * (window / count))
-    return _weakest(np.repeat(move, count, axis=0), np.repeat(C[None], count + 1, axis=0))
+    return _weakest(np.repeat(move, count, axis=0), np.repeat(C[None], count + 1, axis=0), along)
 
 
-def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the observability measure sigma and the least observable direction v (n) of one
-    window, from its transition matrices (m, n, n) and output matrices C (m + 1, p, n)."""
-    n = C.shape[2]
-    Phi, rows = np.eye(n), [C[0]]
+def _weakest(transitions: np.ndarray, C: np.ndarray, along: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the observability measure sigma and the least observable direction v (n) of one window, from its
+    transition matrices (m, n, n) and output matrices C (m + 1, p, n); v in the span of `along` (n, k)."""
+    n = along.shape[1]
+    Phi, rows = along, [C[0] @ along]
     for move, now in zip(transitions, C[1:], strict=True):
         Phi = move @ Phi
         rows.append(now @ Phi)
     rows[0], rows[-1] = rows[0] / math.sqrt(2), rows[-1] / math.sqrt(2)  # the trapezoidal rule
     tall = np.concatenate(rows) / math.sqrt(len(transitions))
     if not np.isfinite(tall).all():
-        return math.nan, np.zeros(n)
+        return math.nan, np.zeros(len(along))
     _, values, directions = np.linalg.svd(np.linalg.qr(tall, mode="r") if len(tall) > n else tall)
-    return (float(values[-1]) if len(values) == n else 0.0), directions[-1]
+    return (float(values[-1]) if len(values) == n else 0.0), along @ directions[-1]
 
 
 def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[str, float]]) -> Sight:

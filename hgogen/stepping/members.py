@@ -109,6 +109,7 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
         groups=tuple(replace(group, name=name(group.name)) for group in pieces.groups),
         update=tuple(map(substituted.program, pieces.update)),
         covariance=None if pieces.covariance is None else substituted.values(pieces.covariance)[0],
+        congruence=None,
         **programs,
     )
 
@@ -125,6 +126,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         uses_output=any(piece.uses_output for piece in pieces),
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
         covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
+        congruence=next((piece.congruence for piece in pieces if piece.covariance is not None), None),
     )
 
 

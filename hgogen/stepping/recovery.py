@@ -479,6 +479,7 @@ class Recovery:
             *nearest(self.observer, self.clock, self._estimate_fields(), fitted),
             Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
             *self.other_memory,
+            *self.pieces.constrain,
         )
         return (
             Block("is a fault count at its limit?", {acts: any_of(sign.over for sign in signs)}),

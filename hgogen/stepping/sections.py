@@ -60,6 +60,7 @@ from hgogen.stepping.guards import (
     undefined_rates,
     unrecovered,
 )
+from hgogen.stepping.invariants import constrained
 from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
@@ -189,7 +190,7 @@ class Assembly:
     @cached_property
     def combined(self) -> Pieces:
         """The memory and statements of all parts in sequence, as one `Pieces`."""
-        return joined(self.pieces)
+        return constrained(self.observer, joined(self.pieces))
 
     @cached_property
     def law(self) -> Recovery:
@@ -310,7 +311,7 @@ class Assembly:
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
-        return flat(piece.update[j] for piece in self.pieces if piece.update)
+        return self.combined.update[j]
 
     @property
     def _predict(self) -> Section:
@@ -328,7 +329,8 @@ class Assembly:
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
         advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
-        program.append(When(Place("work", "running"), advance, (*map(Call, self._keep), *follow), part="advance"))
+        start = (*map(Call, self._keep), *self.combined.constrain, *follow)
+        program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))

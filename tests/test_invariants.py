@@ -1,0 +1,431 @@
+"""Invariants: constraints that the flow keeps, on which every estimate stays."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from emitted import step as emitted
+
+import hgogen as hg
+from hgogen.analysis.manifold import onto
+from hgogen.reading.given import BadGain
+from hgogen.reading.text_model import BadModelFile, from_table, to_text
+from hgogen.rigor.invariant import modulo, remainder
+from hgogen.run.gramian import sight
+from hgogen.stepping.invariants import sphere
+from hgogen.system import BadSystem, valued
+from hgogen.trial import BadTrial, Trial, proposed_trial, simulate
+
+DT, SIGMA = 0.01, 0.01
+
+
+def signals(names: str, low: float = -1, high: float = 1) -> list[hg.Signal]:
+    return [hg.Signal(name, low=low, high=high) for name in names.split()]
+
+
+def attitude(vectors: Sequence[str] = "xz", bias: bool = True) -> hg.System:
+    """A unit quaternion q with a gyro w = omega + b and axes of the world seen in the body, "x" and "z"."""
+    q, b, w = signals("q0 q1 q2 q3"), signals("b0 b1 b2", -2, 2), signals("w0 w1 w2", -2, 2)
+    rate = [one - (off if bias else 0) for one, off in zip(w, b, strict=True)]
+    q0, q1, q2, q3 = q
+    flow = [
+        -q1 * rate[0] - q2 * rate[1] - q3 * rate[2],
+        q0 * rate[0] - q3 * rate[1] + q2 * rate[2],
+        q3 * rate[0] + q0 * rate[1] - q1 * rate[2],
+        -q2 * rate[0] + q1 * rate[1] + q0 * rate[2],
+    ]
+    axes = {
+        "x": [q0**2 + q1**2 - q2**2 - q3**2, 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)],
+        "z": [2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), q0**2 - q1**2 - q2**2 + q3**2],
+    }
+    return hg.System(
+        "attitude",
+        states=(*q, *(b if bias else ())),
+        inputs=w,
+        outputs=[hg.Signal(f"{v}{i}") for v in vectors for i in range(3)],
+        flow=[*(f / 2 for f in flow), *([0, 0, 0] if bias else [])],
+        output=[row for v in vectors for row in axes[v]],
+        invariants=(q0**2 + q1**2 + q2**2 + q3**2 - 1,),
+    )
+
+
+# --- the declaration ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("invariant", "said"),
+    [
+        ("q0**2 - 1", "invariant 1, q0\\*\\*2 - 1 = 0, is not kept by the flow, which changes it by"),
+        ("w0", "uses the input w0"),
+        ("2", "has no state"),
+        ("q0*nowhere", "unknown symbol nowhere"),
+        ("I*q0", "is not finite and real"),
+    ],
+)
+def test_an_invariant_that_is_none_is_refused(invariant: str, said: str) -> None:
+    plant = attitude(bias=False)
+    names = {s.name: s for s in plant.signals}
+    with pytest.raises(BadSystem, match=said):
+        hg.System(
+            "bad",
+            states=plant.states,
+            inputs=plant.inputs,
+            outputs=plant.outputs,
+            flow=plant.flow,
+            output=plant.output,
+            invariants=[sp.sympify(invariant, locals=names)],
+        )
+
+
+x, y, k = sp.symbols("x y k", real=True)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "flow", "invariant"),
+    [
+        (x**2 + y**2 - 1, {x: -y, y: x}, True),
+        (x**2 + y**2 - 1, {x: -y + x * (1 - x**2 - y**2), y: x + y * (1 - x**2 - y**2)}, True),  # only on the circle
+        (x**2 + y**2 - 1, {x: -y + x / 100, y: x}, False),
+        (x**2 / 2 - k * sp.cos(y) - 1, {y: x, x: -k * sp.sin(y)}, True),
+        (sp.exp(x) * y - 1, {x: y, y: -(y**2)}, True),
+        (x**2 - y, {x: sp.Abs(x), y: 2 * x * sp.Abs(x)}, True),
+        (x - y, {x: y, y: x}, True),  # x - y decays, so that 0 stays 0
+    ],
+)
+def test_what_a_flow_keeps_is_proved(constraint: sp.Expr, flow: dict[sp.Symbol, sp.Expr], invariant: bool) -> None:
+    assert (remainder(constraint, [constraint], flow) == 0) is invariant
+
+
+def test_an_expression_modulo_constraints_is_equal_on_them() -> None:
+    assert modulo(x * (x**2 + y**2 - 1) + y, [x**2 + y**2 - 1]) == y
+    assert modulo(sp.Abs(x), []) == sp.Abs(x)
+
+
+def test_a_text_model_declares_them_and_is_written_with_them() -> None:
+    table = {
+        "name": "circle",
+        "states": {"c": {"flow": "-s"}, "s": {"flow": "c"}},
+        "outputs": {"y": {"equation": "c"}},
+        "invariants": ["c**2 + s**2 - 1"],
+    }
+    plant = from_table(table).plant
+    assert [str(e) for e in plant.invariants] == ["c**2 + s**2 - 1"]
+    assert 'invariants = ["c**2 + s**2 - 1"]' in to_text(plant)
+    with pytest.raises(BadModelFile, match="a list of expressions"):
+        from_table({**table, "invariants": "c**2 + s**2 - 1"})
+    with pytest.raises(BadModelFile, match="is not kept by the flow"):
+        from_table({**table, "invariants": ["c - s"]})
+
+
+def test_a_recast_plant_and_one_with_other_values_keep_them() -> None:
+    c, s, w = *signals("c s"), hg.Signal("w", nominal=1.0, low=0.5, high=2)
+    y = hg.Signal("y")
+    plant = hg.System(
+        "circle",
+        states=(c, s),
+        outputs=(y,),
+        parameters=(w,),
+        flow=[-w * s, w * c],
+        output=[c],
+        invariants=(c**2 + s**2 - 1,),
+    )
+    assert valued(plant, {"w": 2.0}).invariants == plant.invariants
+    r, phi = hg.Signal("r", low=0.5, high=2), hg.Signal("phi", low=-1, high=1)
+    polar = hg.recast(plant, {r: sp.sqrt(c**2 + s**2), phi: sp.atan(s / c)}, {c: r * sp.cos(phi), s: r * sp.sin(phi)})
+    assert [sp.simplify(e) for e in polar.invariants] == [r**2 - 1]
+    assert plant.opposites == ()  # the output tells c from -c
+
+
+# --- points -------------------------------------------------------------------------------------------------
+
+
+def test_points_come_onto_the_invariants_and_0_becomes_a_unit() -> None:
+    plant = attitude(bias=False)
+    drawn = np.random.default_rng(0).normal(size=(50, 4))
+    points = onto(plant.invariants, plant.states, plant.nominal, np.vstack([np.zeros(4), drawn]))
+    assert np.linalg.norm(points, axis=1) == pytest.approx(np.ones(51), abs=1e-12)
+    assert points[0] == pytest.approx([1, 0, 0, 0])
+    lengths = np.linalg.norm(drawn, axis=1, keepdims=True)
+    assert points[1:] == pytest.approx(drawn / lengths, abs=1e-9)
+    assert onto((), plant.states, {}, drawn) is drawn
+
+
+@pytest.mark.parametrize(
+    ("constraint", "parts"),
+    [
+        (x**2 + y**2 - 4, ((0, 1), 4)),
+        (3 * y**2 - 3 * k**2, ((1,), k**2)),
+        (x**2 - y**2 - 1, ((), 0)),
+        (x**2 + 2 * y**2 - 1, ((), 0)),
+        (x**2 + y - 1, ((), 0)),
+        (x**2 + y**2 + 1, ((), 0)),
+        (x * y - 1, ((), 0)),
+        (sp.cos(x) - y, ((), 0)),
+    ],
+)
+def test_a_sphere_is_known_by_its_equation(constraint: sp.Expr, parts: Any) -> None:
+    assert sphere(constraint, (x, y)) == parts
+
+
+def test_opposites_are_found_and_no_others() -> None:
+    assert attitude().opposites == ((0, 1, 2, 3),)
+    c, s = signals("c s")
+    circle = {
+        "states": (c, s),
+        "outputs": (hg.Signal("y"),),
+        "flow": [-s, c],
+        "invariants": [c**2 + s**2 - 1],
+    }
+    assert hg.System("odd", output=[c], **circle).opposites == ()
+    assert hg.System("even", output=[c * s], **circle).opposites == ((0, 1),)
+
+
+def test_a_trial_starts_on_them() -> None:
+    plant = attitude()
+    start = proposed_trial(plant).start
+    assert sum(start[f"q{i}"] ** 2 for i in range(4)) == pytest.approx(1, abs=1e-12)
+    off = Trial("off", 1.0, {**start, "q0": 1.0}, {f"w{i}": 0 for i in range(3)})
+    with pytest.raises(BadTrial, match=r"start is not on the plant's invariants; take q0 = 0\.75592[89], q1 = 0\.37"):
+        simulate(plant, off, DT)
+
+
+def test_errors_take_the_nearer_of_two_opposites() -> None:
+    plant = attitude(bias=False)
+    trial = Trial("turn", 1.0, {"q0": 1, "q1": 0, "q2": 0, "q3": 0}, {"w0": 2, "w1": 0, "w2": 0})
+    truth = simulate(plant, trial, DT)
+    assert truth.error(-truth.x) == pytest.approx(0 * truth.x, abs=1e-12)
+    assert truth.error(truth.x + 0.1) == pytest.approx(0 * truth.x + 0.1, abs=1e-12)
+
+
+# --- observability ------------------------------------------------------------------------------------------
+
+
+def test_the_length_that_no_output_sees_is_known_by_the_invariant() -> None:
+    c, s = signals("c s")
+    rows: dict[str, Any] = {"states": (c, s), "outputs": (hg.Signal("y"),), "flow": [-s, c], "output": [s / c]}
+    assert hg.observability(hg.System("loose", **rows)).rank == 1
+    assert hg.observability(hg.System("kept", **rows, invariants=[c**2 + s**2 - 1])).rank == 2
+
+
+def test_an_output_that_is_0_on_them_sees_nothing() -> None:
+    c, s, b = signals("c s b")
+    plant = hg.System(
+        "blind",
+        states=(c, s, b),
+        outputs=(hg.Signal("y"), hg.Signal("z")),
+        flow=[-s, c, 0],
+        output=[c, b * (c**2 + s**2 - 1)],
+        invariants=[c**2 + s**2 - 1],
+    )
+    assert [str(one) for one in hg.observability(plant).unobservable] == ["b"]
+
+
+def test_the_measure_is_taken_along_them() -> None:
+    measure = sight(attitude())
+    point = [measure.where[f"q{i}"] for i in range(4)]
+    assert np.linalg.norm(point) == pytest.approx(1, abs=1e-9)
+    assert measure.least > 0.05
+    along = [measure.direction[f"q{i}"] for i in range(4)]
+    assert np.dot(point, along) == pytest.approx(0, abs=1e-9)
+
+
+# --- the step -----------------------------------------------------------------------------------------------
+
+
+def numbers(plant: hg.System) -> tuple[Callable[..., Any], ...]:
+    """f, df/dx, h, dh/dx as numpy functions of x and u."""
+    at = [list(plant.states), list(plant.inputs)]
+    f, h = sp.Matrix(plant.flow), sp.Matrix(plant.output)
+    rows = (list(f), f.jacobian(plant.states), list(h), h.jacobian(plant.states))
+    return tuple(sp.lambdify(at, row) for row in rows)
+
+
+def motion(plant: hg.System, off: float, bias: Sequence[float] = ()) -> tuple[np.ndarray, ...]:
+    """Truth (N, n), gyro (N, 3) and noisy vectors (N, p) of a body that begins `off` (rad) from the identity."""
+    f, _, h, _ = numbers(plant)
+    t = np.arange(1500) * DT
+    u = np.c_[0.8 * np.sin(0.7 * t), 0.6 * np.cos(0.5 * t), 0.5 * np.sin(0.3 * t + 1)]
+    axis = np.array([1, 2, -1]) / np.sqrt(6)
+    truth = [np.r_[np.cos(off / 2), np.sin(off / 2) * axis, bias]]
+    for before, after in pairwise(u):
+        now = truth[-1]
+        for part in range(4):
+            first, last = (before + (after - before) * share / 4 for share in (part, part + 1))
+            now = runge_kutta(f, now, first, last, DT / 4)[0]
+        truth.append(now)
+    x = np.array(truth)
+    clean = np.array([h(*pair) for pair in zip(x, u, strict=True)])
+    return x, u, clean + SIGMA * np.random.default_rng(0).standard_normal(clean.shape)
+
+
+def runge_kutta(f: Callable[..., Any], z: np.ndarray, u: np.ndarray, v: np.ndarray, h: float) -> tuple[Any, Any]:
+    """The classical step from z, and the state of its third stage."""
+    middle = (u + v) / 2
+    k1 = np.array(f(z, u))
+    k2 = np.array(f(z + h / 2 * k1, middle))
+    k3 = np.array(f(z + h / 2 * k2, middle))
+    k4 = np.array(f(z + h * k3, v))
+    return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), z + h / 2 * k2
+
+
+def normalised(z: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    q, n = z[:4], len(z)
+    N = np.eye(n)
+    N[:4, :4] = (np.eye(4) - np.outer(q, q) / (q @ q)) / np.linalg.norm(q)
+    return np.r_[q / np.linalg.norm(q), z[4:]], N @ P @ N.T
+
+
+def projected_filter(plant: hg.System, u: np.ndarray, y: np.ndarray, P: np.ndarray, Q: float) -> np.ndarray:
+    """The extended Kalman filter with its estimate and covariance projected, from the textbook; estimates (N, n)."""
+    f, F, h, H = numbers(plant)
+    n = len(plant.states)
+    z, estimates = np.eye(n)[0], []
+    z, P = normalised(z, P)
+    for k, now in enumerate(u):
+        if k:
+            z, middle = runge_kutta(f, z, u[k - 1], now, DT)
+            A = np.array(F(middle, (u[k - 1] + now) / 2), dtype=float)
+            Phi = np.eye(n) + DT * A + DT * DT / 2 * A @ A
+            z, P = normalised(z, Phi @ P @ Phi.T + DT * Q * np.eye(n))
+        for j, sample in enumerate(y[k]):
+            c = np.array(H(z, now), dtype=float)[j]
+            K = P @ c / (SIGMA**2 + c @ P @ c)
+            z, P = normalised(z + K * (sample - h(z, now)[j]), P - np.outer(K, c @ P))
+        estimates.append(z)
+    return np.array(estimates)
+
+
+def filtered(plant: hg.System, u: np.ndarray, y: np.ndarray, P: np.ndarray, Q: float, **options: Any) -> Any:
+    n = len(plant.states)
+    observer = hg.observers.riccati(
+        hg.forms.original(plant), Q=[Q] * n, R=SIGMA**2 * DT, covariance=np.diag(P).tolist()
+    )
+    return hg.sample(observer, options.pop("method", hg.methods.continuous_discrete), dt=DT, **options).run(u=u, y=y)
+
+
+@pytest.mark.parametrize("method", ["continuous_discrete", "cholesky"])
+def test_the_filter_is_the_textbooks_with_a_projected_covariance(method: str) -> None:
+    plant = attitude(bias=False)
+    _, u, y = motion(plant, np.pi / 3)
+    P = 0.1 * np.eye(4)
+    run = filtered(plant, u[:300], y[:300], P, 1e-6, method=getattr(hg.methods, method), guards="none")
+    assert run.x == pytest.approx(projected_filter(plant, u[:300], y[:300], P, 1e-6), abs=1e-11)
+    guarded = filtered(plant, u[:300], y[:300], P, 1e-6, method=getattr(hg.methods, method))
+    assert guarded.x == pytest.approx(run.x, abs=1e-9)
+    assert not guarded.status.any()
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def error_state_filter(u: np.ndarray, y: np.ndarray, P: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The multiplicative filter: an angle error (3) and a bias (3), R <- R exp[d]; R (N, 3, 3) and the last P."""
+    R, b, rotations = np.eye(3), np.zeros(3), []
+    world = [np.array([1.0, 0, 0]), np.array([0, 0, 1.0])][-(y.shape[1] // 3) :]
+    for k, now in enumerate(u):
+        if k:
+            rate = (u[k - 1] + now) / 2 - b
+            R = R @ turned(rate * DT)
+            Phi = np.eye(6)
+            Phi[:3, :3], Phi[:3, 3:] = turned(-rate * DT), -DT * np.eye(3)
+            P = Phi @ P @ Phi.T + DT * Q
+        for j, sample in enumerate(y[k]):
+            body = R.T @ world[j // 3]
+            c = np.r_[skew(body)[j % 3], np.zeros(3)]
+            K = P @ c / (SIGMA**2 + c @ P @ c)
+            d = K * (sample - body[j % 3])
+            R, b, P = R @ turned(d[:3]), b + d[3:], P - np.outer(K, c @ P)
+        rotations.append(R)
+    return np.array(rotations), P
+
+
+def turned(d: np.ndarray) -> np.ndarray:
+    angle = np.linalg.norm(d)
+    if angle < 1e-12:
+        return np.eye(3) + skew(d)
+    axis = skew(d / angle)
+    return np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis
+
+
+def matrices(q: np.ndarray) -> np.ndarray:
+    a, b, c, d = q.T
+    rows = [
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The angles (N) between rotations."""
+    return np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(2)
+
+
+@pytest.mark.full
+def test_it_is_as_good_as_an_error_state_filter_from_60_degrees() -> None:
+    plant = attitude("xz")
+    x, u, y = motion(plant, np.pi / 3, [0.05, -0.08, 0.03])
+    P, Q = np.diag([0.25] * 4 + [0.01] * 3), 1e-6
+    run = filtered(plant, u, y, P, Q)
+    R, _ = error_state_filter(u, y, np.diag([1.0] * 3 + [0.01] * 3), np.diag([4 * Q] * 3 + [Q] * 3))
+    truth = matrices(x[:, :4])
+    ours, theirs = angles(matrices(run.x[:, :4]), truth), angles(R, truth)
+    late = slice(500, None)
+    assert np.sqrt((ours[late] ** 2).mean()) < 1.05 * np.sqrt((theirs[late] ** 2).mean())
+    assert ours[100:].max() < 0.05
+    assert np.linalg.norm(run.x[:, :4], axis=1) == pytest.approx(np.ones(len(x)), abs=1e-14)
+
+
+@pytest.mark.full
+def test_a_yaw_that_no_sensor_sees_does_not_look_known() -> None:
+    """Gravity alone says nothing of the turn about it: its variance is that of the start."""
+    plant = attitude("z", bias=False)
+    _, u, y = motion(plant, 0.0)
+    n, start, Q = 4, 0.01, 1e-9
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[Q] * n, R=SIGMA**2 * DT, covariance=[start] * n)
+    run = hg.sample(observer, hg.methods.continuous_discrete, dt=DT).run(u=u, y=y)
+    q0, q1, q2, q3 = run.x[-1]
+    yaw = np.array([-q3, -q2, q1, q0])  # 2 dq/dpsi of the turn about the axis of gravity
+    assert run.covariance is not None
+    assert 0.9 * start < yaw @ run.covariance[-1] @ yaw < 1.01 * start
+
+
+@pytest.mark.parametrize("name", ["unit_vector", "hyperbola"])
+def test_every_call_ends_on_them(name: str) -> None:
+    """From a start off them, with samples that contradict them, missing ones, and after a restart."""
+    step = emitted(name)
+    p, m = len(step.outputs), len(step.inputs)
+    draw = np.random.default_rng(3)
+    y = draw.normal(size=(200, p)) * 0.1 + (1.0 if name == "unit_vector" else 0.3)
+    y[20:40] = np.nan
+    run = step.run(u=np.full((200, m), 0.3) if m else (), y=y, engine="python")
+    (constraint,) = step.observer.form.system.invariants
+    at = sp.lambdify([list(step.observer.form.system.states)], constraint)
+    off = np.array([at(x) for x in run.x])
+    assert np.abs(off).max() < (1e-14 if name == "unit_vector" else 1e-2)  # a step of Newton squares what is left
+    assert np.abs(off[3:]).max() < 1e-3
+    assert np.isfinite(run.x).all()
+
+
+def test_a_covariance_that_is_stored_inverted_and_a_bank_are_refused() -> None:
+    plant = attitude(bias=False)
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[1] * 4, R=1)
+    with pytest.raises(BadGain, match="take continuous_discrete or cholesky"):
+        hg.sample(observer, hg.methods.rk4, dt=DT)
+    with pytest.raises(BadGain, match="does not keep the invariants of attitude; take its member"):
+        hg.sample(hg.observers.bank(observer, count=2, period=0.1), hg.methods.continuous_discrete, dt=DT)
+
+
+def test_convergence_is_not_claimed() -> None:
+    x, y, seen = signals("x y seen", -9, 9)
+    rows: dict[str, Any] = {"states": (x, y), "outputs": (seen,), "flow": [y, x], "output": [x]}
+    verdicts = {}
+    for name, more in (("free", {}), ("kept", {"invariants": [x**2 - y**2 - 1]})):
+        observer = hg.observers.riccati(hg.forms.original(hg.System(name, **rows, **more)), Q=[1, 1], R=1)
+        verdicts[name] = next(c.verdict for c in observer.checks if str(c.id) == "riccati.convergence")
+    assert verdicts == {"free": hg.Verdict.PROVED, "kept": hg.Verdict.UNKNOWN}
