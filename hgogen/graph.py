@@ -12,6 +12,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.errors import HgogenError
+from hgogen.rigor.functions import NAMES, refusal
 from hgogen.rigor.lookup import Lookup, Table, folded
 from hgogen.rigor.singular import resolved, with_limits
 from hgogen.rigor.tape import plain
@@ -27,8 +28,7 @@ class NoGraph(HgogenError):
     expression: str
 
     def __str__(self) -> str:
-        names = sorted((*(kind.__name__ for kind in _FUNCTIONS), "sqrt", "ceiling", "Heaviside", "Piecewise"))
-        write = f"write it with the functions {', '.join(names)} and declared symbols"
+        write = f"write it with the functions {', '.join(NAMES)} and declared symbols"
         return f"{self.term} in {self.expression} cannot become a graph; {write}"
 
 
@@ -254,10 +254,9 @@ class NoSymbols(HgogenError):
     """A CasADi operation, or a constant, that has no SymPy expression here."""
 
     operation: str
-    text = (
-        "CasADi's {operation} has no expression in SymPy that hgogen can read; write the model with "
-        "+ - * / powers, sqrt, exp, log, trigonometric and hyperbolic functions, fabs, sign, fmin, fmax and if_else"
-    )
+
+    def __str__(self) -> str:
+        return f"CasADi's {self.operation} has no expression in SymPy that hgogen can read: {refusal(self.operation)}"
 
 
 def _value(term: sp.Basic) -> sp.Expr:

@@ -15,7 +15,7 @@ from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import opposites, remainder
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn
-from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
+from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, check_name, is_unit
 
@@ -185,7 +185,8 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
             raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
         if not isinstance(expression, sp.Expr) or expression.is_Matrix:
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
-        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:
+        roots = (e for e in expression.atoms(sp.Pow) if e.base.is_negative and e.exp.is_integer is not True)
+        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False or any(roots):
             raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
         result.append(plain(expression))
     return tuple(result)
@@ -219,17 +220,8 @@ def _validate(system: System) -> None:
         try:
             tape([row], row.free_symbols)
         except NoTape as error:
-            raise BadSystem(system.name, f"{place}: {_unknown(row, error)}") from None
+            raise BadSystem(system.name, f"{place}, {error}") from None
     _validate_invariants(system)
-
-
-def _unknown(expression: sp.Expr, error: NoTape) -> str:
-    calculus = sorted(expression.atoms(sp.Integral, sp.Derivative, sp.Sum, sp.Product), key=str)
-    if calculus:
-        return f"there is no rule for {calculus[0]}; write it in closed form, or make an integral a state"
-    names = {type(node).__name__: node for node in expression.atoms(sp.Function)}
-    name = next((name for name in sorted(names) if name in NEAREST), "")
-    return f"there is no rule for {names[name]}; {NEAREST[name]}" if name else str(error)
 
 
 def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:

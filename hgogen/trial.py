@@ -42,6 +42,7 @@ from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
 from hgogen.reading.given import requires_plant, scalar
+from hgogen.rigor.singular import TINY, limited
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times
 from hgogen.signal import Signal, derived, differences, in_turn, plural, resting
@@ -248,7 +249,8 @@ class Plant:
         symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
         symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
-        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(plant.flow, symbols))}
+        flow = (limited(row, plant.box, TINY) for row in plant.flow)  # its slopes have to be finite, at powers of 0 too
+        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(flow, symbols))}
         self._measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}

@@ -19,6 +19,7 @@ from hgogen.model import load
 from hgogen.modelfiles.place import shipped
 from hgogen.modelfiles.tuning import First, first, places
 from hgogen.registry import summary
+from hgogen.rigor.functions import ARGUMENTS, INSTEAD, WRITTEN
 from hgogen.run.metrics import metrics
 from hgogen.starting import rule
 from hgogen.trial import Trial, try_out
@@ -83,6 +84,22 @@ def _folders(old: Words) -> str:
     return table(("folder", "what is in it"), lines)
 
 
+def _functions(old: Words) -> str:
+    counts: dict[str, list[str]] = {}
+    for name, (_, least, most) in sorted(WRITTEN.items()):
+        counts.setdefault(str(least) if least == most else f"{least} to {most}", []).append(f"`{name}`")
+    rows = [(count, ", ".join(names)) for count, names in counts.items()]
+    pairs = f"`Piecewise((value, condition), .., (value, True))`, of {ARGUMENTS} pairs at most"
+    return table(("arguments", "functions"), [*rows, ("pairs", pairs)])
+
+
+def _instead(old: Words) -> str:
+    names: dict[str, list[str]] = {}
+    for name, way in INSTEAD.items():
+        names.setdefault(way, []).append(f"`{name}`")
+    return table(("what to do", "in place of"), [(way, ", ".join(each)) for way, each in names.items()])
+
+
 def _line(folder: str) -> str:
     """The first line of a folder's docstring."""
     text = (import_module(f"hgogen.{folder}").__doc__ or "").partition("\n")[0].rstrip(".")
@@ -131,6 +148,8 @@ TABLES: Mapping[str, Callable[[Words], str]] = {
     "forms": _cases("forms"),
     "methods": _cases("methods"),
     "folders": _folders,
+    "functions": _functions,
+    "instead": _instead,
 }
 
 

@@ -108,9 +108,9 @@ def test_a_root_where_it_is_chosen_only_of_what_is_not_negative_has_a_value(rate
 
 
 def test_a_derivative_of_the_program_is_asked_at_points_where_no_proof_decides() -> None:
-    """d/dx of a root that is chosen for x >= 0 is not decided, and at x = 0 the program's is infinite."""
+    """d/dx of an angle that is chosen for x >= 0 is not decided, and at x = 2 the program's is infinite."""
     x, y = hg.Signal("x", low=0, high=2), hg.Signal("y")
-    flow = [1 - sp.Piecewise((sp.sqrt(x), x >= 0), (0, True), evaluate=False) - sp.sqrt(x + 1)]
+    flow = [1 - sp.Piecewise((sp.asin(x / 2), x >= 0), (0, True), evaluate=False) - sp.sqrt(x + 1)]
     chosen = hg.System("chosen", states=(x,), outputs=(y,), flow=flow, output=[x])
     with pytest.raises(Refuted, match=r"singular\.x"):
         hg.observers.riccati(hg.forms.original(chosen), Q=[1], R=1, accept=("original.lipschitz",))

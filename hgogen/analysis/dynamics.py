@@ -40,7 +40,7 @@ from hgogen.program import INF, column, sym
 from hgogen.rigor.bounds import contains_zero, enclose
 from hgogen.rigor.box import EVERYTHING, box
 from hgogen.rigor.lookup import hessian, jacobian
-from hgogen.rigor.singular import computed, resolved
+from hgogen.rigor.singular import computed, limited, resolved
 from hgogen.signal import Signal, resting
 
 Range = tuple[float, float]
@@ -284,12 +284,13 @@ class Dynamics:
             # db/dx (dPhi/dx)^-1 at x = Psi(sat(z)) in the plant's ranges: there dPhi/dx is regular, as phase has
             # proved, while dPsi/dz may have poles in the box of z
             states, x = self.form.system.states, sym("form", "x", self.n)
-            rows = (column(self._convert(e, x, self._u, states)) for e in (self.form.behind, self.form.to_form))
+            parts = (self.form.behind, self.form.to_form)
+            rows = (column(self._convert(e, x, self._u, states, slopes=True)) for e in parts)
             slope, map_ = (jacobian(row, x) for row in rows)
             pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
             at = self._behind(self.saturated(z), u)
             return self.linear(u) + ca.substitute([pulled], [x, self._u], [at, u])[0]
-        linear, nonlinear = self._without_fallback(self._z, self._u)
+        linear, nonlinear = self._without_fallback(self._z, self._u, slopes=True)
         slope = jacobian(nonlinear, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
             slope += jacobian(linear @ self._z, self._z) - linear
@@ -360,12 +361,12 @@ class Dynamics:
 
     def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Return the Jacobian (k, n) of the expressions `rows` (k) by z at (sat(z), u)."""
-        slopes = jacobian(column(self._convert(rows, self._z, self._u)), self._z)
+        slopes = jacobian(column(self._convert(rows, self._z, self._u, slopes=True)), self._z)
         return ca.substitute([slopes], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
         """Return the second derivatives d2h_j/dz2 (n, n) of each output at (sat(z), u)."""
-        rows = column(self._convert(self.form.output, self._z, self._u))
+        rows = column(self._convert(self.form.output, self._z, self._u, slopes=True))
         hessians = tuple(hessian(rows[j], self._z) for j in range(self.outputs))
         valid = self.output_slopes_valid(z, u)
         curved = ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u])
@@ -474,15 +475,15 @@ class Dynamics:
         rates = column(self.fallback.rate(i, nonlinear[i], whole[i]) for i in range(self.n))
         return self.fallback.valid_gains(linear), rates
 
-    def _without_fallback(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
+    def _without_fallback(self, z: Graph, u: Graph, slopes: bool = False) -> tuple[Graph, Graph]:
         entries, linear = self.form.A.todok(), ca.SX(self.n, self.n)
-        for place, value in zip(entries, self._convert(entries.values(), z, u), strict=True):
+        for place, value in zip(entries, self._convert(entries.values(), z, u, slopes=slopes), strict=True):
             linear[place] = value
         linear = ca.sparsify(linear)
         if self.form.behind is not None:
             states = self._behind(z, u)
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
-        return linear, column(self._convert(self.form.b, z, u, boxed=not self.form.free))
+        return linear, column(self._convert(self.form.b, z, u, boxed=not self.form.free, slopes=slopes))
 
     def _behind(self, z: Graph, u: Graph) -> Graph:
         """Return the plant's states x = Psi(z), for z already clamped, each clamped to its range."""
@@ -501,16 +502,24 @@ class Dynamics:
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, self.saturated(z), u))
 
     def _convert(
-        self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
+        self,
+        expressions: Any,
+        z: Graph,
+        u: Graph,
+        states: Sequence[sp.Symbol] | None = None,
+        boxed: bool = True,
+        slopes: bool = False,
     ) -> list[Graph]:
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.tunable}
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
+        around = system.box_with(states or self.form.states)
+        around |= {s: EVERYTHING for s in around if getattr(s, "period", None) is not None}
+        if slopes:
+            rows = [limited(e, around) for e in rows]
         if self.form.clamped and boxed:
-            around = system.box_with(states or self.form.states)
-            around |= {s: EVERYTHING for s in around if getattr(s, "period", None) is not None}
             rows = (computed(resolved(e), around) for e in rows)
         constants = tuple(system.constants.items())
         return to_casadi([_with_values(e, constants) for e in rows], symbols)

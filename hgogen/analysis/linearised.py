@@ -24,6 +24,8 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.program import sym
+from hgogen.rigor.box import box
+from hgogen.rigor.singular import limited
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, spread
 from hgogen.system import System
@@ -246,7 +248,7 @@ def slopes(
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}
-    graphs = to_casadi([expression for expression, _ in pairs], symbols)
+    graphs = to_casadi([limited(expression, box(signals)) for expression, _ in pairs], symbols)
     each = [ca.jacobian(graph, symbols[signal]) for graph, (_, signal) in zip(graphs, pairs, strict=True)]
     function = ca.Function("slopes", [x], [ca.densify(ca.SX(ca.vertcat(*each)))])
     values = np.array(function(_lattice(signals).T)).reshape(len(pairs), _POINTS).T
@@ -262,7 +264,8 @@ def _functions(plant: System) -> Any:
     symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
-    rows = (plant.flow, plant.output, plant.invariants)
+    parts = (plant.flow, plant.output, plant.invariants)
+    rows = ([limited(row, plant.box) for row in part] for part in parts)
     f, h, c = (ca.densify(ca.SX(ca.vertcat(*to_casadi(part, symbols)))) for part in rows)
     slopes = (ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h, c))
     return ca.Function("f", [x, u], [f, h, *slopes])

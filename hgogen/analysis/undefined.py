@@ -28,13 +28,16 @@ from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
 from hgogen.rigor.box import Box, Point, box
 from hgogen.rigor.rank import Reached, at_values, reached
 from hgogen.rigor.singular import (
+    CHORD,
     NONZERO,
     POSITIVE,
     Condition,
     Resolved,
     bounded_logs,
+    chord_ends,
     conditions,
     doubtful,
+    limited,
     minimal,
     one_sided,
     put_apart,
@@ -51,6 +54,7 @@ _SLOPES = "each derivative of {row} by a state"
 _NO_SAMPLE = "there the step uses no sample of {name}, and raises UNDEFINED_{name}"
 _LAST_RATE = "there the step goes on with the last finite value of the rate of {name}, and raises HELD_{name}"
 _ZERO_SLOPES = "there the step takes the derivatives of the rate of {name} for 0, and raises HELD_{name}"
+_CHORDS = "{what} has no finite value at {zeros: or }; the step takes the slope of the chord where {places: or }"
 _REASONS = {
     Verdict.REFUTED: "{what} has no finite value {places: or }",
     Verdict.UNKNOWN: "it is not decided whether {what} has a finite value {places: or }",
@@ -97,11 +101,23 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
     not."""
     known = {check.id.fact for check in undefined_values(plant)}
     rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
-    slopes = (
-        (signal, Sentence.of(_SLOPES, row=text), [slope(row, x) for x in plant.states if row.has(x)], _ZERO_SLOPES)
-        for signal, text, row in rows
-    )
-    return tuple(check for row in slopes if (check := _check(plant, *row)))
+    return tuple(check for row in rows if (check := _slopes_check(plant, *row)))
+
+
+def _slopes_check(plant: System, signal: Signal, text: str, row: sp.Expr) -> Check | None:
+    what, states = Sentence.of(_SLOPES, row=text), [x for x in plant.states if row.has(x)]
+    written = _check(plant, signal, what, [slope(row, x) for x in states], _ZERO_SLOPES)
+    program = limited(row, plant.box, CHORD, CHORD)
+    if written is None or program == row:
+        return written
+    ends = chord_ends(row, plant.box)
+    infinite = _check(plant, signal, what, [slope(program, x) for x in states], _ZERO_SLOPES)
+    if infinite or not ends:
+        return infinite
+    zeros = [because("{e} = 0", e=e.args[0] if isinstance(e, sp.Abs) else e) for e in ends]
+    places = [because("{e} < {end}", e=e, end=f"{float(end):.2g}") for e, end in ends.items()]
+    reason = because(_CHORDS, what=what, zeros=zeros, places=places)
+    return replace(written, verdict=Verdict.WHERE, reason=reason, fix="", consequence="")
 
 
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
@@ -162,8 +178,16 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
     that are not negative, and no other part that may be undefined."""
     if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
         return False
-    needed = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
-    return all(need.relation == "{of} >= 0" and cond in (need.of > 0, need.of >= 0) for need, cond in needed)
+    chosen = [cond for _, cond in part.args]
+    if len(chosen) == 2:
+        chosen[1] = sp.Not(chosen[0])
+    choices = zip((branch for branch, _ in part.args), chosen, strict=True)
+    needed = ((_condition(inner), cond) for branch, cond in choices for inner in doubtful((branch,), around))
+    return all(need.relation == "{of} >= 0" and _above(cond) == sp.expand(need.of) for need, cond in needed)
+
+
+def _above(condition: sp.Basic) -> sp.Expr | None:
+    return sp.expand(condition.gts - condition.lts) if hasattr(condition, "gts") else None
 
 
 def _condition(part: sp.Expr) -> Condition:

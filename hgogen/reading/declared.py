@@ -24,8 +24,8 @@ import sympy as sp
 
 from hgogen.errors import BadArgument, nearest
 from hgogen.graph import Graph, to_sympy
-from hgogen.reading.expression import FUNCTIONS
 from hgogen.reading.given import among, requires_plant
+from hgogen.rigor.functions import NAMES
 from hgogen.rigor.lookup import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.signal import Signal, check_name
 from hgogen.system import BadSystem, System
@@ -176,7 +176,7 @@ def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
     """Return the table with the breakpoints `axes` (one list or two) and its `values`; `kind` and errors as of
     `table`."""
     check_name(name)
-    if name in FUNCTIONS:
+    if name in NAMES:
         raise BadTable(name, "has the name of a function; choose another")
     if not among(kind, KINDS):
         raise BadTable(name, f'kind = {kind!r} is none of its kinds; write "linear" or "monotone"')

@@ -31,13 +31,13 @@ from typing import Any, NamedTuple
 
 import sympy as sp
 
-from hgogen.errors import HgogenError, nearest
+from hgogen.errors import HgogenError
 from hgogen.reading.files import cut
 from hgogen.rigor import bounds
 from hgogen.rigor.box import Box
+from hgogen.rigor.functions import ARGUMENTS, NAMES, WRITTEN, refusal
 from hgogen.rigor.lookup import Cells, applied
 from hgogen.rigor.singular import parts
-from hgogen.rigor.tape import NEAREST, plain
 from hgogen.sentence import NONE, Reason, because
 
 # --- what SymPy folds away ------------------------------------------------------------------------------
@@ -156,20 +156,10 @@ DIGITS, DECADES = 400, 400  # of one number as written: double precision ends at
 BITS, TOTAL_BITS = 4096, 100_000  # of one number computed, of all the coefficients of one sum
 EXPONENT = 10**6  # of a power
 LARGEST_EXP = 700  # beyond it exp of a number is no double
-ARGUMENTS = 20  # of Min, Max and Piecewise
 _BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
 _SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
 _COMPLEX = "is not a real number; keep roots, logarithms and asin, acos in their domain"
 _RELATIONS = {"<": sp.Lt, "<=": sp.Le, ">": sp.Gt, ">=": sp.Ge}
-_ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh Abs sign Heaviside floor"
-_FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
-    **{name: (getattr(sp, name), 1, 1) for name in _ONE.split()},
-    "abs": (sp.Abs, 1, 1),
-    "sinc": (lambda e: plain(sp.sinc(e)), 1, 1),
-    "atan2": (sp.atan2, 2, 2),
-    **{name: (getattr(sp, name.capitalize()), 1, ARGUMENTS) for name in ("Min", "min", "Max", "max")},
-}
-FUNCTIONS = (*sorted(_FUNCTIONS), "Piecewise")
 _FEW = 12  # names that a message lists
 _CONSTANTS = {"pi": sp.pi, "E": sp.E}
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
@@ -368,8 +358,8 @@ class _Parser:
             return _CONSTANTS[name]
         if name in ("True", "False"):
             return sp.true if name == "True" else sp.false
-        if name in FUNCTIONS or name in self.tables:
-            what = "function" if name in FUNCTIONS else "table"
+        if name in NAMES or name in self.tables:
+            what = "function" if name in NAMES else "table"
             raise self.error(token, f"the {what} {name} needs its argument; write {name}(...)")
         close = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
         few = 0 < len(self.symbols) <= _FEW
@@ -379,16 +369,14 @@ class _Parser:
 
     def call(self, token: Token) -> sp.Expr:
         name = token.text
-        if name not in FUNCTIONS:
+        if name not in NAMES:
             if name in self.symbols or name in _CONSTANTS:
                 raise self.error(token, f"{name[:60]!r} is no function; write * before the parenthesis")
-            functions = (*FUNCTIONS, *self.tables)
-            known = nearest(name, functions, f"the functions are {', '.join(functions)}")
-            raise self.error(token, f"there is no function {name[:60]!r}; {NEAREST.get(name, known)}")
+            raise self.error(token, refusal(name, self.tables))
         self.advance()
         if name == "Piecewise":
             return self.piecewise(token)
-        function, least, most = _FUNCTIONS[name]
+        function, least, most = WRITTEN[name]
         values: list[sp.Expr] = []
         while not values or self.accept(","):
             first = self.next
@@ -398,7 +386,7 @@ class _Parser:
         self.expect(")", f"{name} of column {token.column}")
         if len(values) < least:
             raise self.error(token, f"{name} needs {least} arguments; it has {len(values)}")
-        if name in ("exp", "sinh", "cosh"):
+        if name in ("exp", "sinh", "cosh", "sech", "csch", "coth"):
             self.not_huge(values[0], token)
         self.demanded += call_demands(function, *values)
         return self.real(function(*values), token)

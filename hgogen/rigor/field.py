@@ -289,7 +289,7 @@ def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], r
                 raise ZeroDivisionError
             values.append((power(top, abs(value)), power(bottom, abs(value))))
         else:
-            raise NoTape(op, "a rational function")
+            raise NoTape(op, "a rational function", f"there is no rule for {op}")
     return [values[i] for i in program.outputs]
 
 

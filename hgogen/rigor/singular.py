@@ -18,6 +18,14 @@ both forms and their derivatives lose the least to cancellation, the forms at mo
 
 max(e, 0)^p with p < 1 is computed as e^p where e > 0 and 0 elsewhere, so that its slope is 0 where e < 0.
 
+The derivative of e^p, 0 < p < 1, has no bound at e = 0, as that of sign(q) |q|^(1/2) for the flow through an orifice.
+The power is computed as it is written, while its derivative is that of `limited`: the slope of the chord,
+
+    e max(e, f)^(p - 1),   f = 2^-10 of the largest e on the box
+
+below f. This slope is 32 times that at the largest e for p = 1/2. With a tiny f, the derivative of e^p, p > 1, is
+computed without 0 times infinity.
+
 x^p log(c x), p > 0, is computed with its limit 0 at x = 0: below the smallest normal float the logarithm is constant.
 So is x^p log(x^2) = 2 x^p log |x|.
 
@@ -42,7 +50,7 @@ from hgogen.rigor.bounds import clamped_cells, contains_zero, enclose, nonzero, 
 from hgogen.rigor.box import EVERYTHING, STRANGE, Box, End, exact, sides
 from hgogen.rigor.lookup import Cells, Table, applied, replaced
 from hgogen.rigor.search import is_defined
-from hgogen.rigor.tape import Norm, NoTape, off_zero, rooted, shared, signed, with_norms
+from hgogen.rigor.tape import Norm, NoTape, off_zero, rooted, shared, signed, squares, unsigned, with_norms
 from hgogen.sentence import Reason, because
 
 POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
@@ -561,7 +569,9 @@ def _limited(product: sp.Mul, log: sp.Expr, argument: _LogArgument) -> sp.Expr:
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # most operations of an argument whose sign is proved
 _BOXES = 60
+TINY = sp.Rational(1, 2**60)  # of the largest e: below it programs take the slope of the chord of e^p, p > 1
 _LEAST = sp.Rational(1, 2**120)  # least sum of squares whose root is computed, a float with the root 2^-60
+CHORD = sp.Rational(1, 2**10)  # of the largest e: below it programs take the slope of the chord of e^p, p < 1
 _SMALL = 2.0**-40  # sums of squares below it are scaled by a unit, of which `_LEAST` is a small part
 _MOST = 60  # most halvings of the root of the unit, so that its inverse is a float
 
@@ -589,6 +599,51 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     built = node if args == list(node.args) else node.func(*args)
     simplified = _plain(built, box)
     return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
+
+
+def limited(expression: sp.Expr, box: Box, share: sp.Rational = CHORD, tiny: sp.Rational = TINY) -> sp.Expr:
+    """Return the expression whose derivative programs take for that of `expression`: finite on the box, and the same
+    but near places where a power has a slope without bound. Of the largest e on the box, e^p is limited below `share`
+    for p < 1, below `tiny` for p > 1."""
+    powers = _vanishing_powers(expression, tuple(box.items()), share, tiny)
+    if not powers:
+        return expression
+    whole = expression.xreplace({e: e.base * sp.Max(e.base, end) ** (e.exp - 1) for e, end in powers.items()})
+    return whole.replace(lambda e: isinstance(e, sp.Mul), unsigned)
+
+
+def chord_ends(expression: sp.Expr, box: Box) -> dict[sp.Expr, sp.Rational]:
+    """Return the base of each power that has a slope without bound, with the value below which programs limit it."""
+    powers = _vanishing_powers(expression, tuple(box.items()), CHORD, sp.S.Zero)
+    return {e.base: end for e, end in powers.items() if end > 0}
+
+
+@lru_cache(maxsize=512)  # each stage of a step needs the same rows
+def _vanishing_powers(
+    expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...], share: sp.Rational, tiny: sp.Rational
+) -> dict[sp.Pow, sp.Rational]:
+    """Return the powers e^p, p > 0 not whole, with an e that may be 0 on both sides of which the expression has a
+    value, each with the e below which it has the slope of the chord: e is a size, or stands in a Piecewise."""
+    powers = {e for e in expression.atoms(sp.Pow) if _fractional(e) and _is_size(e.base)}
+    branches = (branch for choice in expression.atoms(sp.Piecewise) for branch, _ in choice.args)
+    powers |= {e for branch in branches for e in branch.atoms(sp.Pow) if _fractional(e)}
+    ends = {}
+    for e in sorted(powers, key=str):
+        low, high = rational(e.base, dict(sides))
+        squared = not isinstance(e.base, sp.Abs) and squares(e.base) is not None
+        if low <= 0 < high and not (squared and rooted(e)):
+            largest = sp.Rational(Fraction(high)) if high < math.inf else sp.S.One
+            steep = e.exp < (sp.S.Half if squared else 1)
+            ends[e] = largest * (share ** (1 + squared) if steep else tiny)
+    return ends
+
+
+def _fractional(e: sp.Pow) -> bool:
+    return bool(e.exp.is_number and e.exp.is_positive and not exact(e.exp).is_integer and e.base.free_symbols)
+
+
+def _is_size(e: sp.Expr) -> bool:
+    return isinstance(e, (sp.Abs, Norm)) or (isinstance(e, sp.Max) and 0 in e.args) or squares(e) is not None
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:

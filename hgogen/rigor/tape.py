@@ -31,10 +31,12 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import sympy as sp
+from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import Boolean
 
 from hgogen.errors import HgogenError
 from hgogen.rigor.box import exact, put
+from hgogen.rigor.functions import MEANING, refusal
 from hgogen.rigor.lookup import Table
 from hgogen.sentence import Reason, because
 
@@ -149,7 +151,7 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
         args = tuple(map(visited, node.args))
         built = node if args == node.args else node.func(*args)
         # a root of a sum of squares may be 0
-        may_vanish = isinstance(built, sp.Pow) and rooted(built) and _squares(built.base) is not None
+        may_vanish = isinstance(built, sp.Pow) and rooted(built) and squares(built.base) is not None
         if not may_vanish or node.base in divisors:
             return built
         square = unit(built.base)
@@ -186,8 +188,8 @@ def _as_norms(e: sp.Expr) -> sp.Expr:
     if isinstance(e, sp.Piecewise):
         return _joined(e)
     if isinstance(e, sp.Pow) and rooted(e):
-        squares = _squares(e.base)
-        return e if squares is None else Norm(*squares) ** e.exp.p
+        parts = squares(e.base)
+        return e if parts is None else Norm(*parts) ** e.exp.p
     return signed(e) if isinstance(e, sp.Mul) else e
 
 
@@ -208,9 +210,17 @@ def signed(e: sp.Mul) -> sp.Expr:
     return e
 
 
-def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, the
-    numbers among them nonnegative; None for any other e."""
+def unsigned(e: sp.Mul) -> sp.Expr:
+    """Return the product with e for its factors |e| sign(e), and -e for |e| sign(-e)."""
+    for node in e.args:
+        for size in (node.args[0], -node.args[0]) if isinstance(node, sp.sign) else ():
+            if sp.Abs(size) in e.args:
+                return e / node / sp.Abs(size) * node.args[0]
+    return e
+
+
+def squares(e: sp.Expr) -> list[sp.Expr] | None:
+    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
     if e.count_ops() > _LARGE:
         return None
     roots = []
@@ -327,35 +337,13 @@ def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
     return {norm for e in expressions for norm in with_norms(e).atoms(Norm)}
 
 
-_MEANING: dict[type, Callable[..., sp.Basic]] = {
-    sp.cot: lambda x: sp.cos(x) / sp.sin(x),
-    sp.sec: lambda x: 1 / sp.cos(x),
-    sp.csc: lambda x: 1 / sp.sin(x),
-    sp.coth: lambda x: sp.cosh(x) / sp.sinh(x),
-    sp.sech: lambda x: 1 / sp.cosh(x),
-    sp.csch: lambda x: 1 / sp.sinh(x),
-    sp.sinc: lambda x: sp.sin(x) / x,
-    sp.Mod: lambda x, y: x - y * sp.floor(x / y),
-    sp.frac: lambda x: x - sp.floor(x),
-    sp.ITE: lambda c, a, b: (c & a) | (~c & b),
-    sp.Xor: lambda *args: reduce(lambda a, b: (a & ~b) | (~a & b), args),
-    sp.Implies: lambda a, b: ~a | b,
-    sp.Equivalent: lambda *args: sp.And(*args) | sp.And(*map(sp.Not, args)),
-}
-_VALUES = "give its values on the declared range as a table"
-NEAREST = {  # replacements for functions that no arithmetic knows, by their names
-    "erf": f"{_VALUES}, or take tanh(2*x/sqrt(pi)), which is within 0.04 of it",
-    "erfc": f"{_VALUES}, or take 1 - tanh(2*x/sqrt(pi)), which is within 0.04 of it",
-    "gamma": _VALUES,
-    "Mod": "write x - p*floor(x/p); of an angle sin and cos need no Mod",
-}
-
-
 def plain(expression: sp.Expr) -> sp.Expr:
-    """Return the expression without cot, sec, csc, coth, sech, csch, sinc, Mod, frac, with And, Or and Not as the only
-    logical functions, and with |e| for e sign(e) where e is real."""
-    if expression.has(*_MEANING):
-        expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
+    """Return the expression with functions that have a rule in every arithmetic: those of `MEANING` are rewritten. |e|
+    stands for e sign(e) where e is real, and sign(e) |e|^p for e |e|^(p - 1), which has no value at e = 0 for p < 1."""
+    if expression.has(*MEANING):
+        expression = expression.replace(lambda e: type(e) in MEANING, lambda e: MEANING[type(e)](*e.args))
+    if expression.has(sp.Abs):
+        expression = expression.replace(lambda e: isinstance(e, sp.Mul), _of_size)
     if not expression.has(sp.sign):
         return expression
 
@@ -363,6 +351,19 @@ def plain(expression: sp.Expr) -> sp.Expr:
         return e.is_Mul and all(part.args[0].is_real for part in e.args if isinstance(part, sp.sign))
 
     return expression.replace(is_size, lambda e: without_norms(signed(e)))
+
+
+def _of_size(e: sp.Mul) -> sp.Expr:
+    """Return the product with sign(a)^k |a|^(k + p) for its factors a^k |a|^p, k > 0 whole, p < 0 or not, k + p > 0."""
+    for size in e.args:
+        if not (size.as_base_exp()[1].is_number and isinstance(size.as_base_exp()[0], sp.Abs)):
+            continue
+        (a,), p = size.as_base_exp()[0].args, size.as_base_exp()[1]
+        for part in e.args:
+            base, k = part.as_base_exp()
+            if base in (a, -a) and k.is_Integer and k > 0 and k + p > 0 and (p < 0 or not exact(p).is_integer):
+                return e / part / size * (sp.sign(base) if k % 2 else 1) * sp.Abs(a) ** (k + p)
+    return e
 
 
 # --- tapes
@@ -388,19 +389,17 @@ _RELATIONS = {
 
 @dataclass(eq=False)
 class NoTape(HgogenError):
-    """The error that a function or a symbol (`what`, in `expression`) has no rule in the arithmetic of the proofs."""
+    """The error that a function or a symbol (`what`, in `expression`) has no rule in the arithmetic of the proofs.
+    `refusal`: the sentence on what to write instead."""
 
     what: str
     expression: str
+    refusal: str
 
     @property
     def reason(self) -> Reason:
-        """Return the reason in words, with functions to write instead."""
-        pattern = (
-            "no rule for {what} in {expression}; write it with + - * / ** sqrt exp log, trigonometric and hyperbolic "
-            "functions, Abs, sign, floor, Heaviside, Min, Max or Piecewise, of declared symbols, or as a table"
-        )
-        return because(pattern, what=self.what, expression=self.expression)
+        """Return the reason in words, with what to write instead."""
+        return because("{expression}: {refusal}", expression=self.expression, refusal=self.refusal)
 
     def __str__(self) -> str:
         return str(self.reason)
@@ -493,7 +492,7 @@ class _Writer:
             return self._put("direction", tuple(args), int(node.args[0]))
         if isinstance(node, Table):
             return self._put("table", tuple(args), (node.cells, node.order))
-        raise NoTape(str(node), str(whole))
+        raise NoTape(str(node), str(whole), _refusal(whole, self.index))
 
     def _power(self, node: sp.Pow, args: list[int]) -> int:
         if node.base == sp.E:
@@ -503,6 +502,19 @@ class _Writer:
         if node.exp.is_Rational:
             return self._put("root", (args[0],), Fraction(node.exp))
         return self._put("raise", tuple(args))
+
+
+_WITH_RULE = (*_FUNCTIONS, *_FOLDED, *_RELATIONS, sp.Pow, Norm, Direction)
+_HOLDERS = (sp.Number, sp.Tuple, ExprCondPair, Table)  # that need no instruction, or have one whatever their type
+
+
+def _refusal(whole: sp.Basic, symbols: Mapping[sp.Symbol, int]) -> str:
+    for node in sp.preorder_traversal(whole):
+        if isinstance(node, sp.Symbol) and node not in symbols:
+            return f"the symbol {node} is not declared; declare it as a Signal"
+        if not (node in symbols or node in _CONSTANTS or type(node) in _WITH_RULE or isinstance(node, _HOLDERS)):
+            return refusal(type(node).__name__)
+    return "it has a number that is not finite and real; correct it"
 
 
 def _parts(node: sp.Basic) -> tuple[sp.Basic, ...]:
