@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
@@ -277,6 +278,26 @@ def test_a_fit_by_prediction_across_turns() -> None:
     fit = hg.fit(plant(True), Log(w[:, None], y[:, None], DT), starts=1, by="prediction")
     assert fit.values == pytest.approx({"g": 1.2, "c": 0.5}, abs=0.03)
     assert fit.error["y"] < 0.05
+
+
+def test_a_first_state_in_another_turn_changes_no_gap_and_no_residual() -> None:
+    """Of one of the segments of multiple shooting, by three turns."""
+    _, (one, record) = both()
+    task = Task(one, one, one.parameters, (), (record,), (), "hold", "simulation")
+    start, there = task.nominal, task.nominal
+    there[task.problem.constants + 2 * 20] += 3 * TURN  # the heading of segment 20
+    at = ca.Function("at", [task.problem.followed[0]], list(task.problem.followed[1:]))
+    for here, away in zip(at(start), at(there), strict=True):
+        np.testing.assert_allclose(away.full(), here.full(), atol=1e-9)
+        assert np.abs(here.full()).max() < np.pi
+
+
+def test_poles_of_a_motor_give_its_angle() -> None:
+    """An output that goes on by two turns where the state goes on by one."""
+    _, (one, record) = both()
+    poles = replace(one, output=(2 * one.states[0],))
+    fit = hg.fit(poles, Log(record.u, in_turn(2 * record.y), DT), starts=1)
+    assert fit.values == pytest.approx({"g": 1.2, "c": 0.5}, abs=0.01)
 
 
 def test_innovations_of_a_fit_are_those_on_the_line() -> None:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 import casadi as ca
 import numpy as np
+import sympy as sp
 
 from hgogen.analysis.observability import observability
 from hgogen.logs.problem import (
@@ -27,7 +28,7 @@ from hgogen.logs.problem import (
     digests,
     paced,
 )
-from hgogen.logs.records import BadLog, Log, demanded, reading_of
+from hgogen.logs.records import BadLog, Log, demanded, middle_of
 from hgogen.reading.given import count, requires_plant, requires_switches, signals_named
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
@@ -409,9 +410,10 @@ class Task:
             outputs = zip(self.plant.outputs, record.y.T, self.given.output, self.plant.output, strict=True)
             for y, column, *expressions in outputs:
                 there = np.flatnonzero(np.isfinite(column))
-                for i in (i for i, x in enumerate(self.plant.states) if x in expressions):
-                    x = self.plant.states[i]
-                    rows[i] = np.interp(at, there, x.unwrapped(reading_of(x, y, column))[there])
+                for x, slope, level in measured_states(self.plant.states, expressions):
+                    course = y.unwrapped(column) if x.period else y.nearest(column, slope * middle_of(x) + level)
+                    values = np.interp(at, there, (course[there] - level) / slope)
+                    rows[self.plant.states.index(x)] = values
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
 
@@ -615,6 +617,15 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
         ended = searches.solved(task.solver, best.unknowns, ended)
         best = ended[-1]
     return task.result(best, (best,) if passes else ended)
+
+
+def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterator[tuple[Signal, float, float]]:
+    """Yield the states that rows measure alone, slope x + level, with these two numbers."""
+    for row in rows:
+        for x in row.free_symbols & set(states) if len(row.free_symbols) == 1 else ():
+            slope = row.diff(x)
+            if slope.is_number and slope:
+                yield x, float(slope), float(row.xreplace({x: 0}))
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:

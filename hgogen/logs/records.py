@@ -82,8 +82,12 @@ def _reduced(signals: Sequence[Signal], values: Any) -> Any:
 def reading_of(state: Signal, y: Signal, values: Any) -> Any:
     """Return the values of a state as its output `y` measures them: of a periodic output the one of its turns that is
     nearest to the middle of the state's range, and of a periodic state in its turn."""
-    middle = sum(state.interval) / 2 if state.bounded else 0.0
-    return state.turned(y.nearest(values, middle))
+    return state.turned(y.nearest(values, middle_of(state)))
+
+
+def middle_of(signal: Signal) -> float:
+    """Return the middle of a signal's range, 0 without one."""
+    return sum(signal.interval) / 2 if signal.bounded else 0.0
 
 
 def beyond(plant: System, record: Log) -> Iterator[str]:
