@@ -727,7 +727,8 @@ def test_a_fit_is_written_as_a_model(here: Path) -> None:
 def test_what_no_text_says_is_refused_before_the_fit(here: Path) -> None:
     source = "import sympy as sp, hgogen as hg\nx, y = hg.Signal('x'), hg.Signal('y')\n"
     source += "k = hg.Signal('k', nominal=1, low=0, high=2)\nplant = hg.System('bell', states=(x,), outputs=(y,), "
-    (here / "bell.py").write_text(source + "inputs=(), parameters=(k,), flow=(-k*sp.ceiling(x),), output=(x,))\n")
+    source += "inputs=(), parameters=(k,), flow=(sp.Piecewise((-k*x, sp.Ne(x, 1)), (0, True)),), output=(x,))\n"
+    (here / "bell.py").write_text(source)
     words = ("fit", "bell.py", "--data", "no_such.csv", "--write", "new.toml")
     _, said = hgogen(*words, status=2)
     assert "cannot be written as plain text" in said

@@ -37,6 +37,7 @@ def innovations(corner: float = math.inf, columns: slice = slice(0, 2)) -> Innov
         ca.Function("read", [x, now, theta], [ca.mtimes(H[columns], x)]),
         ca.Function("process", [theta, Phi], [ca.DM(Q)]),
         ca.Function("sensor", [theta], [ca.DM(R[columns])]),
+        (hg.Signal("y1"), hg.Signal("y2"))[columns],
         np.array([[-np.inf] * 2, [np.inf] * 2]),
         corner,
     )

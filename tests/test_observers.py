@@ -425,22 +425,19 @@ UNIT = np.eye(3)
     [
         ({"Q": (1, 2)}, r"Q of shape \(2,\) must be a diagonal of 3 numbers or a 3 x 3 matrix"),
         ({"Q": 1.0}, r"Q of shape \(\) must be"),
-        ({"Q": (1, 2, 0)}, "Q must be positive definite, or a diagonal whose zeros"),
-        ({"Q": np.ones((3, 3))}, "Q must be positive definite"),
-        (
-            {"Q": [[1, 3, 0], [3, 9, 0], [0, 0, 1]]},
-            "Q must be positive definite",
-        ),
+        ({"Q": (1, 2, -1)}, "Q must be positive semidefinite: symmetric, without a negative eigenvalue"),
+        ({"Q": -np.ones((3, 3))}, "Q must be positive semidefinite"),
+        ({"Q": [[1, 3, 0], [3, 8.9, 0], [0, 0, 1]]}, "Q must be positive semidefinite"),
         ({"Q": UNIT + np.eye(3, k=1)}, r"Q must be symmetric, to 1e-12 of its numbers; give \(Q \+ Q'\)/2"),
         ({"Q": (1, 2, NAN)}, "Q must be finite"),
         ({"Q": (1e300, 1, 1)}, "Q must be finite, none of its numbers beyond 1e"),
         ({"Q": "1"}, "Q = '1' must be a number or an array of numbers"),
-        ({"Q": None}, "Q = None must be a number or an array of numbers"),
+        ({"Q": None}, "riccati has no process noise; give one of Q or Q_per_sample"),
         ({"R": 0}, r"R = 0 must be positive"),
         ({"R": -1.0}, r"R = -1\.0 must be positive"),
         ({"R": NAN}, r"R = nan must be positive"),
         ({"R": (1, 2)}, r"R of shape \(2,\) must have one number for each of 1 outputs"),
-        ({"R": None}, r"R = None must be a number"),
+        ({"R": None}, r"riccati has no measurement noise; give one of R, R_per_sample or noise"),
         ({"theta": 0.5}, r"theta = 0\.5 must be a finite number, at least 1"),
         ({"theta": NAN}, r"theta = nan must be a finite number"),
         ({"theta": "high"}, r"theta = 'high' must be a number"),
@@ -576,7 +573,7 @@ def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest
         sought.append(maker)
         return nothing(maker, 20.0, because("it is not sought here"))
 
-    for user in ("convergence", "limited_injection", "varying_gain"):
+    for user in ("convergence", "limited_injection", "region", "varying_gain"):
         monkeypatch.setattr(f"hgogen.prove.{user}.claims", counted)
     shipped = load(MODELS / "pendulum.py")
     observer = getattr(hg.observers, name)(hg.forms.triangular(shipped.plant), **shipped.module.tuning[name])
