@@ -19,6 +19,7 @@ from hgogen.observer import Initial, Observer
 from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.given import in_order
+from hgogen.reading.jumps import JumpsByTurn, jumps_by_turns
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
@@ -135,12 +136,15 @@ class CallableStep(Step):
         from samples in the order of time.
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
-        there is a compiler, else Python with a `NoCompilerWarning`.
+        there is a compiler, else Python with a `NoCompilerWarning`. An output without a period whose samples jump by a
+        whole turn has a `JumpsByTurn` warning.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
         """
         y = table("y", y, self.samples, None)
         u = table("u", u, self.inputs, len(y))
+        for jump in jumps_by_turns(self.observer.form.system, y[:, : len(self.outputs)], self.dt):
+            warnings.warn(jump, JumpsByTurn, stacklevel=2)
         engine = self._kept.ready(engine, self.engine)
         memory = bytes(self._kept.whole)
         x, traces, status = self._kept.run(engine, u, y)

@@ -1,6 +1,7 @@
 """Angles in logs: read, fitted, tuned, judged and drawn across the end of a turn as on a line without one."""
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,9 @@ from hgogen.logs.fit import CannotFit, Task, lagged
 from hgogen.logs.judged import ValidationLog, _without_a_model
 from hgogen.logs.likelihood import Likelihood, Noise
 from hgogen.logs.problem import digests
-from hgogen.logs.records import Ahead, Hidden, Judge, Log, beyond, demanded, jumps, readable
+from hgogen.logs.records import Ahead, Hidden, Judge, Log, beyond, demanded, readable
 from hgogen.logs.tune import first_of
-from hgogen.reading.jumps import first_jump, other_angle
+from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle
 from hgogen.reading.measured import WINDOWS, read
 from hgogen.run import figures
 from hgogen.run.comparison import differences
@@ -164,14 +165,25 @@ def both(**options: Any) -> tuple[tuple[hg.System, Log], tuple[hg.System, Log]]:
 
 
 def test_the_first_jump_of_an_angle_without_a_period_is_named() -> None:
-    w, _, y = driven()
+    y = driven()[2]
     wrapped = in_turn(y)
     at = int(np.argmax(np.abs(np.diff(wrapped)) > np.pi)) + 1
-    (said,) = jumps(plant(False, low=-3.15, high=3.15), Log(w[:, None], wrapped[:, None], DT))
+    (said,) = jumps_by_turns(plant(False, low=-3.15, high=3.15), wrapped[:, None], DT)
     assert f"jumps by {wrapped[at] - wrapped[at - 1]:.4g} rad at sample {at} ({at * DT:.6g} s after the first)" in said
     assert "declare period = 2*pi of y and th, in place of low and high" in said
-    assert not list(jumps(plant(True), Log(w[:, None], wrapped[:, None], DT)))
-    assert not list(jumps(plant(False), Log(w[:, None], y[:, None], DT)))
+    assert not list(jumps_by_turns(plant(True), wrapped[:, None], DT))
+    assert not list(jumps_by_turns(plant(False), y[:, None], DT))
+
+
+def test_a_run_in_python_says_it_too() -> None:
+    w, _, y = driven()[:3]
+    observer = hg.observers.high_gain(hg.forms.triangular(plant(False, low=-3.15, high=3.15)), theta=2, poles=(-1, -1))
+    step = hg.sample(observer, dt=DT)
+    with pytest.warns(JumpsByTurn, match="declare period = 2\\*pi of y and th, in place of low and high"):
+        step.run(u=w[:, None], y=in_turn(y)[:, None])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        step.run(u=w[:, None], y=np.zeros((len(w), 1)))
 
 
 @pytest.mark.parametrize(("turn", "unit"), [(TURN, "rad"), (360.0, "deg"), (360.0, ""), (4096.0, "counts")])
@@ -180,7 +192,7 @@ def test_a_turn_is_that_of_the_angle_or_of_the_range(turn: float, unit: str) -> 
     values = in_turn(turn / TURN * driven()[2], turn)
     values[::7] = np.nan
     rest = hg.System("rest", states=(x,), outputs=(y,), flow=[0 * x], output=[2 * x])
-    (said,) = jumps(rest, Log(np.zeros((400, 0)), values[:, None], DT))
+    (said,) = jumps_by_turns(rest, values[:, None], DT)
     assert f"period = {'2*pi' if turn == TURN else f'{turn:g}'} of y and x" in said
 
 

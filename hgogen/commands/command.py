@@ -44,6 +44,7 @@ from hgogen.commands.output import (
 from hgogen.errors import HgogenError
 from hgogen.modelfiles.place import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
+from hgogen.reading.jumps import JumpsByTurn
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
 from hgogen.sentence import Encoded, keys_of
@@ -156,6 +157,7 @@ def _ending() -> Iterator[None]:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
             warnings.showwarning = _warned
+            warnings.simplefilter("ignore", JumpsByTurn)  # a report has them
             yield
     except BrokenPipeError:  # as after `| head`
         raise typer.Exit(dropped()) from None

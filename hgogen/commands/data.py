@@ -12,7 +12,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from hgogen.commands.command import Columns, once
-from hgogen.logs.records import Log, beyond, jumps
+from hgogen.logs.records import Log, beyond
+from hgogen.reading.jumps import jumps_by_turns
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
 from hgogen.system import System
@@ -47,7 +48,7 @@ class Logs:
         return tuple(
             f"{record.report.path}: {note}" if several else note
             for record, log in zip(self.records, self.whole, strict=True)
-            for note in (*beyond(self.plant, log), *jumps(self.plant, log))
+            for note in (*beyond(self.plant, log), *jumps_by_turns(self.plant, log.y, log.dt))
         )
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:

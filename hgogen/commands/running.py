@@ -40,10 +40,11 @@ from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, tru
 from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.estimators.noise import deviation_lines
-from hgogen.logs.records import Log, beyond, jumps, reading_of
+from hgogen.logs.records import Log, beyond, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import file_name_fault
+from hgogen.reading.jumps import jumps_by_turns
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run.comparison import Difference, coarse, differences
@@ -243,7 +244,7 @@ def _over_record(
     other = None if wrong else better(judge, u, y, counted, engine)
     used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
     doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
-    doubts += tuple(jumps(model.plant, Log(u, y, step.dt)))
+    doubts += tuple(jumps_by_turns(model.plant, y, step.dt))
     more = [*too_far(ahead, [one.ahead for one in errors])]
     more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}

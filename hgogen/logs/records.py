@@ -24,7 +24,6 @@ from hgogen import forms
 from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
-from hgogen.reading.jumps import turn_of, written
 from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
@@ -105,24 +104,6 @@ def beyond(plant: System, record: Log) -> Iterator[str]:
                 f"{y.name} leaves the declared range of {state.name}, {low:g}..{high:g}, in {len(outside)} of "
                 f"{len(column)} samples, as far as {farthest:.4g}: widen it, if the unit and the sign are right"
             )
-
-
-def jumps(plant: System, record: Log) -> Iterator[str]:
-    """Yield a sentence for each output without a declared period whose samples jump by a whole turn."""
-    for y, row, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
-        measured = [x for x in plant.states if (slope := row.diff(x)).is_number and slope]
-        widths = [s.interval[1] - s.interval[0] for s in (y, *(x for x in measured if x == row)) if s.bounded]
-        jump = None if y.period else turn_of(y, column, widths)
-        if jump is None:
-            continue
-        turn, at = jump
-        step = column[at] - column[:at][np.isfinite(column[:at])][-1]
-        names, unit = " and ".join(s.name for s in (y, *measured)), f" {y.unit}" if y.unit else ""
-        yield (
-            f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * record.dt:.6g} {plant.time} after the first), a "
-            f"whole turn, which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in "
-            "place of low and high"
-        )
 
 
 class BadSignal(BadArgument):

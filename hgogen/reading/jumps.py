@@ -6,11 +6,12 @@ jumps, unless a sensor fails, or a plant switches between two values, which leav
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from hgogen.signal import Signal
+from hgogen.system import System
 
 RADIANS, DEGREES = 2 * math.pi, 360.0
 UNITS = {"rad": RADIANS, **dict.fromkeys(("deg", "degree", "degrees", "°"), DEGREES)}  # the turn in these
@@ -24,6 +25,10 @@ _LEAST = 10  # samples
 _SAME = 0.03  # relative difference of two turns that count as one
 
 
+class JumpsByTurn(UserWarning):
+    """Samples of an output without a period that jump by a whole turn."""
+
+
 def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | None:
     """Return the number of the sample after the first jump by a `turn` in a course (N,), NaN where missing; None if it
     is no course of an angle in one turn. `through`: whether it must pass the middle of the turn."""
@@ -35,6 +40,8 @@ def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | N
     steps = np.where(age <= np.median(age), np.diff(course), 0.0)
     turns = np.floor(steps / turn + 0.5)
     jumps, short = turns != 0, np.abs(steps - turns * turn)
+    if not jumps.any():
+        return None
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(short, _REACH, "reflect"), 2 * _REACH + 1)
     smooth = short <= np.minimum(_LONGER * np.median(windows, axis=1) + _ROUGH * turn, _LONGEST * turn)
     whole, broken = jumps & smooth, np.where(jumps, ~smooth, short > _LONGEST * turn)
@@ -57,6 +64,25 @@ def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tupl
             if at is not None:
                 return turn, at
     return None
+
+
+def jumps_by_turns(plant: System, samples: np.ndarray, dt: float) -> Iterator[str]:
+    """Yield a sentence for each output without a declared period whose column of `samples` (N, p), one each `dt`, jumps
+    by a whole turn."""
+    for y, row, column in zip(plant.outputs, plant.output, samples.T, strict=True):
+        measured = [x for x in plant.states if (slope := row.diff(x)).is_number and slope]
+        widths = [s.interval[1] - s.interval[0] for s in (y, *(x for x in measured if x == row)) if s.bounded]
+        jump = None if y.period else turn_of(y, column, widths)
+        if jump is None:
+            continue
+        turn, at = jump
+        step = column[at] - column[:at][np.isfinite(column[:at])][-1]
+        names, unit = " and ".join(s.name for s in (y, *measured)), f" {y.unit}" if y.unit else ""
+        yield (
+            f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * dt:.6g} {plant.time} after the first), a "
+            f"whole turn, which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in "
+            "place of low and high"
+        )
 
 
 def other_angle(signal: Signal, values: np.ndarray) -> str | None:
