@@ -397,7 +397,9 @@ def test_a_saved_angle_is_restored() -> None:
 
 @pytest.mark.parametrize("value", [0.3 + 5 * TURN, 0.3 - TURN])
 def test_an_angle_begins_some_turns_off(value: float) -> None:
-    step = hg.sample(kalman(hg.forms.triangular(rotor(True)), initial={"th": value}), dt=DT)
+    observer = kalman(hg.forms.triangular(rotor(True)), initial={"th": value})
+    assert observer.parts[0].z.initial[0] == pytest.approx(0.3, abs=1e-14)
+    step = hg.sample(observer, dt=DT)
     assert np.isclose(step(u=0.0, y=0.3).x[0], 0.3, atol=1e-14)
 
 
