@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import sympy as sp
 
+from hgogen.analysis.manifold import onto
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
@@ -17,7 +19,9 @@ from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal, check_name, is_unit
+from hgogen.signal import Signal, check_name, is_unit, spread
+
+_STARTS = 16  # random states from which one on the invariants is searched
 
 
 class BadSystem(BadArgument):
@@ -260,7 +264,10 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
 
 
 def _validate_invariants(system: System) -> None:
-    """Refuse an invariant without a state, with an input, and one that the flow is not proved to keep at 0."""
+    """Refuse an invariant without a state, with an input, one that the flow is not proved to keep at 0, and invariants
+    that no state is found to meet."""
+    if not system.invariants:
+        return
     flow = dict(zip(system.states, system.flow, strict=True))
     for k, row in enumerate(system.invariants, 1):
         for symbol in sorted(row.free_symbols - {*flow, *system.parameters}, key=str):
@@ -270,6 +277,10 @@ def _validate_invariants(system: System) -> None:
         if rate := remainder(row, system.invariants, flow):
             why = f"is not kept by the flow, which changes it by {rate} in a unit of time"
             raise BadSystem(system.name, f"invariant {k}, {row} = 0, {why}; correct the flow, or leave it out")
+    low, high = np.array([*map(spread, system.states)]).T
+    shares = np.vstack((np.full(len(flow), 0.5), np.random.default_rng(1).uniform(size=(_STARTS, len(flow)))))
+    if not len(onto(system.invariants, system.states, system.nominal, low + shares * (high - low))):
+        raise BadSystem(system.name, "no state is found on its invariants; correct them, or declare ranges around some")
 
 
 def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None) -> str:

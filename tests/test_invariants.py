@@ -421,6 +421,13 @@ def test_a_covariance_that_is_stored_inverted_and_a_bank_are_refused() -> None:
         hg.sample(hg.observers.bank(observer, count=2, period=0.1), hg.methods.continuous_discrete, dt=DT)
 
 
+def test_invariants_that_no_state_meets_are_refused() -> None:
+    c, s = signals("c s")
+    rows: dict[str, Any] = {"states": (c, s), "outputs": (hg.Signal("y"),), "flow": [-s, c], "output": [c]}
+    with pytest.raises(BadSystem, match="no state is found on its invariants"):
+        hg.System("nowhere", **rows, invariants=[c**2 + s**2 + 1])
+
+
 def test_convergence_is_not_claimed() -> None:
     x, y, seen = signals("x y seen", -9, 9)
     rows: dict[str, Any] = {"states": (x, y), "outputs": (seen,), "flow": [y, x], "output": [x]}
