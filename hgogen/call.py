@@ -19,7 +19,7 @@ from hgogen.observer import Initial, Observer
 from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.given import in_order
-from hgogen.reading.jumps import JumpsByTurn, jumps_by_turns
+from hgogen.reading.jumps import Course, JumpsByTurn, jumps_by_turns, unwrapped_outputs
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
@@ -50,6 +50,7 @@ class CallableStep(Step):
     _take_y: Take = field(init=False)
     _take: Mapping[str, Take] = field(init=False)
     _output_bytes: Callable[[], bytes] = field(init=False)
+    _courses: tuple[Course, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         memory, u = StepMemory(self, self.real), len(self.inputs)
@@ -67,6 +68,7 @@ class CallableStep(Step):
             _take_y=to("y", u, len(signals)),
             _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.samples, u)},
             _output_bytes=memory.outputs.data.tobytes,
+            _courses=unwrapped_outputs(self.observer.form.system),
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
@@ -143,7 +145,7 @@ class CallableStep(Step):
         """
         y = table("y", y, self.samples, None)
         u = table("u", u, self.inputs, len(y))
-        for jump in jumps_by_turns(self.observer.form.system, y[:, : len(self.outputs)], self.dt):
+        for jump in jumps_by_turns(self._courses, y, self.dt, self.time):
             warnings.warn(jump, JumpsByTurn, stacklevel=2)
         engine = self._kept.ready(engine, self.engine)
         memory = bytes(self._kept.whole)

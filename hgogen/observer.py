@@ -30,7 +30,13 @@ from hgogen.theorem import Hypothesis, Theorem
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
 _CLOSE = "Begin close to the plant, and watch the innovations."
-_OF_MOTION = ("convergence", "theta", "hold", "attenuation")  # claims that the error moves by the theorem's equation
+_OF_MOTION = (
+    "convergence",
+    "theta",
+    "hold",
+    "attenuation",
+    "quadratic",
+)  # claims that the error moves by the theorem's equation
 _LAST = 32  # calls of each case whose observers are remembered
 
 

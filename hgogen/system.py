@@ -148,6 +148,15 @@ class System:
         values."""
         return box((*states, *self.inputs, *self.parameters), self.nominal)
 
+    @property
+    def wraps(self) -> str:
+        """Why an observer's error does not move by its differential equation alone: angles that are measured, which are
+        corrected the short way round, or invariants, onto which the estimate is projected; "" for neither."""
+        angles = [y.name for y in self.outputs if y.period is not None]
+        if angles:
+            return f"the error of {' and '.join(angles)} is taken the short way round, which no proof here covers"
+        return "the estimate is projected onto invariants, which no proof here covers" if self.invariants else ""
+
     @cached_property
     def opposites(self) -> tuple[tuple[int, ...], ...]:
         """The sets of states in invariants, by index, of which both signs together are the same state, as q and -q."""

@@ -11,6 +11,7 @@ from emitted import step as emitted
 
 import hgogen as hg
 from hgogen.analysis.manifold import onto
+from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile, from_table, to_text
 from hgogen.rigor.invariant import modulo, remainder
@@ -426,6 +427,31 @@ def test_invariants_that_no_state_meets_are_refused() -> None:
     rows: dict[str, Any] = {"states": (c, s), "outputs": (hg.Signal("y"),), "flow": [-s, c], "output": [c]}
     with pytest.raises(BadSystem, match="no state is found on its invariants"):
         hg.System("nowhere", **rows, invariants=[c**2 + s**2 + 1])
+
+
+@pytest.mark.parametrize("data", [{"period": 2 * np.pi}, {}])
+def test_designs_and_error_systems_do_not_pass_over_turns_and_projections(data: dict[str, float]) -> None:
+    x, v, y = hg.Signal("x", **(data or {"low": -2, "high": 2})), hg.Signal("v", low=-2, high=2), hg.Signal("y", **data)
+    flow, more = ([v, 0], {}) if data else ([v, -x], {"invariants": [x**2 + v**2 - 1]})
+    plant = hg.System("turned", states=(x, v), outputs=(y,), flow=flow, output=[x], **more)
+    with pytest.raises(BadGain, match="has no gain that is designed: the e"):
+        hg.design.gain(hg.forms.triangular(plant), rate=1.0)
+    with pytest.raises(BadErrorSystem, match="has no error system: the e"):
+        hg.error_system(plant, [[3], [9]])
+
+
+def test_a_parameter_that_stabilises_the_constraint_is_not_seen_on_it() -> None:
+    c, s, k = signals("c s k")
+    g = c**2 + s**2 - 1
+    plant = hg.System(
+        "held",
+        states=(c, s, k),
+        outputs=(hg.Signal("y"),),
+        flow=[-s + k * g * c, c + k * g * s, 0],
+        output=[c],
+        invariants=[g],
+    )
+    assert [str(one) for one in hg.observability(plant).unobservable] == ["k"]
 
 
 def test_convergence_is_not_claimed() -> None:

@@ -22,7 +22,7 @@ from hgogen.logs.likelihood import Likelihood, Noise
 from hgogen.logs.problem import digests
 from hgogen.logs.records import Ahead, Hidden, Judge, Log, beyond, demanded, readable
 from hgogen.logs.tune import first_of
-from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle
+from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle, unwrapped_outputs
 from hgogen.reading.measured import WINDOWS, read
 from hgogen.run import figures
 from hgogen.run.comparison import differences
@@ -168,11 +168,11 @@ def test_the_first_jump_of_an_angle_without_a_period_is_named() -> None:
     y = driven()[2]
     wrapped = in_turn(y)
     at = int(np.argmax(np.abs(np.diff(wrapped)) > np.pi)) + 1
-    (said,) = jumps_by_turns(plant(False, low=-3.15, high=3.15), wrapped[:, None], DT)
+    (said,) = jumps_by_turns(unwrapped_outputs(plant(False, low=-3.15, high=3.15)), wrapped[:, None], DT, "s")
     assert f"jumps by {wrapped[at] - wrapped[at - 1]:.4g} rad at sample {at} ({at * DT:.6g} s after the first)" in said
     assert "declare period = 2*pi of y and th, in place of low and high" in said
-    assert not list(jumps_by_turns(plant(True), wrapped[:, None], DT))
-    assert not list(jumps_by_turns(plant(False), y[:, None], DT))
+    assert not list(jumps_by_turns(unwrapped_outputs(plant(True)), wrapped[:, None], DT, "s"))
+    assert not list(jumps_by_turns(unwrapped_outputs(plant(False)), y[:, None], DT, "s"))
 
 
 def test_a_run_in_python_says_it_too() -> None:
@@ -192,7 +192,7 @@ def test_a_turn_is_that_of_the_angle_or_of_the_range(turn: float, unit: str) -> 
     values = in_turn(turn / TURN * driven()[2], turn)
     values[::7] = np.nan
     rest = hg.System("rest", states=(x,), outputs=(y,), flow=[0 * x], output=[2 * x])
-    (said,) = jumps_by_turns(rest, values[:, None], DT)
+    (said,) = jumps_by_turns(unwrapped_outputs(rest), values[:, None], DT, "s")
     assert f"period = {'2*pi' if turn == TURN else f'{turn:g}'} of y and x" in said
 
 

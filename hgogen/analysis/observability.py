@@ -521,7 +521,8 @@ class _Question:
         """Flow, output with invariants, states, inputs and unknown parameters."""
         n, invariants = len(self.plant.states), self.plant.invariants  # known to be 0, as an output would show it
         outputs = (*(modulo(row, invariants) for row in self.branch.rows[n:]), *invariants)
-        return self.branch.rows[:n], outputs, self.plant.states, self.plant.inputs, self.parameters
+        flow = tuple(modulo(row, invariants) for row in self.branch.rows[:n])
+        return flow, outputs, self.plant.states, self.plant.inputs, self.parameters
 
     def ranks(self) -> Ranks | None:
         """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""

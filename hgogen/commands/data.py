@@ -13,7 +13,7 @@ from rich.text import Text
 
 from hgogen.commands.command import Columns, once
 from hgogen.logs.records import Log, beyond
-from hgogen.reading.jumps import jumps_by_turns
+from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
 from hgogen.system import System
@@ -44,11 +44,14 @@ class Logs:
 
     def notes(self) -> tuple[str, ...]:
         """Return where the logs leave the declared ranges or jump by a turn, with the file's name if several."""
-        several = len(self.records) > 1
+        several, courses = len(self.records) > 1, unwrapped_outputs(self.plant)
         return tuple(
             f"{record.report.path}: {note}" if several else note
             for record, log in zip(self.records, self.whole, strict=True)
-            for note in (*beyond(self.plant, log), *jumps_by_turns(self.plant, log.y, log.dt))
+            for note in (
+                *beyond(self.plant, log),
+                *jumps_by_turns(courses, log.y, log.dt, self.plant.time),
+            )
         )
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:

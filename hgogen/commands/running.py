@@ -44,7 +44,7 @@ from hgogen.logs.records import Log, beyond, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import file_name_fault
-from hgogen.reading.jumps import jumps_by_turns
+from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run.comparison import Difference, coarse, differences
@@ -244,7 +244,7 @@ def _over_record(
     other = None if wrong else better(judge, u, y, counted, engine)
     used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
     doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
-    doubts += tuple(jumps_by_turns(model.plant, y, step.dt))
+    doubts += tuple(jumps_by_turns(unwrapped_outputs(model.plant), y, step.dt, step.time))
     more = [*too_far(ahead, [one.ahead for one in errors])]
     more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}

@@ -163,6 +163,8 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
 
     Raises: `Misfit`; `BadNames`; `BadErrorSystem` for matrices of another shape.
     """
+    if plant.wraps:
+        raise BadErrorSystem(plant.name, f"has no error system: {plant.wraps}; leave periods and invariants out")
     n, p = len(plant.states), len(plant.outputs)
     states, outputs = names_of(plant.states), names_of(plant.outputs)
     by_row = in_order("gain", gain, states)

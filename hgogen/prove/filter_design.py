@@ -96,6 +96,9 @@ def injection_filter(
     """
     if not isinstance(form, Form):
         raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
+    if form.system.wraps:
+        fix = "design on the plant without its periods or invariants, for small errors"
+        raise BadGain(form.system.name, f"has no filter that is designed: {form.system.wraps}", fix=fix)
     chain, level, wanted = integrators(_NAME, form), positive("theta", theta), positive("rate", rate)
     n, names = chain.n, form.names
     if n > _STATES:

@@ -471,6 +471,9 @@ def gain(
     """
     if not isinstance(form, Form):
         raise Misfit("gain", form, _FORM)
+    if form.system.wraps:
+        fix = "design on the plant without its periods or invariants, for small errors"
+        raise BadGain(form.system.name, f"has no gain that is designed: {form.system.wraps}", fix=fix)
     wanted, names = _moderate("rate", rate), names_of(form.system.outputs)
     each = zip(names, each_by_name("noise", noise, names, 1.0), strict=True)
     sizes = np.array([_moderate(f"noise of {name}", value) for name, value in each])

@@ -66,22 +66,37 @@ def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tupl
     return None
 
 
-def jumps_by_turns(plant: System, samples: np.ndarray, dt: float) -> Iterator[str]:
-    """Yield a sentence for each output without a declared period whose column of `samples` (N, p), one each `dt`, jumps
-    by a whole turn."""
-    for y, row, column in zip(plant.outputs, plant.output, samples.T, strict=True):
-        measured = [x for x in plant.states if (slope := row.diff(x)).is_number and slope]
-        widths = [s.interval[1] - s.interval[0] for s in (y, *(x for x in measured if x == row)) if s.bounded]
-        jump = None if y.period else turn_of(y, column, widths)
+Course = tuple[int, Signal, tuple[float, ...], str]
+
+
+def unwrapped_outputs(plant: System) -> tuple[Course, ...]:
+    """Return for each output without a declared period its index, the signal, the widths of the declared ranges of it
+    and of the state that it equals, and the names of what would have the period: its own, and those of states in it."""
+    courses = []
+    for j, (y, row) in enumerate(zip(plant.outputs, plant.output, strict=True)):
+        if y.period is None:
+            measured = [x for x in plant.states if (slope := row.diff(x)).is_number and slope]
+            equal = (x for x in measured if x == row)
+            widths = tuple(s.interval[1] - s.interval[0] for s in (y, *equal) if s.bounded)
+            courses.append((j, y, widths, " and ".join(s.name for s in (y, *measured))))
+    return tuple(courses)
+
+
+def jumps_by_turns(courses: Iterable[Course], samples: np.ndarray, dt: float, time: str) -> Iterator[str]:
+    """Yield a sentence for each of the outputs whose column of `samples` (N, p), one each `dt` in the unit `time`,
+    jumps by a whole turn."""
+    for j, y, widths, names in courses:
+        column = samples[:, j]
+        jump = turn_of(y, column, widths)
         if jump is None:
             continue
         turn, at = jump
         step = column[at] - column[:at][np.isfinite(column[:at])][-1]
-        names, unit = " and ".join(s.name for s in (y, *measured)), f" {y.unit}" if y.unit else ""
+        unit = f" {y.unit}" if y.unit else ""
         yield (
-            f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * dt:.6g} {plant.time} after the first), a "
-            f"whole turn, which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in "
-            "place of low and high"
+            f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * dt:.6g} {time} after the first), a whole turn, "
+            f"which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in place of low "
+            "and high"
         )
 
 
