@@ -30,13 +30,8 @@ from hgogen.theorem import Hypothesis, Theorem
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
 _CLOSE = "Begin close to the plant, and watch the innovations."
-_OF_MOTION = (
-    "convergence",
-    "theta",
-    "hold",
-    "attenuation",
-    "quadratic",
-)  # claims that the error moves by the theorem's equation
+# claims that the error moves by the theorem's equation
+_OF_MOTION = ("convergence", "theta", "hold", "attenuation", "quadratic")
 _LAST = 32  # calls of each case whose observers are remembered
 
 

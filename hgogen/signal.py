@@ -8,7 +8,7 @@ in this unit, and nothing is converted. Reports and firmware name it, and give a
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -291,11 +291,14 @@ def differences(signals: Sequence[Signal], values: np.ndarray, references: np.nd
     return error
 
 
-def in_turn(signals: Sequence[Signal], values: np.ndarray) -> np.ndarray:
-    """Return the columns (N, k) of signals, those of periodic ones in their turn."""
+def in_turn(
+    signals: Sequence[Signal], values: np.ndarray, change: Callable[[Signal, np.ndarray], Any] = Signal.turned
+) -> np.ndarray:
+    """Return the columns (N, k) of signals, those of periodic ones in their turn, by `Signal.turned` or another
+    `change`."""
     if not any(signal.period for signal in signals):
         return values
-    return np.column_stack([signal.turned(column) for signal, column in zip(signals, values.T, strict=True)])
+    return np.column_stack([change(signal, column) for signal, column in zip(signals, values.T, strict=True)])
 
 
 def resting(signal: Signal) -> float:

@@ -262,11 +262,9 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
                 system.name, f"parameter {parameter.name!r} has a period, which is for signals; leave it out"
             )
     own = {f"output {k}": y.period for k, y in enumerate(system.outputs, 1)}
-    for signal, period in ((s, s.period) for s in (*system.states, *system.inputs)):
+    for signal in (s for s in (*system.states, *system.inputs) if s.period is not None):
         for place, row in places.items():
-            if period is None:
-                continue
-            change, own_period = advance(row, signal, exact_turn(period)), own.get(place)
+            change, own_period = advance(row, signal, exact_turn(signal.period)), own.get(place)
             turns = change if own_period is None else change / exact_turn(own_period)
             if not (turns.is_zero if own_period is None else turns.is_Integer):
                 raise BadSystem(system.name, _aperiodic(place, signal, change, own_period))

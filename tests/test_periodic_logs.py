@@ -175,6 +175,14 @@ def test_the_first_jump_of_an_angle_without_a_period_is_named() -> None:
     assert not list(jumps_by_turns(unwrapped_outputs(plant(False)), y[:, None], DT, "s"))
 
 
+def test_jumps_that_miss_the_other_end_by_far_count_against_an_angle() -> None:
+    """Two of five are longer across the end than the steps around them: three such would be an angle's."""
+    even = 0.02 * np.arange(260)
+    assert first_jump(in_turn(TURN * even), TURN) == 25
+    rough = even + 0.15 * (even >= 1.5) + 0.15 * (even + 0.15 >= 2.5)
+    assert first_jump(in_turn(TURN * rough), TURN) is None
+
+
 def test_a_run_in_python_says_it_too() -> None:
     w, _, y = driven()[:3]
     observer = hg.observers.high_gain(hg.forms.triangular(plant(False, low=-3.15, high=3.15)), theta=2, poles=(-1, -1))

@@ -108,9 +108,9 @@ def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Obs
         each.replace(default=None) if each.name in ("Q", "R") and each.default is Parameter.empty else each
         for each in own.values()
     )
-    at = 1 + max(k for k, each in enumerate(remaining) if each.name in ("Q", "R"))
+    place = 1 + max(k for k, each in enumerate(remaining) if each.name in ("Q", "R"))
     vars(declared)["__signature__"] = signature(make).replace(
-        parameters=[first, *remaining[:at], *keywords, *remaining[at:]]
+        parameters=[first, *remaining[:place], *keywords, *remaining[place:]]
     )
     return declared
 

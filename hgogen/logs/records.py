@@ -27,7 +27,7 @@ from hgogen.errors import BadArgument
 from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
-from hgogen.signal import Signal, derived, differences, resting
+from hgogen.signal import Signal, derived, differences, in_turn, resting
 from hgogen.stepping.guards import plausible_range, readings
 from hgogen.system import System
 
@@ -59,23 +59,16 @@ def demanded(plant: System, record: Log, number: int) -> Log:
     """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value,
     and periodic signals are in their turn. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
-    u = _reduced(plant.inputs, table("u", record.u, plant.inputs, len(y)))
+    u = in_turn(plant.inputs, table("u", record.u, plant.inputs, len(y)), Signal.reduced)
     name = f"record {number}"
     if isinstance(record.dt, str) or not 0 < record.dt < math.inf:
         raise BadLog(name, f"has the period {record.dt!s:.60}; give a positive time")
-    y = _reduced(plant.outputs, np.where(np.isfinite(y), y, np.nan))
+    y = in_turn(plant.outputs, np.where(np.isfinite(y), y, np.nan), Signal.reduced)
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
     filled = last_values(u)
     return Log(np.where(np.isfinite(filled), filled, [resting(s) for s in plant.inputs]), y, float(record.dt))
-
-
-def _reduced(signals: Sequence[Signal], values: Any) -> Any:
-    """Return a table (N, k) of signals with the columns of periodic ones in their turn."""
-    if not any(signal.period for signal in signals):
-        return values
-    return np.column_stack([signal.reduced(column) for signal, column in zip(signals, values.T, strict=True)])
 
 
 def reading_of(state: Signal, y: Signal, values: Any) -> Any:

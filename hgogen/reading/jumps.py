@@ -40,22 +40,26 @@ def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | N
     steps = np.where(age <= np.median(age), np.diff(course), 0.0)
     turns = np.floor(steps / turn + 0.5)
     jumps, short = turns != 0, np.abs(steps - turns * turn)
-    if not jumps.any():
+    long = short > _LONGEST * turn
+    if (jumps & ~long).sum() < max(1, _MORE * long.sum()):  # before the medians, which take long
         return None
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(short, _REACH, "reflect"), 2 * _REACH + 1)
-    smooth = short <= np.minimum(_LONGER * np.median(windows, axis=1) + _ROUGH * turn, _LONGEST * turn)
-    whole, broken = jumps & smooth, np.where(jumps, ~smooth, short > _LONGEST * turn)
-    if not whole.any() or whole.sum() < _MORE * broken.sum():
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(short, _REACH, "reflect"), 2 * _REACH + 1)[jumps]
+    smooth = short[jumps] <= np.minimum(_LONGER * np.median(windows, axis=1) + _ROUGH * turn, _LONGEST * turn)
+    whole, broken = np.flatnonzero(jumps)[smooth], (~smooth).sum() + (long & ~jumps).sum()
+    if not len(whole) or len(whole) < _MORE * broken:
         return None
     middle = np.abs(course - (course.min() + course.max()) / 2) < _MIDDLE / 2 * turn
     if through and middle.mean() < _THROUGH:
         return None
-    return int(there[1:][whole][0])
+    return int(there[1 + whole[0]])
 
 
 def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tuple[float, int] | None:
     """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, or one of the `widths` of
     declared ranges, with the number of the first sample after such a jump; None without one."""
+    course = values[np.isfinite(values)]
+    if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
+        return None  # a jump is longer than half of a turn, which the course hardly leaves
     turns: list[float] = []
     for turn in (RADIANS, DEGREES, *widths):
         if all(abs(turn / other - 1) > _SAME for other in turns):

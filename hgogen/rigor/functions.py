@@ -42,7 +42,7 @@ _REWRITTEN = "sec csc cot sech csch coth asec acsc asech acsch acoth frac"
 WRITTEN: Mapping[str, tuple[Callable[..., sp.Expr], int, int]] = {
     **{name: (getattr(sp, name), 1, 1) for name in _ONE.split()},
     **{name: (MEANING[getattr(sp, name)], 1, 1) for name in _REWRITTEN.split()},
-    "sinc": (lambda e: sp.S.One if e == 0 else sp.sin(e) / e, 1, 1),
+    "sinc": (lambda e: sp.S.One if e == 0 else MEANING[sp.sinc](e), 1, 1),
     "abs": (sp.Abs, 1, 1),
     "cbrt": (lambda e: sp.sign(e) * sp.Abs(e) ** sp.Rational(1, 3), 1, 1),
     "Heaviside": (sp.Heaviside, 1, 2),

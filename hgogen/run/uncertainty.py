@@ -266,16 +266,13 @@ class Replay:
             records[k] = memory.record[0]
         return records[:-1], records[1:]
 
-    def _errors(self, y: Array, predicted: Array) -> Array:
-        return differences(self.step.outputs, y, predicted)
-
     @cached_property
     def _uncertainty(self) -> Uncertainty | None:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
         predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(before)])
-        e = self._errors(y, predicted)
+        e = differences(self.step.outputs, y, predicted)
         if self._uncertainty is None:
             return Innovations(e, None, None)
         s = np.zeros_like(e)
@@ -296,7 +293,10 @@ class Replay:
         first = (values_at(self.step, before, Place("state", "calls"))[:, 0] == 0)[:, None]
         z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
         signals |= {PREDICTED: z}
-        e, C = self._errors(y[:, : len(self.outputs)], read(after, signals)[:, :, 0]), slopes(after, signals)
+        e, C = (
+            differences(self.step.outputs, y[:, : len(self.outputs)], read(after, signals)[:, :, 0]),
+            slopes(after, signals),
+        )
         if self._uncertainty is None:
             return Innovations(e, None, None)
         P = self._uncertainty.covariance(before)

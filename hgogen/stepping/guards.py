@@ -304,9 +304,8 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
         error = observer.dynamics.output_error(j, raw, predicted[j])
         usable, bits = _judged(signal, readings(observer.form)[j], raw, error)
         bits |= undefined_bits
-        last_near = near(
-            signal, last[j], predicted[j]
-        )  # whose error is below half a turn, however fast the plant turns
+        # next to the prediction, whose error is below half a turn, however fast the plant turns
+        last_near = near(signal, last[j], predicted[j])
         previous = ca.if_else(last_valid[j], last_near, predicted[j])
         now.append(ca.if_else(usable, near(signal, raw, previous), predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last_near, now[-1]))
