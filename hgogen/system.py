@@ -271,11 +271,14 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
 
 
 def _validate_invariants(system: System) -> None:
-    """Refuse an invariant without a state, with an input, one that the flow is not proved to keep at 0, and invariants
-    that no state is found to meet."""
+    """Refuse as many invariants as states, an invariant without a state, with an input, one that the flow is not proved
+    to keep at 0, and invariants that no state is found to meet."""
     if not system.invariants:
         return
     flow = dict(zip(system.states, system.flow, strict=True))
+    if len(system.invariants) >= len(flow):
+        reason = f"has {len(system.invariants)} invariants of {len(flow)} states, which leave nothing to estimate"
+        raise BadSystem(system.name, f"{reason}; leave out those that follow from others")
     for k, row in enumerate(system.invariants, 1):
         for symbol in sorted(row.free_symbols - {*flow, *system.parameters}, key=str):
             raise BadSystem(system.name, f"invariant {k} uses the input {symbol}; write it in states and parameters")

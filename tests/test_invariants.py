@@ -425,6 +425,8 @@ def test_a_covariance_that_is_stored_inverted_and_a_bank_are_refused() -> None:
 def test_invariants_that_no_state_meets_are_refused() -> None:
     c, s = signals("c s")
     rows: dict[str, Any] = {"states": (c, s), "outputs": (hg.Signal("y"),), "flow": [-s, c], "output": [c]}
+    with pytest.raises(BadSystem, match="2 invariants of 2 states, which leave nothing to estimate"):
+        hg.System("fixed", **rows, invariants=[c**2 + s**2 - 1, c**2 + s**2 - 1])
     with pytest.raises(BadSystem, match="no state is found on its invariants"):
         hg.System("nowhere", **rows, invariants=[c**2 + s**2 + 1])
 
