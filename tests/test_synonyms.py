@@ -58,6 +58,7 @@ dt = 0.015625
     path.write_text(text + "Q_per_sample = [0.25, 1]\nnoise = {y = 0.5}\n")
     assert hg.load(path).notes == ("tuning.filter: ekf is riccati at theta = 1, the extended Kalman filter",)
     assert hg.load(path).step("filter").tuned["R"] == (0.25 * DT,)
+    assert hg.load(path).step("filter").observer.form.kind == "original"
     assert "ekf is riccati at theta = 1" in " ".join(CliRunner().invoke(app, ["check", str(path)]).output.split())
     path.write_text(text + "Q = [0.25, 1]\nR = 1\n")
     with pytest.raises(BadModelFile, match="ekf must say what its Q and R are"):

@@ -16,12 +16,14 @@ from hgogen.reading.given import BadGain, demand_switch
 
 @dataclass(frozen=True)
 class Synonym:
-    """Another name of an `observer`, whose `fixed` arguments it sets; `sentence`: what it is; `explicit`: whether its
-    noise must be declared as densities or as that of a sample."""
+    """Another name of an `observer`, whose `fixed` arguments it sets; `sentence`: what it is; `form`: the form that a
+    text model without one takes; `explicit`: whether its noise must be declared as densities or as that of a
+    sample."""
 
     observer: str
     fixed: Mapping[str, Any]
     sentence: str
+    form: str = "original"
     explicit: bool = False
 
 
@@ -33,7 +35,9 @@ SYNONYMS = {
         "kalman is riccati at theta = 1, the Kalman filter of a linear plant, and the extended one of another",
         explicit=True,
     ),
-    "luenberger": Synonym("high_gain", {"theta": 1.0}, "luenberger is high_gain at theta = 1, with its poles or gains"),
+    "luenberger": Synonym(
+        "high_gain", {"theta": 1.0}, "luenberger is high_gain at theta = 1, with its poles or gains", form="triangular"
+    ),
 }
 
 

@@ -5,8 +5,9 @@
     [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
     poles = [[-1, 0.5], [-1, -0.5]]   # a list for each chain of integrators of a form with several
-    form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with arguments, or
-                                      # {of = "filter"}, the form of another tuning
+    form = "triangular"               # one of hg.forms (the default; that of ekf and kalman is "original"), or {kind =
+                                      # "original", order = ["x2", "x1"]} with arguments, or {of = "filter"}, the form of
+                                      # another tuning
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
@@ -125,19 +126,24 @@ class Tuning:
 
     def form(self, name: str) -> Any:
         """Return the form of the tuning `name`, for an observer around no other. Raises: as `step`."""
-        entry, where = self.setting.form or self.table(name).get("form", "triangular"), f"{self.where(name)}.form"
+        entry, where = self.setting.form or self._form_entry(name), f"{self.where(name)}.form"
         passed = [name]
         while isinstance(entry, Mapping) and "of" in entry:
             passed.append(str(entry["of"]))
             if passed[-1] not in self.tables or passed[-1] in passed[:-1]:
                 raise BadModelFile(self.file, f"{where}.of", f"names {passed[-1]!r:.60}, no tuning that has a form")
-            entry = self.table(passed[-1]).get("form", "triangular")
+            entry = self._form_entry(passed[-1])
         table = dict(entry) if isinstance(entry, Mapping) else {"kind": entry}
         make = self._case(where, forms, table.pop("kind", "triangular"))
         options = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
         if callable(make):
             self._arguments(where, make, options)
         return self._refusals(where, lambda: make(self.plant, **options))
+
+    def _form_entry(self, name: str) -> Any:
+        table = self.table(name)
+        known = SYNONYMS.get(str(table.get("kind", name)))
+        return table.get("form", known.form if known else "triangular")
 
     @property
     def synonyms(self) -> Iterator[str]:
