@@ -5,9 +5,9 @@
     [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
     poles = [[-1, 0.5], [-1, -0.5]]   # a list for each chain of integrators of a form with several
-    form = "triangular"               # one of hg.forms (the default; that of ekf and kalman is "original"), or {kind =
-                                      # "original", order = ["x2", "x1"]} with arguments, or {of = "filter"}, the form of
-                                      # another tuning
+    form = "triangular"               # one of hg.forms (the default; that of ekf and kalman is "original"), or with
+                                      # arguments {kind = "original", order = ["x2", "x1"]}, or the form of another
+                                      # tuning, {of = "filter"}
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
