@@ -30,6 +30,7 @@ from hgogen.check import Verdict as Verdict
 from hgogen.errors import HgogenError as HgogenError
 from hgogen.estimators import innovation as innovation
 from hgogen.estimators import theta as theta
+from hgogen.estimators.gate import Gate as Gate
 from hgogen.form import Form as Form
 from hgogen.logs.advise import advise as advise
 from hgogen.logs.fit import Fit as Fit

@@ -121,6 +121,10 @@ class CallableStep(Step):
             self._kept.places[AT][0] = int(at) % ROUND
             ending = "_at"
         status = self._entries["estimate"]() if not y else 0
+        if y and "gate" in self._entries:
+            for name in self._take.keys() - samples.keys():
+                self._take[name](np.nan)
+            status |= self._entries["gate"]()
         for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._output_bytes(), status)

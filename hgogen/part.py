@@ -114,7 +114,9 @@ class Pieces:
     where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
     call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `congruence`: returns, for an SX
     N (n, n), statements that replace P by N P N'; `project`: statements that project the estimates of members onto
-    their ranges; `constrain`: statements that project the estimate onto the plant's invariants.
+    their ranges; `constrain`: statements that project the estimate onto the plant's invariants; `gate`: statements
+    before the updates that decide which samples they may use; `verdicts`: the state's field with the verdict on an
+    output, for each output with a gate.
     """
 
     fields: tuple[Field, ...] = ()
@@ -133,6 +135,8 @@ class Pieces:
     congruence: Callable[[Graph], Program] | None = None
     project: Program = ()
     constrain: Program = ()
+    gate: Program = ()
+    verdicts: Mapping[int, str] = field(default_factory=dict)
 
 
 class Part:

@@ -314,7 +314,10 @@ def plan(
     turns = tuple(u.period for u in system.inputs)
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns)
     observer = observer.sampled(clock.dt, clock.periods)
-    _pieces(observer, method, clock)  # its errors come before those of the step's length
+    pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
+    if any(piece.gate for piece in pieces) and (every or guards == "none"):
+        way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
+        raise BadStep(f"{system.name} with a gate", f"is sampled {way}")
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)
     if every and not step.code.apart:

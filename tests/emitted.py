@@ -298,6 +298,37 @@ def hyperbola() -> hg.Step:
     return hg.sample(observer, hg.methods.continuous_discrete, dt=0.05)
 
 
+def gated() -> hg.Step:
+    """A body in a plane, two outputs that pass a gate together and one whose R is raised."""
+    states = signals("px py vx vy", -40, 40)
+    px, py, vx, vy = states
+    outputs = signals("x y rho", -40, 40)
+    read = [px, py, sp.sqrt(px**2 + py**2 + 1)]
+    flow = [vx, vy, -px / 4 - vx / 10, -py / 4 - vy / 10]
+    plant = hg.System("gated", states=states, outputs=outputs, flow=flow, output=read)
+    gate = {("x", "y"): hg.Gate(0.9, accept_after=3), "rho": hg.Gate(0.9, inflate=True)}
+    accept = ("original.lipschitz", "original.order")
+    form, gains = hg.forms.original(plant), {"Q": [0.1] * 4, "R": [0.1, 0.1, 0.2], "accept": accept}
+    return hg.sample(hg.observers.riccati(form, gate=gate, **gains), dt=0.1)
+
+
+def gated_points() -> hg.Step:
+    """A gate of the unscented filter, whose output is not linear, with an input and samples that come late."""
+    (q, w), (u, y) = signals("q w", -4, 4), signals("u y")
+    flow = [w, u - 4 * sp.sin(q) - w / 4]
+    plant = hg.System("gated_points", states=(q, w), inputs=(u,), outputs=(y,), flow=flow, output=[q + sp.sin(q) / 2])
+    form, gate = hg.forms.original(plant), {"y": hg.Gate(0.9, accept_after=2)}
+    accept = ("original.lipschitz", "original.order")
+    return hg.sample(hg.delayed(hg.observers.ukf(form, Q=[0.1, 0.1], R=0.1, gate=gate, accept=accept), y=2), dt=0.05)
+
+
+def gated_columns() -> hg.Step:
+    """A gate of a covariance in loops."""
+    gate = {"y": hg.Gate(0.9, accept_after=2)}
+    observer = hg.observers.riccati(hg.forms.triangular(plants.chain(13)), Q=[0.1] * 13, R=1.0, gate=gate)
+    return hg.sample(observer, dt=0.01)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -331,6 +362,9 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "angle_integrated": angle_integrated,
     "unit_vector": unit_vector,
     "hyperbola": hyperbola,
+    "gated": gated,
+    "gated_points": gated_points,
+    "gated_columns": gated_columns,
 }
 
 

@@ -84,6 +84,34 @@ def test_a_row_that_reads_few_states_changes_no_more_than_it_must(n: int, seed: 
     assert all(np.allclose(few, whole, rtol=2 * EPS, atol=0) for few, whole in zip(*results, strict=True))
 
 
+@given(sizes, seeds, st.data())
+@settings(deadline=None, max_examples=60)
+def test_rows_and_columns_are_cleared_and_variances_replaced(n: int, seed: int, data: st.DataObject) -> None:
+    """P of the other states stays, within rounding; its rows before the first that is cleared bit for bit."""
+    rng = np.random.default_rng(seed)
+    (L, d), w = factors(rng, n, 2), 10 ** rng.uniform(-4, 2, n) * rng.integers(0, 2, n)
+    columns, after, cleared = L.T.copy(), d.copy(), w > 0
+    P = L @ np.diag(d) @ L.T
+    diagonal = np.diag(P).copy()
+    P[cleared, :] = P[:, cleared] = 0
+    P[cleared, cleared] = w[cleared]
+    kernels.decouple(columns, after, w)
+    assert (after > 0).all()
+    assert_is(columns, after, P, np.maximum(diagonal, w))
+    assert not lower(columns)[:, cleared][~np.eye(n, dtype=bool)[:, cleared]].any()
+    first = int(np.argmax(cleared)) if cleared.any() else n
+    assert np.array_equal(after[:first], d[:first])
+
+
+@given(sizes, seeds)
+@settings(deadline=None, max_examples=60)
+def test_a_row_is_projected_on_the_factor(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    (L, _), c, f = factors(rng, n, 2), rng.standard_normal(n), np.zeros(n)
+    kernels.project(L.T.copy(), c, f)
+    assert np.allclose(f, L.T @ c, rtol=0, atol=4 * n * EPS * np.abs(L.T) @ np.abs(c))
+
+
 @pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf, 1e200])
 def test_a_cap_tells_of_an_entry_that_is_lost(lost: float) -> None:
     """1e200 is a number, and its square is none."""
@@ -111,6 +139,8 @@ ARGUMENTS = {  # of a kernel, after L and D: vectors, numbers that are passed al
     "correct": ("c", "r", "b"),
     "cap": ("c", "", ""),
     "renew": ("cc", "", ""),
+    "project": ("f", "", ""),  # of the row in the place of D
+    "decouple": ("w", "", ""),
 }
 LENGTHS = (2, 5, 6)
 AT_ONCE = (1, 2, 4, 8)  # numbers that an instruction takes

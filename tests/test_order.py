@@ -22,6 +22,8 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "cascaded_tanks",
         "two",
         "angles",
+        "gated",
+        "gated_columns",
         "no_input",
         "window_held",
         "one_state",

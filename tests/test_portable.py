@@ -43,6 +43,7 @@ STEPS: dict[str, Callable[[], hg.Step]] = {
     "bilinear": bilinear,
     "many_states": lambda: emitted.step("many_states"),
     "exponential": lambda: emitted.step("exponential"),
+    "gated_columns": lambda: emitted.step("gated_columns"),
 }
 
 

@@ -111,10 +111,33 @@ def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray
     return ca.logic_not(reduce(add, (_value(variance / limit) for variance, limit in shares)) <= 0.5)
 
 
+def _decoupled(columns: np.ndarray, d: np.ndarray, w: np.ndarray) -> None:
+    """Apply the kernel `decouple`: the columns and D of P after P_ii = w_i, and 0 elsewhere in its row, where w_i >
+    0."""
+
+    def chosen(test: Graph, yes: Graph, no: Any) -> _Scalar:
+        return _Scalar(ca.if_else(test, _value(yes), _value(no)))
+
+    for i, each in enumerate(w):
+        clear, x = _value(each) > 0, columns[i].copy()
+        weight, d[i] = chosen(clear, d[i], 0.0), chosen(clear, each, d[i])
+        for k in range(i):
+            columns[k, i] = chosen(clear, 0.0, columns[k, i])
+        for m in range(i + 1, len(d)):
+            columns[i, m] = chosen(clear, 0.0, x[m])
+        for j in range(i + 1, len(d)):
+            a = x[j]
+            grown = d[j] + weight * a * a
+            f, weight, d[j] = weight * a / grown, weight * d[j] / grown, grown
+            x[j + 1 :] = x[j + 1 :] - a * columns[j, j + 1 :]
+            columns[j, j + 1 :] = columns[j, j + 1 :] + f * x[j + 1 :]
+
+
 _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
-    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct")},
+    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct", "project")},
     "cap": _capped,
     "renew": _renewed,
+    "decouple": _decoupled,
 }
 
 

@@ -14,6 +14,8 @@ the diagonal is 1.
                    its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
     renew          L, D with the information diag(c)^2 added, by a measurement of each state (Bierman)
+    project        f = L'c, so that c P c' is the sum of the f_k^2 D_k
+    decouple       L, D of P after P_ii = w_i, and 0 in the rest of row and column i, where w_i > 0 (method C1 again)
 
 On a matrix X (n, n) by rows, in one array:
 
@@ -200,6 +202,39 @@ def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
 
 
 @on_arrays
+def project(L: Columns, c: FixedVector, f: Vector) -> None:
+    """f = L'c"""
+    for k in range(n):
+        sum = c[k]
+        for i in range(k + 1, n):
+            sum = sum + L[k].v[i] * c[i]
+        f[k] = sum
+
+
+@on_arrays
+def decouple(L: Columns, D: Vector, w: FixedVector) -> None:
+    """L, D after P_ii = w_i and 0 elsewhere in row and column i, where w_i > 0"""
+    x = array(n)
+    for i in range(n):
+        weight = D[i] if w[i] > 0.0 else 0.0
+        D[i] = w[i] if w[i] > 0.0 else D[i]
+        for k in range(i):
+            L[k].v[i] = 0.0 if w[i] > 0.0 else L[k].v[i]
+        for m in range(i + 1, n):
+            x[m] = L[i].v[m]
+            L[i].v[m] = 0.0 if w[i] > 0.0 else x[m]
+        for j in range(i + 1, n):
+            a = x[j]
+            grown = D[j] + weight * a * a
+            f = weight * a / grown
+            weight = weight * D[j] / grown
+            D[j] = grown
+            for m in range(j + 1, n):
+                x[m] = x[m] - a * L[j].v[m]
+                L[j].v[m] = L[j].v[m] + f * x[m]
+
+
+@on_arrays
 def balance(x: Matrix, scale: Vector) -> None:
     """X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size"""
     for i in range(n):
@@ -318,6 +353,5 @@ def resolvent(x: Matrix, inverse: Matrix) -> None:
                     inverse[n * i + j] = inverse[n * i + j] - factor * inverse[n * k + j]
 
 
-KERNELS: Mapping[str, Callable[..., Any]] = {
-    each.__name__: each for each in (expand, triangularise, add, correct, cap, renew, balance, exponential, resolvent)
-}
+_KERNELS = (expand, triangularise, add, correct, cap, renew, project, decouple, balance, exponential, resolvent)
+KERNELS: Mapping[str, Callable[..., Any]] = {each.__name__: each for each in _KERNELS}

@@ -275,8 +275,10 @@ def parts(step: Step, name: str) -> list[str]:
             "For a missing sample leave its update out: NaN spoils the state. An update that comes again corrects "
             "again.",
         ]
+    judged = "`gate` takes the samples of all outputs that have a gate, NaN for a missing one."
     return [
         f"{order} Call them one by one, and or their statuses, where a sample comes later than the input.",
+        *[judged] * any(section.name == "gate" for section in step.code.sections),
         "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. OUTSIDE_BOX "
         "comes from the last part only, the others from any.",
         "An update that comes again, or before a predict, does not correct, and raises a bit.",

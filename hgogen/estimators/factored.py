@@ -27,6 +27,7 @@ import numpy as np
 
 from hgogen.discretisation.kernel_graphs import carried_out, written
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance, routine
+from hgogen.estimators.gating import Joint, raised, with_gating
 from hgogen.estimators.riccati_part import (
     Riccati,
     factor,
@@ -41,7 +42,7 @@ from hgogen.estimators.riccati_part import (
 )
 from hgogen.graph import Graph
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, scalar, sym
+from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, Statement, When, column, scalar, sym
 from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
 
@@ -167,7 +168,34 @@ def largest(part: Riccati) -> np.ndarray:
     return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, LOST))
 
 
-class Unrolled(FilterStep, ABC):
+class FactoredStep(FilterStep, ABC):
+    """A step of a Riccati filter on factors of P, whose innovations may have gates."""
+
+    def used_variance(self, output: int) -> Graph:
+        """Return r, as far as a gate has raised it, with which a sample of an output corrects, SX scalar."""
+        return self.variance(output) + raised(self.part, output)
+
+    @abstractmethod
+    def projected(self, rows: Graph) -> tuple[Program, Graph]:
+        """Return C P C' (k, k), C = `rows` (k, n), SX, and the program that computes what it reads."""
+
+    def joint(self, outputs: tuple[int, ...]) -> Joint:
+        """Return the joint innovations of these outputs, linearised at the prediction."""
+        program, spread = self.projected(ca.vertcat(*map(self.row, outputs)))
+        return Joint(program, ca.SX.zeros(len(outputs)), spread + ca.diag(column(map(self.variance, outputs))))
+
+    def state_variances(self, states: list[int]) -> tuple[Program, list[Graph]]:
+        """Return the variances P_ii of these states, and the program that computes what they read."""
+        program, spread = self.projected(ca.SX.eye(self.part.dynamics.n)[states, :])
+        return program, [spread[k, k] for k in range(len(states))]
+
+    @abstractmethod
+    def decoupled(self, states: list[int], cleared: list[Graph], variances: list[Graph]) -> Program:
+        """Return the program that sets P_ii of each of these `states` to its variance and all other entries of its row
+        to 0, where `cleared` holds."""
+
+
+class Unrolled(FactoredStep):
     """A step of a Riccati filter as straight-line code, predict and then a scalar update for each sample; a subclass
     defines the factors of P that are stored."""
 
@@ -198,9 +226,22 @@ class Unrolled(FilterStep, ABC):
         """Return assignments of P's factors after y = c z, c = `row` (1, n), of variance `r`, and the gain K (n)."""
 
     @abstractmethod
-    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return the assignments of the factors of growth Phi P Phi' + h Q_theta, Phi = `transition` (n, n) and growth
-        = 1 for None, and the intermediate values that get a name in the code."""
+    def time_update(
+        self, transition: Graph, growth: Graph | None, noise: tuple[Graph, Graph]
+    ) -> tuple[Writes, dict[str, Graph]]:
+        """Return the assignments of the factors of growth Phi P Phi' + W diag(w) W', Phi = `transition` (n, n), growth
+        = 1 for None and `noise` = (W, w), and the intermediate values that get a name in the code."""
+
+    def decoupled(self, states: list[int], cleared: list[Graph], variances: list[Graph]) -> Program:
+        """Return the program that sets P_ii of each of these `states` to its variance and all other entries of its row
+        to 0, where `cleared` holds: Z P Z' + W diag(w) W', Z with a 0 for such a state, the columns of W with a 1."""
+        one = ca.SX.eye(self.part.dynamics.n)
+        keep = ca.SX.ones(self.part.dynamics.n)
+        for i, clear in zip(states, cleared, strict=True):
+            keep[i] = ca.if_else(clear, 0, 1)
+        weights = column(ca.if_else(clear, v, 0) for clear, v in zip(cleared, variances, strict=True))
+        factors, _ = self.time_update(ca.diag(keep), None, (one[:, states], weights))
+        return (Block("raise the variances of measured states, without covariances", factors),)
 
     @abstractmethod
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
@@ -217,7 +258,7 @@ class Unrolled(FilterStep, ABC):
     def pieces(self) -> Pieces:
         """Return the memory fields and the statements of the filter: predict, then one scalar update for each
         output."""
-        return Pieces(
+        pieces = Pieces(
             fields=(self.part.z, *self.fields),
             covariance=self.covariance,
             congruence=self.congruence,
@@ -226,12 +267,14 @@ class Unrolled(FilterStep, ABC):
             update=tuple(map(self.correction, range(self.clock.outputs))),
             rule=self.rule,
         )
+        return with_gating(pieces, self)
 
     def prediction(self) -> Program:
         """Return the statements that advance z, and the factors to those of Phi P Phi' + h Q_theta."""
         stages = self.stages()
         Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
-        factors, names = self.time_update(Phi, sym("derived", "growth") if forgets else None)
+        growth = sym("derived", "growth") if forgets else None
+        factors, names = self.time_update(Phi, growth, (self.part.scaled_factor(), self.weights()))
         rows, columns = Phi.shape
         listed = ((f"Phi_{i + 1}{j + 1}", Phi[i, j]) for i in range(rows) for j in range(columns))
         entries = {name: entry for name, entry in listed if entry.n_dep()}  # that are computed
@@ -265,7 +308,7 @@ class Unrolled(FilterStep, ABC):
 
     def correction(self, output: int) -> Program:
         """Return the statements that correct z and P by the sample of the output with index `output`."""
-        factors, gain = self.sample_update(self.row(output), self.variance(output))
+        factors, gain = self.sample_update(self.row(output), self.used_variance(output))
         return self.corrected(gain, sym("work", "e"), factors)
 
     def corrected(
@@ -325,11 +368,19 @@ class UnitTriangular(Unrolled):
         *factors, gain = measurement_update(*self.symbols, row, r)
         return self.writes(*factors), gain
 
-    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return L, D, as assignments, of growth Phi P Phi' + h Q_theta (Thornton), and intermediate values."""
+    def projected(self, rows: Graph) -> tuple[Program, Graph]:
+        """Return C P C' (k, k), C = `rows` (k, n), SX, by L'C'."""
+        L, d = self.symbols
+        f = L.T @ rows.T
+        return (), f.T @ ca.diag(d) @ f
+
+    def time_update(
+        self, transition: Graph, growth: Graph | None, noise: tuple[Graph, Graph]
+    ) -> tuple[Writes, dict[str, Graph]]:
+        """Return L, D, as assignments, of growth Phi P Phi' + W diag(w) W' (Thornton), and intermediate values."""
         L, d = self.symbols
         d = d if growth is None else growth * d
-        L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
+        L, d, names = time_update(L, d, transition, *noise)
         return self.writes(L, d), names
 
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
@@ -342,7 +393,7 @@ class UnitTriangular(Unrolled):
 _COLUMNS, _D = Place("column", "v"), Place("state", "D")
 
 
-class Looped(FilterStep):
+class Looped(FactoredStep):
     """A Riccati filter on P = L D L' for many states: the columns of L in an array of structures, the matrix operations
     as loops of library functions; Q and P(0) must be diagonal."""
 
@@ -359,12 +410,36 @@ class Looped(FilterStep):
             if not is_diagonal(matrix):
                 raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
         columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
-        return Pieces(
+        pieces = Pieces(
             fields=(self.part.z, self.diagonal(np.diag(self.part.covariance).copy())),
             groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
             **self.common(),
             predict=self.prediction(),
             update=tuple(map(self.correction, range(self.clock.outputs))),
+        )
+        return with_gating(pieces, self)
+
+    def projected(self, rows: Graph) -> tuple[Program, Graph]:
+        """Return C P C' (k, k), C = `rows` (k, n), SX, and the program that computes f = L'c for each row c."""
+        n, program, f = self.part.dynamics.n, list[Statement](), []
+        for k, row in enumerate(ca.vertsplit(rows)):
+            c, product = Place("work", f"row_{k}"), Place("work", f"product_{k}")
+            program.append(Block("a row of the outputs", {c: ca.densify(row).T}))
+            program.append(Kernel("project", n, _COLUMNS, ((c, n), (product, n))))
+            f.append(sym(*product, n))
+        every = ca.horzcat(*f)
+        return tuple(program), every.T @ ca.diag(sym("state", "D", n)) @ every
+
+    def decoupled(self, states: list[int], cleared: list[Graph], variances: list[Graph]) -> Program:
+        """Return the program that sets P_ii of each of these `states` to its variance and all other entries of its row
+        to 0, where `cleared` holds."""
+        n, fresh = self.part.dynamics.n, Place("work", "fresh_variance")
+        values = ca.SX.zeros(n)
+        for i, clear, variance in zip(states, cleared, variances, strict=True):
+            values[i] = ca.if_else(clear, variance, 0)
+        return (
+            Block("the variances of measured states", {fresh: values}),
+            Kernel("decouple", n, _COLUMNS, ((_D, n), (fresh, n))),
         )
 
     def prediction(self) -> Program:
@@ -417,7 +492,7 @@ class Looped(FilterStep):
     def correction(self, output: int) -> Program:
         """Return the statements that correct z and P by the sample of the output with index `output`."""
         n, c = self.part.dynamics.n, self.row(output)
-        row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.variance(output)}
+        row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.used_variance(output)}
         arguments = ((_D, n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
         read = max(c.sparsity().get_col(), default=-1) + 1  # elements of c from here on are 0
         return (

@@ -33,6 +33,7 @@ from hgogen.analysis.dynamics import HUGE, Dynamics
 from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import Scaling, scaling
 from hgogen.discretisation.stability import FrozenRiccati
+from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.estimators.theta import Theta, constant
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -173,7 +174,7 @@ class Riccati(Part):
     diagonal of S_0^-1; `limited`: the status bit of this limit; `nominal`: (Q, R) as numbers. `forgetting`: the gain
     rho. `measured_state`: the function of (z, u, y, valid) that returns z with measurements instead of estimates, at
     which A(u, z) and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of
-    the inputs.
+    the inputs; `gates`: of the innovations.
     """
 
     dynamics: Dynamics
@@ -189,6 +190,7 @@ class Riccati(Part):
     forgetting: Field | None = None
     measured_state: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
     period: float | None = None
+    gates: tuple[GatedGroup, ...] = ()
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -486,7 +488,7 @@ LIMITED = Bit(
 @dataclass(frozen=True, eq=False)
 class Extended:
     """A Riccati observer: its `part`, its `gains` Q and R, and `equations`, banner lines about a Q that is not
-    diagonal."""
+    diagonal, and about gates."""
 
     part: Riccati
     gains: tuple[Field, ...]
@@ -501,6 +503,7 @@ def extended(
     initial: Values | None,
     theta: Theta | None = None,
     tangent: bool = True,
+    gate: Gates | None = None,
 ) -> Extended:
     """Return the Riccati observer of the arguments of `observers.riccati`, `covariance` = P(0); theta is 1 by default.
     `tangent`: whether outputs are extended by their tangents outside of the box, consistently with their Jacobians.
@@ -526,9 +529,10 @@ def extended(
         cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
         limited=LIMITED,
         nominal=(noise, np.array(variances)),
+        gates=gated_groups(gate, form.system.outputs),
     )
     gains = (
         wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
         wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
     )
-    return Extended(part, gains, matrix_line("Q", noise, form))
+    return Extended(part, gains, (*matrix_line("Q", noise, form), *(group.equation for group in part.gates)))

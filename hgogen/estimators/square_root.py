@@ -57,6 +57,7 @@ import numpy as np
 
 from hgogen.analysis.dynamics import HUGE, near
 from hgogen.estimators.factored import Unrolled, Writes, largest
+from hgogen.estimators.gating import Joint
 from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, unpack_lower
 from hgogen.graph import Graph
 from hgogen.part import Pieces
@@ -163,10 +164,17 @@ class SquareRoot(Unrolled):
         S, gain = carlson(self.root, self.root.T @ row.T, r)
         return self.writes(S), gain
 
-    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """Return S, as an assignment, of growth Phi P Phi' + h Q_theta by Gram-Schmidt, and intermediate values."""
-        S = self.root if growth is None else ca.sqrt(growth) * self.root
-        S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
+    def projected(self, rows: Graph) -> tuple[Program, Graph]:
+        """Return C P C' (k, k), C = `rows` (k, n), SX, by S'C'."""
+        f = self.root.T @ rows.T
+        return (), f.T @ f
+
+    def time_update(
+        self, transition: Graph, growth: Graph | None, noise: tuple[Graph, Graph]
+    ) -> tuple[Writes, dict[str, Graph]]:
+        """Return S, as an assignment, of growth Phi P Phi' + W diag(w) W' by Gram-Schmidt, and intermediate values."""
+        S, (W, w) = self.root if growth is None else ca.sqrt(growth) * self.root, noise
+        S, names = triangle(ca.horzcat(transition @ S, W @ ca.diag(ca.sqrt(w))))
         return self.writes(S), names
 
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
@@ -280,15 +288,34 @@ class Unscented(SquareRoot):
             Block("the mean of the points, and P = S S' of their covariance + h Q", after, names),
         )
 
+    def sums(self, output: int) -> Transformed:
+        """Return the sums of an output that is not linear at the sigma points."""
+        middle = self.output(self.z, output)
+        above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
+        return self.transformed(middle, above, below)
+
+    def joint(self, outputs: tuple[int, ...]) -> Joint:
+        """Return the joint innovations of these outputs, of which those that are not linear are evaluated at the sigma
+        points."""
+        n, rows = self.part.dynamics.n, []
+        for j in outputs:
+            if self.linear(j):
+                slopes = (self.root.T @ self.row(j).T).T
+                rows.append(Transformed(ca.SX(0), slopes, ca.SX.zeros(1, n), ca.SX(0)))
+            else:
+                rows.append(self.sums(j))
+        drift = ca.vertcat(*(row.drift for row in rows))
+        a, b = (ca.vertcat(*parts) for parts in zip(*((row.slopes, row.curvatures) for row in rows), strict=True))
+        spread = a @ a.T + b @ b.T + max(0.0, self.more) * (drift @ drift.T)
+        return Joint((), drift, spread + ca.diag(ca.vertcat(*map(self.variance, outputs))))
+
     def correction(self, output: int) -> Program:
         """Return the update by a sample of an output; a nonlinear output is evaluated at the sigma points."""
-        r, e = self.variance(output), sym("work", "e")
+        r, e = self.used_variance(output), sym("work", "e")
         if self.linear(output):
             f, title = self.root.T @ self.row(output).T, "correct by the scalar update"
         else:
-            middle = self.output(self.z, output)
-            above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
-            sums = self.transformed(middle, above, below)
+            sums = self.sums(output)
             f, title = sums.slopes.T, "correct by what the sigma points read"
             r = r + ca.sumsqr(sums.curvatures) + max(0.0, self.more) * sums.drift**2
             e = self.part.dynamics.output_error(output, e, sums.drift)
@@ -316,7 +343,7 @@ class Iterated(SquareRoot):
 
     def cost(self, w: Graph, output: int) -> Graph:
         """Return the cost J(w) = |w|^2 + (y - h(z + S w))^2/r of a sample of an output of variance r, SX scalar."""
-        return ca.sumsqr(w) + self.error(w, output) ** 2 / self.variance(output)
+        return ca.sumsqr(w) + self.error(w, output) ** 2 / self.used_variance(output)
 
     def correction(self, output: int) -> Program:
         """Return the Gauss-Newton passes as blocks, then z and S; for a linear output the scalar update."""
@@ -325,7 +352,7 @@ class Iterated(SquareRoot):
         n, root = self.part.dynamics.n, self.root
         w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
         begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}
-        f, r = self.scaled_row(w, output), self.variance(output)
+        f, r = self.scaled_row(w, output), self.used_variance(output)
         target = f * (self.error(w, output) + ca.dot(f, w)) / (r + ca.sumsqr(f))
         tried = w + share * (target - w)
         cost = self.cost(tried, output)

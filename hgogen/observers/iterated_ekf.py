@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
+from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended, noise_rank
 from hgogen.estimators.square_root import LARGEST, Iterated
@@ -54,13 +55,14 @@ def iterated_ekf(
     passes: int = 4,
     initial: Values | None = None,
     covariance: Matrix | None = None,
+    gate: Gates | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The iterated extended Kalman filter of `form`, of up to 7 states: at a sample, Gauss-Newton passes minimise |w|^2
     + (y_j - h_j(z + S w))^2/r over w, P = S S', and z <- z + S w.
 
-    Args: `Q`, `R`, `noise`, .., `initial`, `covariance` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for each
-    sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
+    Args: `Q`, `R`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for
+    each sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -69,9 +71,9 @@ def iterated_ekf(
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
-    filter = extended(form, Q, R, covariance, initial)
+    filter = extended(form, Q, R, covariance, initial, gate=gate)
     part = filter.part
-    return Observer(
+    observer = Observer(
         form=form,
         name="iterated_ekf",
         parts=(AtSamples(part, "the iterated filter", lambda clock: Iterated(part, clock, passes).pieces()),),
@@ -84,3 +86,4 @@ def iterated_ekf(
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
         reference=REFERENCE,
     )
+    return with_gates(observer, filter.part.gates)

@@ -20,6 +20,7 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import Riccati, extended, noise_rank
 from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
@@ -56,6 +57,7 @@ def riccati(
     theta: Theta | float = 1.0,
     initial: Values | None = None,
     covariance: Matrix | None = None,
+    gate: Gates | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The high-gain extended Kalman filter of `form`: z' = f(z, u) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta
@@ -68,12 +70,14 @@ def riccati(
     same format as Q, default the unit matrix; `noise`, `R_per_sample` in place of R: the standard deviation, or the
     variance, of one sample by output, R = v T for samples T apart; `Q_per_sample` in place of Q: the covariance that a
     step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I + dt F + (dt F)^2/2 by the default method, Q =
-    Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `accept` ids of refuted checks to
-    ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
+    Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `gate` innovation gates, by an
+    output or a tuple of outputs that pass together: a probability such as 0.999, or an `hg.Gate` (`estimators.gate`),
+    by default none; `accept` ids of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is
+    replaced by (Q + Q')/2.
 
-    Checks: `riccati.convergence` (proved for a linear plant with constant coefficients and a constant theta, where (C,
-    A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the plant's
-    states (b on the whole box of z).
+    Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
+    where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
+    plant's states (b on the whole box of z).
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -81,11 +85,11 @@ def riccati(
     accept = demand_form("riccati", form, accept, linearises=True)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     _demand_scaled(form, theta)
-    filter = extended(form, Q, R, covariance, initial, theta)
+    filter = extended(form, Q, R, covariance, initial, theta, gate=gate)
     dynamics, z = filter.part.dynamics, filter.part.z
     convergence = _convergence(theta, form, filter.part)
     proved = convergence.verdict is Verdict.PROVED
-    return Observer(
+    observer = Observer(
         form=form,
         name="riccati",
         parts=(filter.part, *theta.parts(dynamics, z)),
@@ -99,6 +103,7 @@ def riccati(
         reference=REFERENCE,
         traces=theta.traces,
     )
+    return with_gates(observer, filter.part.gates)
 
 
 def _demand_scaled(form: Form, theta: Theta) -> None:

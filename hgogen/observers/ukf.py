@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from math import sqrt
 
 from hgogen.check import Verdict
+from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended
 from hgogen.estimators.square_root import LARGEST, Unscented
@@ -71,15 +72,16 @@ def ukf(
     kappa: float = 0.0,
     initial: Values | None = None,
     covariance: Matrix | None = None,
+    gate: Gates | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The unscented Kalman filter of `form`, of up to 7 states: P = S S', and mean and covariance after the model from
     its values at the sigma points z, z +- g s_i, s_i the columns of S.
 
-    Args: `Q`, `R`, `noise`, .., `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the
-    scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g = alpha
-    sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds about
-    6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
+    Args: `Q`, `R`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n
+    of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g =
+    alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds
+    about 6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -88,9 +90,9 @@ def ukf(
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
-    filter = extended(form, Q, R, covariance, initial, tangent=False)
+    filter = extended(form, Q, R, covariance, initial, tangent=False, gate=gate)
     part = filter.part
-    return Observer(
+    observer = Observer(
         form=form,
         name="ukf",
         parts=(AtSamples(part, "the unscented filter", lambda clock: Unscented(part, clock, reach, more).pieces()),),
@@ -103,6 +105,7 @@ def ukf(
         equations=(*EQUATIONS, f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}", *filter.equations),
         reference=REFERENCE,
     )
+    return with_gates(observer, filter.part.gates)
 
 
 def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, float]:

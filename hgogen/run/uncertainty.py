@@ -166,7 +166,13 @@ def uncertainty(step: Step) -> Uncertainty | None:
 
 def used(step: Step, status: Array) -> Array:
     """Return the mask (N, p) of the samples of outputs that a step used, from its status (N)."""
-    return ~raised(step, status, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED"), step.outputs)
+    bits = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
+    usable, known = ~raised(step, status, bits, step.outputs), uncertainty(step)
+    names = [bit.place.name for bit in step.layout.bits]
+    for group in known.part.gates if known else ():
+        if not group.gate.inflate:
+            usable[:, group.outputs] &= ((status >> names.index(group.outside.name)) & 1 == 0)[:, None]
+    return usable
 
 
 def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:

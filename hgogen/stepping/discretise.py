@@ -66,7 +66,10 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Ode():
             return method.ode(part, clock)
         case Riccati():
-            return method.riccati(part, clock)
+            riccati = method.riccati(part, clock)
+            if part.gates and not riccati.gate:
+                raise CorrectsAtSamples(method.name, "a filter with a gate")
+            return riccati
         case Curved():
             return curved(part, method, clock)
         case AtSamples(plain=plain, name=name, build=build):

@@ -12,7 +12,7 @@ program (`hgogen.emit.saved`): two programs have the same mark in one of 64262 c
 """
 
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial, reduce
 from itertools import compress
@@ -291,6 +291,23 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
     status |= undefined_bits
     values = {Place("work", "e"): error, Place("work", "output_error"): error, Place("work", "valid"): valid}
     return (measurement, Block(f"guard the measurement of {signal}", {**values, **status}, part="guard_measurement"))
+
+
+def guard_innovations(observer: Observer, clock: Clock, gated: Collection[int]) -> Program:
+    """Return the blocks that compute the innovations of all outputs in `gated`, and which of their samples are usable,
+    before any of them corrects."""
+    predicted, readings_now = observer.dynamics.output(observer.z, clock.u_now), ca.SX.zeros(clock.outputs)
+    errors, usable = ca.SX.zeros(clock.outputs), ca.SX.zeros(clock.outputs)
+    raw = sym("work", "readings", clock.outputs)
+    for j in gated:
+        signal, (readings_now[j], _) = observer.form.system.outputs[j], sample(observer, clock.u_now, j)
+        errors[j] = observer.dynamics.output_error(j, raw[j], predicted[j])
+        usable[j], _ = _judged(signal, readings(observer.form)[j], raw[j], errors[j])
+    writes = {Place("work", "prediction_errors"): errors, Place("work", "usable"): usable}
+    return (
+        Block("the measurements that have a gate", {Place("work", "readings"): readings_now}),
+        Block("their errors before any of them is used", writes),
+    )
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:

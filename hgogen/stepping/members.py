@@ -94,7 +94,7 @@ class Substitution:
                 return replace(statement, columns=columns, arguments=arguments, result=result)
 
 
-_PROGRAMS = ("tune", "predict", "adapt", "project")
+_PROGRAMS = ("tune", "predict", "adapt", "project", "gate")
 _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 
@@ -127,6 +127,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
         covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
         congruence=next((piece.congruence for piece in pieces if piece.covariance is not None), None),
+        verdicts={j: name for piece in pieces for j, name in piece.verdicts.items()},
     )
 
 

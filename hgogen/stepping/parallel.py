@@ -83,6 +83,8 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     if period < 1 or abs(period * clock.dt - part.period) > 1e-9 * part.period:
         raise BadPeriod(part.period, clock.dt)
     alone = joined(map(pieces, part.member.parts))
+    if alone.gate:
+        raise BadGain("a bank", "compares its members on the same samples; leave the gate of its member out")
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
     published = [field for field in alone.fields if field.name in part.published]

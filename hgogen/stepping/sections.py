@@ -2,6 +2,7 @@
 recovery.
 
     predict   guard the input, advance the estimate from the last call to now
+    gate      where innovations have gates: which samples may correct
     update_Y  for each output that corrects: guard the sample, correct
     adapt     theta and the like, once after the updates
 
@@ -49,6 +50,7 @@ from hgogen.program import (
 from hgogen.signal import Signal, plural, resting
 from hgogen.stepping.guards import (
     boxed,
+    guard_innovations,
     guard_inputs,
     guard_outputs,
     guard_state,
@@ -158,6 +160,20 @@ def use(output: Signal) -> Block:
     return Block(f"{output} is used", {Place("state", _used(output)): ca.SX(1)})
 
 
+def verdict_fields(verdicts: Mapping[int, str]) -> tuple[Field, ...]:
+    """Return the state's fields with the verdicts of gates on the samples of this period."""
+    meaning = "verdict of the gate: 0 none yet, 1 the samples may correct, 2 rejected"
+    return tuple(scalar(name, 0, kind="index", high=2, meaning=meaning) for name in dict.fromkeys(verdicts.values()))
+
+
+def if_admitted(name: str, correct: Program) -> Program:
+    """Return the update by an output whose gate has the verdict `name`, only where it admits the sample."""
+    verdict = sym("state", name)
+    admitted = ca.logic_and(verdict >= 1, verdict <= 1)
+    test = {Place("work", "admitted"): admitted, Place("status", "OUT_OF_ORDER"): verdict < 1}
+    return (Block("does the gate admit the sample?", test), When(Place("work", "admitted"), correct))
+
+
 def adapt_once(program: Program) -> Program:
     """Return the adaptation `program` with a test, so that it runs at most once per period."""
     done = sym("state", "adapted")
@@ -241,6 +257,7 @@ class Assembly:
         meaning = f"0 before the first call, 1 after it{later}"
         fields = [*parts, *hold_fields(self.observer), *self.law.fields]
         fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
+        fields += verdict_fields(self.combined.verdicts)
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.limits[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -256,9 +273,9 @@ class Assembly:
     @cached_property
     def sections(self) -> tuple[Section, ...]:
         """The sections predict, update of each output, adapt, without statements whose results are never read."""
-        sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
+        sections = [self._predict, *self._gate, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # the last one that can change the estimate
-        outside = () if self.still and not self.rated else (outside_bit(self.observer),)
+        outside = () if self._watched else (outside_bit(self.observer),)
         notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
         finished = []
         for k, section in enumerate(sections):
@@ -304,7 +321,7 @@ class Assembly:
         states to their boxes; none without guards."""
         if not self.clock.guarded:
             return ()
-        programs = (self.combined.predict, *map(self._correct, self.correcting), self.adapt)
+        programs = (self.combined.predict, self.combined.gate, *map(self._correct, self.correcting), self.adapt)
         guarded_fields = [*estimate_fields(self.observer, self.state)]
         guarded_fields += [field for program in programs for field in guarded(program, self.state)]
         program = boxed([field for field in self.state if field in guarded_fields], self.state, self._fresh)
@@ -332,6 +349,7 @@ class Assembly:
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)
+        program += self._unjudged
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
         if self.uses_output:
@@ -340,6 +358,29 @@ class Assembly:
             program.append(Block("remember the sample", sample | valid))
         watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
         return Section("predict", "advance the estimate to now", (*program, *watch))
+
+    @property
+    def _unjudged(self) -> Program:
+        """The block after a predict that clears the verdicts of gates."""
+        cleared = {Place("state", name): ca.SX(0) for name in self.combined.verdicts.values()}
+        return (Block("no gate has judged a sample", cleared),) if cleared else ()
+
+    @property
+    def _gate(self) -> tuple[Section, ...]:
+        """The section that decides, before any sample is used, which samples may correct; none without gates."""
+        gated = self.combined.verdicts
+        if not gated:
+            return ()
+        judged = self._guarded(self.combined.gate, before=self.combined.predict)
+        begun = Block("was there a predict?", {Place("work", "begun"): sym("state", "calls") >= 1})
+        decide = When(Place("work", "begun"), (*guard_innovations(self.observer, self.clock, gated), *judged))
+        return (Section("gate", "decide by the innovations which samples may correct", (begun, decide)),)
+
+    @property
+    def _watched(self) -> bool:
+        """Whether the law of recovery, at the last output, always evaluates the bit OUTSIDE_BOX."""
+        gated = any(j in self.combined.verdicts for j in self.correcting[-1:])
+        return self.still and not self.rated and not gated
 
     @property
     def _samples(self) -> dict[int, Sampled]:
@@ -356,13 +397,12 @@ class Assembly:
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
         valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "reading"), sym("work", "valid"), sym("work", "output_error"))}
-        notice = self.still and not self.rated and j == self.correcting[-1]
+        notice = self._watched and j == self.correcting[-1]
         watch = self.law.watch(sample, notice=notice)
-        guarded: Program = (
-            *measure(self.observer, self.clock, j),
-            When(Place("work", "valid"), valid, part="use_sample"),
-            *watch,
-        )
+        correct: Program = (When(Place("work", "valid"), valid, part="use_sample"), *watch)
+        verdict = self.combined.verdicts.get(j)
+        correct = correct if verdict is None else if_admitted(verdict, correct)
+        guarded: Program = (*measure(self.observer, self.clock, j), *correct)
         guarded = once(output, guarded) if self.rated else guarded
         guarded = in_order(output, guarded) if output in self._ordered else guarded
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
