@@ -178,7 +178,8 @@ def test_parameters_are_limited_as_by_tune() -> None:
 
 
 def matrices(name: str, n: int, seed: int) -> list[np.ndarray]:
-    """Arguments of a kernel: of L, D, noise, caps that some variances exceed, rows of a matrix with large powers."""
+    """Arguments of a kernel: of L, D, noise, caps that some variances exceed, variances of which some are 0, rows of a
+    matrix with large powers."""
     rng = np.random.default_rng(seed)
     if name in ("balance", "exponential", "resolvent"):
         x = rng.normal(size=(n, n)) * 10.0 ** rng.integers(-3, 4, n) / 10.0 ** rng.integers(-3, 4, n)[:, None]
@@ -187,7 +188,9 @@ def matrices(name: str, n: int, seed: int) -> list[np.ndarray]:
     columns = np.tril(rng.normal(size=(n, n))).T.copy()
     vectors = rng.uniform(0.1, 2, size=(4, n))
     vectors[1] *= 10.0 ** rng.integers(-1, 3)
-    count = {"expand": 0, "triangularise": 1, "add": 2, "cap": 2, "renew": 3}
+    count = {"expand": 0, "triangularise": 1, "add": 2, "cap": 2, "renew": 3, "project": 2, "decouple": 2}
+    if name == "decouple":
+        vectors[1] *= rng.integers(0, 2, n)
     if name == "correct":
         return [columns, vectors[0], vectors[1], vectors[2][:1], np.zeros(n)]
     return [columns, *vectors[: count[name]]]
