@@ -1,7 +1,7 @@
 """Calls of a step from Python, sample by sample or over a whole log, by the compiled C or without a compiler."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -63,7 +63,7 @@ class CallableStep(Step):
         vars(self).update(
             _kept=memory,
             _clock=[0],
-            _legend=Legend(states, bits, self.observer.traces, "d" if self.real == "double" else "f"),
+            _legend=Legend(states, bits, self.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
             _take_y=to("y", u, len(signals)),
             _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.samples, u)},
@@ -156,12 +156,11 @@ class CallableStep(Step):
         x, traces, status = self._kept.run(engine, u, y)
         first = self._clock[0]
         self._clock[0] += len(y)
-        names = self.observer.traces
         return Run(
             t=(first + np.arange(len(y))) * self.dt,
             x=x,
             names=tuple(s.name for s in self.states),
-            traces={name: traces[:, j] for j, name in enumerate(names)},
+            traces={name: traces[:, j] for j, name in enumerate(self.traces)},
             status=status,
             engine=engine,
             replay=Replay(self, memory, u.copy(), y.copy(), status, engine, self.real),
@@ -252,13 +251,14 @@ class CallableStep(Step):
         real: Real | None = None,
         guards: Guards | None = None,
         prefer: Prefer | None = None,
+        report: str | Sequence[str] | None = None,
     ) -> "CallableStep":
         """Return a step of the same observer with another `form` of its plant, method, period dt, precision `real`,
-        guards or preference `prefer`; an option that is None keeps its value. Raises: as `sample` and the observer do.
-        """
+        guards, preference `prefer` or `report`; an option that is None keeps its value. Raises: as `sample` and the
+        observer do."""
         observer = self.observer.on(form) if form else self.observer
-        requested = {"real": real, "guards": guards, "prefer": prefer}
-        options = self._options | {key: value for key, value in requested.items() if value}
+        requested = {"real": real, "guards": guards, "prefer": prefer, "report": report}
+        options = self._options | {key: value for key, value in requested.items() if value is not None}
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:
@@ -298,7 +298,7 @@ class CallableStep(Step):
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
-        requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer")}
+        requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer", "report")}
         return requested | {"engine": self.engine, "real": self.real, "periods": periods}
 
     @property
@@ -338,6 +338,7 @@ def sample(
     prefer: Prefer = "speed",
     engine: Engine | None = None,
     real: Real = "double",
+    report: str | Sequence[str] = (),
 ) -> CallableStep:
     """Return the step of the observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
 
@@ -351,7 +352,9 @@ def sample(
     restart. A sample that is not a number then destroys the estimate, and the observer has no claims. `prefer`: "flash"
     for a short program with loops, where the default is a fast one. `engine`: "c" or "python", which give the same
     bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
-    user's cache. `real`: the precision, "float" as on small firmware, or "double".
+    user's cache. `real`: the precision, "float" as on small firmware, or "double". `report`: functions of the emitted
+    code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "age", the
+    samples since the last used one of each output.
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;
@@ -368,7 +371,7 @@ def sample(
     demand_choice("guards", guards, ("all", "none"))
     demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
-        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer))
+        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, report))
     demand_motion(observer.form, dt, real)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):

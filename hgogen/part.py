@@ -37,7 +37,7 @@ class Clock:
     """The sampling of a step: the step length `dt`; `between`: the course of the input between samples; the numbers of
     inputs and outputs; `every`: the number of steps between two samples of each output, empty where it is 1 for all;
     the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short program;
-    `turns`: the period of each input that is an angle."""
+    `turns`: the period of each input that is an angle; `report`: the names of the reports on the estimate."""
 
     dt: float
     between: str
@@ -47,6 +47,7 @@ class Clock:
     guards: Guards = "all"
     prefer: Prefer = "speed"
     turns: tuple[float | None, ...] = ()
+    report: tuple[str, ...] = ()
 
     @property
     def guarded(self) -> bool:

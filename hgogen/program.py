@@ -378,6 +378,37 @@ class Section:
     corrects: str | None = None
 
 
+@dataclass(frozen=True)
+class Element:
+    """A number of a step's memory, element `index` of a place (`size`), with its `name` in the results of a log."""
+
+    name: str
+    place: Place
+    index: int = 0
+    size: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A function `name` by which a caller reads numbers about the estimate: the `program` computes the `fields` of a
+    struct, of the kind `struct`, from the state; `columns`: the names of their elements in the results of a log;
+    `notes`: sentences for the manual."""
+
+    name: str
+    struct: str
+    meaning: str
+    fields: tuple[Field, ...]
+    program: Program
+    columns: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """The elements of the fields, in order."""
+        each = ((Place(self.struct, field.name), i, field.size) for field in self.fields for i in range(field.size))
+        return tuple(Element(name, *element) for name, element in zip(self.columns, each, strict=True))
+
+
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
     """Yield every statement, outer ones first."""
     pending = list(reversed(program))

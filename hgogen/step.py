@@ -21,7 +21,7 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Guards, Pieces, Prefer
-from hgogen.program import INF, Bit, Field, Group, Program, Section, in_capitals, places
+from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.reading.given import among
@@ -42,6 +42,7 @@ from hgogen.stepping.guards import (
     word,
 )
 from hgogen.stepping.recovery import Sign
+from hgogen.stepping.reports import demand_reports
 from hgogen.stepping.sections import Assembly, flat, multiples
 
 
@@ -152,7 +153,7 @@ class Code:
     `timed`: the updates of `sections` for samples with their time, for sensors of different rates; `inner`: sections
     that a step for late samples calls; `rule`: the method that integrates the observer, which may be another one than
     the step's; `choice`: the program of a part that was selected among two, and why; `signs`: the fault counters of the
-    law of recovery, by which a lost estimate restarts.
+    law of recovery, by which a lost estimate restarts; `reports`: functions that report on the estimate.
     """
 
     tuning: Program
@@ -163,6 +164,7 @@ class Code:
     rule: Annotated[str, "name of the method"]
     choice: str
     signs: tuple[Sign, ...]
+    reports: tuple[Report, ...] = ()
 
     @property
     def called(self) -> tuple[Section, ...]:
@@ -247,6 +249,17 @@ class Step:
         """The plant's states, which a call estimates."""
         return tuple(signal for signal, _ in self.observer.form.estimates)
 
+    @cached_property
+    def traced(self) -> tuple[Element, ...]:
+        """The further numbers in the results of a log: the observer's traces, and those of the reports."""
+        own = (Element(name, Place("state", name)) for name in self.observer.traces)
+        return (*own, *(each for report in self.code.reports for each in report.elements))
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """The names of the further numbers in the results of a log."""
+        return tuple(each.name for each in self.traced)
+
     @property
     def time(self) -> str:
         """The unit of time of `dt` and of every rate."""
@@ -296,6 +309,7 @@ def plan(
     periods: Any = None,
     guards: Guards = "all",
     prefer: Prefer = "speed",
+    report: Any = (),
 ) -> Step:
     """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable. Raises: `BadStep`,
     `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`."""
@@ -312,7 +326,8 @@ def plan(
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     turns = tuple(u.period for u in system.inputs)
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns)
+    wanted = demand_reports(report)
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns, wanted)
     observer = observer.sampled(clock.dt, clock.periods)
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
@@ -385,6 +400,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         choice=next((piece.choice for piece in pieces if piece.choice), ""),
         signs=assembly.law.signs,
+        reports=assembly.reports,
     )
     step = Step(system.name, observer, method, clock, layout, code)
     return with_bits(step, flat(piece.bits for piece in pieces))

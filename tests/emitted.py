@@ -20,6 +20,7 @@ from hgogen.extras.costs import M4F as M4F
 from hgogen.model import load
 from hgogen.program import Field, lines_of
 from hgogen.run.native import WARNINGS, with_main
+from hgogen.stepping.reports import REPORTS
 
 HERE = Path(__file__).parent
 M7 = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")
@@ -329,6 +330,14 @@ def gated_columns() -> hg.Step:
     return hg.sample(observer, dt=0.01)
 
 
+def sure() -> hg.Step:
+    """A step that reports how sure its estimate is."""
+    q, w, y, v = signals("q w y v")
+    plant = hg.System("sure", states=(q, w), outputs=(y, v), flow=[w, -sp.sin(q) - w / 5], output=[q, w + q / 4])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[0.3, 0.3], R=[0.02, 0.02])
+    return hg.sample(observer, dt=0.02, report=REPORTS)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -365,6 +374,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "gated": gated,
     "gated_points": gated_points,
     "gated_columns": gated_columns,
+    "sure": sure,
 }
 
 

@@ -279,8 +279,8 @@ NO_COLUMNS = Columns()
 
 
 class _Set(TypedDict):
-    """The settings of every step that a command makes: form, method, period, precision, guards, preference, parameters
-    and tuning, as given by options."""
+    """The settings of every step that a command makes: form, method, period, precision, guards, preference, reports,
+    parameters and tuning, as given by options."""
 
     form: Annotated[str | None, typer.Option(metavar="NAME", help="The form, in the place of the model's.")]
     method: Annotated[str | None, typer.Option(metavar="NAME", help="The method, in the place of the model's.")]
@@ -296,6 +296,10 @@ class _Set(TypedDict):
     prefer: Annotated[
         Literal["speed", "flash"] | None,
         typer.Option(help="speed, or flash: what repeats in loops, a shorter program that takes longer."),
+    ]
+    report: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Functions that report on the estimate, with commas: age."),
     ]
     parameters: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Values of parameters, as `hgogen fit` writes them.")

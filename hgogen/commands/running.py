@@ -145,7 +145,8 @@ class RecordRun(ModelReport):
             f"{name}_states": figures.record_states(step, record.t, run, y, self.truth),
             f"{name}_innovations": figures.record_innovations(step, record.t, run),
         }
-        return drawn | ({f"{name}_theta": figures.adaptation(step, record.t, run.traces)} if run.traces else {})
+        adapts = step.observer.traces
+        return drawn | ({f"{name}_theta": figures.adaptation(step, record.t, run.traces)} if adapts else {})
 
     def tables(self) -> Iterator[Any]:
         """Yield the log, the status, predictions and innovations."""

@@ -146,7 +146,7 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
             drawn[f"{one.trial.name}_errors"] = figure.errors(
                 step.states, one.first.truth.t, of, one.trial.events, step.time, known.bounds
             )
-        if one.first.traces:
+        if step.observer.traces:
             drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
     return drawn
 

@@ -13,6 +13,7 @@ from hgogen.discretisation.kernel_graphs import FUNCTION, carried_out
 from hgogen.emit.layout import params_type, state_type
 from hgogen.emit.node import CALLS
 from hgogen.emit.syntax import Real
+from hgogen.program import Program
 from hgogen.step import Step
 
 _CHEAP = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FLOOR, ca.OP_SIGN)  # calls in C, one instruction on a processor
@@ -32,7 +33,11 @@ class Cost:
 
 def cost(step: Step, real: Real = "float") -> Cost:
     """Return the cost of one call of a step in the precision `real`: operations, function calls, bytes of memory."""
-    times: Counter[int] = carried_out(step.code.program)
+    return Cost(*counted(step.code.program), state_type(step, real).itemsize, params_type(step, real).itemsize)
+
+
+def counted(program: Program) -> tuple[int, int]:
+    """Return the numbers of operations and of function calls of a program."""
+    times: Counter[int] = carried_out(program)
     functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
-    operations = times.total() - functions
-    return Cost(operations, functions, state_type(step, real).itemsize, params_type(step, real).itemsize)
+    return times.total() - functions, functions

@@ -22,6 +22,7 @@ from hgogen.emit.interface import (
     parameters,
     prototype,
     prototypes,
+    reported,
     status_type,
     structs,
 )
@@ -39,6 +40,7 @@ from hgogen.emit.manual import (
     proved_bounds,
     rates,
     refuted_and_accepted,
+    reports,
     result,
     sample_noise,
     state,
@@ -88,6 +90,7 @@ def manual(step: Step, real: Real, check: bool) -> list[str]:
         "State, inputs, outputs": _signals(step, real),
         "Status bits": _status(step),
         "Missing samples and faults": [*_list(faults(step)), *_late(step, real)],
+        **({"How sure the estimate is": _list(reports(step, f"{step.name}_{{name}}"))} if step.code.reports else {}),
         "Changing gains": _list(gains(step, f"{step.name}_tune")),
         "Saving and restoring": _list([*state(step, "after init or reset and before the first call"), *marks(step)]),
         "Self-check": _list([*[_CHECK.format(name=step.name, upper=step.name.upper())] * check, *_COMPILED]),
@@ -136,9 +139,11 @@ def _use(step: Step) -> list[str]:
     name, every = step.name, pace(step.dt, step.time)
     what = "predict, and update where a sample came," if step.code.timed else "one step"
     lines = [f"One init, then {what} a sampling period of {every}.", "", "```c"]
-    lines += [each.local for each in structs(step)]
+    lines += [each.local for each in (*structs(step), *reported(step))]
     lines += [f"{name}_init(&s, &p);", f"for (;;) {{                      /* every {every} */"]
-    lines += [*indented(_body(step)), f"    {name}_estimate(&s, &p, &x);", "}", "```", ""]
+    lines += [*indented(_body(step)), f"    {name}_estimate(&s, &p, &x);"]
+    lines += [f"    {prototypes(step)[each.name].call(address)};" for each in step.code.reports]
+    lines += ["}", "```", ""]
     rules = [*calls(step, by_parts=bool(step.code.timed)), f"The status {result(step, 'the bits below')}.", _SHARED]
     rules += parts(step, f"{name}_step")
     if step.code.timed:

@@ -8,7 +8,7 @@ estimate) and `at` (a counter).
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from hgogen.program import INF, Call, Field, Place, Section, places, scalar, walk
+from hgogen.program import INF, Call, Field, Place, Report, Section, places, scalar, walk
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -21,6 +21,7 @@ REACHED = {  # the parameter of a function that leads to a place, and the member
     "output": ("measurement", ""),
     "estimate": ("x", ""),
     "argument": ("at", ""),
+    "ages": ("age", ""),
 }
 MEANINGS = {  # of the parameters of functions
     "s": "the state: what a step remembers",
@@ -29,6 +30,7 @@ MEANINGS = {  # of the parameters of functions
     "measurement": "the measurement now",
     "x": "the estimate of the plant's state",
     "at": "the number of the period in which the sample was taken",
+    "age": "the samples since the last used one of each output",
 }
 
 MEMBERS = {  # of the struct of parameters
@@ -70,9 +72,16 @@ def entries(step: Step) -> dict[str, Entry]:
         Entry("reset", ("s",), ("s",), "the state as before the first call", status=False, anew=("s",)),
         Entry("step", _parameters(step, {"in", "measurement"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
+        *map(of_report, step.code.reports),
     )
     parts = (*step.code.inner, *step.code.parts, *step.code.timed)
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
+
+
+def of_report(report: Report) -> Entry:
+    """Return the function of a report, whose struct is the parameter of the report's name."""
+    own = (report.name,)
+    return Entry(report.name, ("s", "p", *own), own, report.meaning, status=False, anew=own)
 
 
 def of_section(step: Step, section: Section) -> Entry:
@@ -180,6 +189,11 @@ def structs(step: Step) -> tuple[Parameter, ...]:
     return tuple(Parameter(f"{step.name}_{kind}", name) for kind, name in kinds if kind != "input" or step.inputs)
 
 
+def reported(step: Step) -> tuple[Parameter, ...]:
+    """Return the structs of a step's reports as C parameters."""
+    return tuple(Parameter(f"{step.name}_{report.struct}", report.name) for report in step.code.reports)
+
+
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
     """Return the signals that a caller assigns before a call of a step, each with the name of its struct (u or y)."""
     return (*(("in", s) for s in step.inputs), *(("measurement", s) for s in step.samples))
@@ -192,7 +206,7 @@ def prototypes(step: Step) -> dict[str, Prototype]:
 
 def prototype(step: Step, entry: Entry) -> Prototype:
     """Return the C declaration of a function of a step, as the target c99 has it."""
-    kinds = {each.name: each for each in structs(step)} | {AT.name: AT}
+    kinds = {each.name: each for each in (*structs(step), *reported(step), AT)}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
     parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
     returns = status_type(step) if entry.status else "void"

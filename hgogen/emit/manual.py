@@ -17,7 +17,7 @@ import sympy as sp
 
 from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
-from hgogen.emit.cost import cost
+from hgogen.emit.cost import cost, counted
 from hgogen.emit.naming import renaming_sentence
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.estimators.noise import deviation_lines
@@ -356,6 +356,16 @@ def state(step: Step, before: str) -> list[str]:
         f"To start from an estimate of yours, write {estimate}, in the coordinates that the struct names, {before}. "
         f"That call advances no time{corrects}; what else a step remembers of it starts there too.",
     ]
+
+
+def reports(step: Step, call: str) -> list[str]:
+    """Return the sentences on the reports of a step; `call`: the text of a function, with {name}."""
+    lines = []
+    for report in step.code.reports:
+        operations, functions = counted(report.program)
+        lines += [f"`{call.format(name=report.name)}` gives the {report.meaning}.", *report.notes]
+        lines.append(f"A call of it takes {operations} operations and {functions} functions (root, ..).")
+    return lines
 
 
 def marks(step: Step) -> list[str]:

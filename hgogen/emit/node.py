@@ -409,7 +409,8 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 
 
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
-    programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
+    reports = (report.program for report in step.code.reports)
+    programs = (*(section.program for section in step.code.called), step.code.estimate, *reports, step.code.tuning)
     for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
             nodes = ordered(node for output in read(block.graph) for node in output)

@@ -38,6 +38,7 @@ from hgogen.program import (
     Block,
     Call,
     Copy,
+    Element,
     Group,
     Kernel,
     Loop,
@@ -102,10 +103,11 @@ class _Writer(Reader[list[str]]):
 
     def entries(self) -> dict[str, Entry]:
         step, text = self.step, list[str]()
-        last = self.names["D"].nbytes // self.size["D"] - len(step.observer.traces)
-        traces = (self._read(Place("state", name), 0, self.real) for name in step.observer.traces)
+        last = self.names["D"].nbytes // self.size["D"] - len(step.traced)
+        traces = (self._read(each.place, each.index, self.real) for each in step.traced)
         stores = [f"D[{last + k}] = {text}" for k, text in enumerate(traces)]
-        estimate = self._function("shown", step.code.estimate, stores)
+        reading = (*step.code.estimate, *(s for report in step.code.reports for s in report.program))
+        estimate = self._function("shown", reading, stores)
         text += self._function("tune", step.code.tuning)
         for section in step.code.called:
             self.sections[section.name] = len(self.sections)
@@ -290,10 +292,9 @@ class Vectors:
     status: np.ndarray
 
 
-def compared_places(step: Step) -> tuple[Place, ...]:
-    """Return the places of memory that a self-check compares: the estimate, and the observer's traces."""
-    traces = (Place("state", name) for name in step.observer.traces)
-    return (*(Place("estimate", s.name) for s in step.states), *traces)
+def compared(step: Step) -> tuple[Element, ...]:
+    """Return the numbers that a self-check compares: the estimate, the observer's traces and its reports."""
+    return (*(Element(s.name, Place("estimate", s.name)) for s in step.states), *step.traced)
 
 
 def record_vectors(step: Step, real: Real) -> Vectors:
@@ -418,7 +419,7 @@ def _run(
     calls["tune"]()
     kinds = (("input", step.inputs), ("output", step.samples))
     signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
-    results = [views[place] for place in compared_places(step)]
+    results = [(views[each.place], each.index) for each in compared(step)]
     values, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
     for k in range(SAMPLES):
         for place, elements in placed.get(k, {}).items():
@@ -426,7 +427,7 @@ def _run(
         for array, value in zip(signals, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = calls["step"]()
-        values[k] = [result[0] for result in results]
+        values[k] = [array[index] for array, index in results]
     return values, status
 
 

@@ -8,12 +8,12 @@ from string import Template
 
 from hgogen.emit.code import indented
 from hgogen.emit.heads import arguments, rust_status_type
-from hgogen.emit.interface import address, prototypes, status_type, structs
+from hgogen.emit.interface import address, prototypes, reported, status_type, structs
 from hgogen.emit.pystep import (
     MISSING,
     SAVED,
     Vectors,
-    compared_places,
+    compared,
     fault_words,
     lost_samples,
     record_vectors,
@@ -36,7 +36,8 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
     Args: `here` the writer of the caller; `row` the text of a row of numbers {}; `across` the statuses of a line.
     """
     step, syntax, real = here.step, here.syntax, here.real
-    vectors, results = record_vectors(step, real), [here.place_text(place) for place in compared_places(step)]
+    vectors = record_vectors(step, real)
+    results = [here.lvalue(each.place, each.index, each.size) for each in compared(step)]
     signals = [here.place_text(place) for place, _ in _signals(step)]
     statuses = [f"{syntax.literal(value, 'unsigned')}," for value in vectors.status]
 
@@ -59,6 +60,10 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
         "expected": block(" ".join(statuses[k : k + across]) for k in range(0, len(statuses), across)),
         "placed": block(_placed(here, vectors), 8),
     }
+
+
+def _results(here: Writer) -> list[str]:
+    return [here.number(each.place, each.index, each.size) for each in compared(here.step)]
 
 
 def _placed(here: Writer, vectors: Vectors) -> Iterator[str]:
@@ -168,7 +173,7 @@ $placed
         }
 $fill
         const $status status = $call;
-        ${name}_estimate(&s, &p, &x);
+        ${name}_estimate(&s, &p, &x);$reports
         if (status != expected[k]$compare) {
             bad = k + 1u;
         }
@@ -199,7 +204,7 @@ int main(void)
 def c_check(step: Step, real: Real) -> list[str]:
     """Return the lines of a step's self-check in C, whose test vectors take a while to compute."""
     here = caller(C, step, real)
-    results, values = map(here.number, compared_places(step)), recorded(here, "{{{}}},", 16)
+    results, values = _results(here), recorded(here, "{{{}}},", 16)
     text = _C_TEXT.substitute(
         values,
         faults=values["faults"].replace(", a", ",\n * a", 1),
@@ -209,7 +214,8 @@ def c_check(step: Step, real: Real) -> list[str]:
         cmsis=C.literal(CMSIS, real),
         missing=MISSING + 1,
         restored=SAVED,
-        locals=block(each.local for each in structs(step)),
+        locals=block(each.local for each in (*structs(step), *reported(step))),
+        reports="".join(f"\n        {prototypes(step)[each.name].call(address)};" for each in step.code.reports),
         fill=block(filled(here, "{place} = (k == {missing}u) ? none : given[k][{column}];"), 8),
         call=prototypes(step)["step"].call(address),
         compare="".join(f" || !{step.name}_near({number}, k, {i}u)" for i, number in enumerate(results)),
@@ -252,7 +258,7 @@ $placed
         }
 $fill
         let status = s.step($arguments);
-        let x = s.estimate(&p);
+        let x = s.estimate(&p);$reports
         let have: [$real; $results] = [$have];
         let same = have.iter().zip(WANTED[k].iter()).all(|(a, b)| a.to_bits() == b.to_bits());
         if status != EXPECTED[k] || !same {
@@ -287,6 +293,7 @@ def rust_check(step: Step, real: Real) -> list[str]:
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
         fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),
         arguments=arguments(step),
-        have=", ".join(map(here.number, compared_places(step))),
+        have=", ".join(_results(here)),
+        reports="".join(f"\n        let {each.name} = s.{each.name}(&p);" for each in step.code.reports),
     )
     return text.strip("\n").split("\n")

@@ -53,6 +53,7 @@ class Kinds:
         layout = self.step.layout
         kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
         kinds |= {name: line[-1].fields for name, line in self.groups.items()}
+        kinds |= {report.struct: report.fields for report in self.step.code.reports}
         return {Place(kind, f.name): f for kind, fields in kinds.items() for f in fields}
 
     @cached_property
@@ -112,10 +113,11 @@ class Kinds:
     @cached_property
     def _all(self) -> Program:
         sections = (s for section in self.step.code.called for s in section.program)
-        return (*sections, *self.step.code.estimate, *self.step.code.tuning)
+        reports = (s for report in self.step.code.reports for s in report.program)
+        return (*sections, *self.step.code.estimate, *reports, *self.step.code.tuning)
 
 
-_SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
+_SIGNALS = ("input", "output", "plant", "estimate", "ages")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 
@@ -169,9 +171,9 @@ class Writer(Reader[Code]):
         start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
-    def number(self, place: Place) -> str:
-        """Return the text of a place of one element, converted to a real number where it is a counter."""
-        return self._read(place, 1, 0, self.real).text
+    def number(self, place: Place, index: int = 0, size: int = 1) -> str:
+        """Return the text of element `index` of a place (`size`), converted to a real number where it is a counter."""
+        return self._read(place, size, index, self.real).text
 
     def uses(self, *places: Place | None) -> Uses:
         """Return as `Uses` the parameters through which code reaches these places of memory."""
@@ -182,7 +184,7 @@ class Writer(Reader[Code]):
         work = sorted((p, n) for p, n in places(program) if p.struct == "work")
         declared = joined(self._declaration(place, size) for place, size in work)
         reserved = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
-        reserved |= set(self.syntax.parameters.values())
+        reserved |= {*self.syntax.parameters.values(), *(report.name for report in self.step.code.reports)}
         depths = (len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop))
         reserved |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
         return declared + self.program(program, frozenset(reserved))

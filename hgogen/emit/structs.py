@@ -62,6 +62,8 @@ class _Structs:
                 counted = kind != "estimate" and self.real == "float" and any(s.period for s in signals)
                 comment = f"{SIGNALS[kind]}; {ONE_TURN}" if counted else SIGNALS[kind]
                 yield Struct(kind, comment, self.named(of_signal(step, signal) for signal in signals))
+        for report in step.code.reports:
+            yield Struct(report.struct, report.meaning, self.named(self.in_time(report.fields)))
         for kind, fields in parameters(step):
             ours = self.in_time(fields)
             yield Struct(kind, MEMBERS[kind], self.named(ours) if kind == "plant" else tuple(map(self.member, ours)))

@@ -24,8 +24,9 @@ class UnknownCase(BadArgument):
 @dataclass(frozen=True)
 class Setting:
     """The overridden settings of a model: a form and a method by name, the period `dt` in the model's unit of time, the
-    precision `real`, "float" or "double", the `guards`, "all" or "none", the preference `prefer`, "speed" or "flash", a
-    file of values of `parameters` and one of a `tuning`; None for the file's own setting."""
+    precision `real`, "float" or "double", the `guards`, "all" or "none", the preference `prefer`, "speed" or "flash",
+    the names of reports in `report`, a file of values of `parameters` and one of a `tuning`; None for the file's own
+    setting."""
 
     form: str | None = None
     method: str | None = None
@@ -33,6 +34,7 @@ class Setting:
     real: "Real | None" = None
     guards: "Guards | None" = None
     prefer: "Prefer | None" = None
+    report: str | None = None
     parameters: Path | None = None
     tuning: Path | None = None
 
@@ -43,6 +45,11 @@ class Setting:
     def words(self) -> tuple[str, ...]:
         """The command-line options and values with these settings, such as "--dt"."""
         return tuple(f"--{name} {value}" for name, value in asdict(self).items() if value is not None)
+
+    @property
+    def reports(self) -> tuple[str, ...] | None:
+        """The names in `report`, which are separated by commas."""
+        return None if self.report is None else tuple(filter(None, map(str.strip, self.report.split(","))))
 
     def demand(self) -> None:
         """Raise `UnknownCase` for an unknown form or method."""
@@ -57,7 +64,7 @@ class Setting:
 
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
-        return step.rebuilt(form, method, self.dt, self.real, self.guards, self.prefer)
+        return step.rebuilt(form, method, self.dt, self.real, self.guards, self.prefer, self.reports)
 
 
 AS_WRITTEN = Setting()

@@ -13,6 +13,7 @@
     between = "line"                  # or "hold"
     real = "double"                   # or "float", the precision of the step
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
+    report = ["age"]                  # functions that say how sure the estimate is
     delays = {y = 5}                  # largest delay of a sample of y in periods dt, see hg.delayed
 
     [tuning.filter]                   # kind: one of hg.observers, if the name is none of them
@@ -57,7 +58,7 @@ from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey, survey
 
-_OPTIONS = ("between", "periods", "guards", "prefer", "real")  # arguments of `sample` besides method and dt
+_OPTIONS = ("between", "periods", "guards", "prefer", "real", "report")  # arguments of `sample` besides method and dt
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
 Result = TypeVar("Result")
@@ -101,7 +102,14 @@ class Tuning:
         if observer.at_period is not None and "dt" in table:
             observer = replace(observer, process_dt=float(table["dt"]))  # of process noise, whatever the step's dt
         options = {key: table[key] for key in _OPTIONS if key in table}
-        options |= {key: value for key in ("real", "guards", "prefer") if (value := getattr(self.setting, key))}
+        setting = self.setting
+        overriding = {
+            "real": setting.real,
+            "guards": setting.guards,
+            "prefer": setting.prefer,
+            "report": setting.reports,
+        }
+        options |= {key: value for key, value in overriding.items() if value is not None}
         return self._refusals(where, lambda: sample(observer, method, period, **options))
 
     def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:

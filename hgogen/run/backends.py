@@ -49,7 +49,7 @@ class StepMemory:
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
-        views, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
+        views, signals = len(step.states) + len(step.traces), len(step.inputs) + len(step.samples)
         self.signals, self.outputs = np.split(self.record.view(DTYPE[real])[-signals - views :], [signals])
         self._new = bytes(self.state)
 
@@ -96,7 +96,7 @@ class StepMemory:
         p)."""
         with np.errstate(over="ignore"):  # a number beyond a float becomes infinite, a missing sample
             u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
-        n, traces = len(self.step.states), len(self.step.observer.traces)
+        n, traces = len(self.step.states), len(self.step.traces)
         step, status = self.entries(engine)["step"], np.zeros(len(y), self.step.layout.word)
         if engine == "c":
             x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
@@ -312,7 +312,7 @@ class Many:
             if each:
                 each(done, number)
         x, status, views = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
-        names = self.step.observer.traces if traces else ()
+        names = self.step.traces if traces else ()
         return Batch(
             x.transpose(2, 0, 1).astype(float, copy=False),
             tuple(signal.name for signal in self.step.states),
@@ -368,7 +368,7 @@ class _Results:
         kind, size = DTYPE[real], layout.state_type(step, real).itemsize
         width = -(-records // LANES) * LANES
         x: Array = np.empty((samples, len(step.states), width), kind)
-        traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
+        traces: Array = np.empty((samples, len(step.traces) * traced, width), kind)
         status, states = np.empty((samples, width), step.layout.word), np.empty((records, size), np.uint8)
         return cls(records, traced, x, traces, status, states)
 

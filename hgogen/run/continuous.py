@@ -87,7 +87,7 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
         t=np.arange(len(y)) * dt,
         x=x,
         names=tuple(s.name for s in step.states),
-        traces={name: traces[:, j] for j, name in enumerate(step.observer.traces)},
+        traces={name: traces[:, j] for j, name in enumerate(step.traces)},
         status=status,
         engine="cvodes",
     )

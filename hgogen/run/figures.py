@@ -97,8 +97,8 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
     """Return a figure with a panel for each of the `traces` (N,) by name, with thresholds, and theta from 0 on."""
-    first = [name for name in ("innovation", "theta") if name in traces]
-    names = [*first, *(name for name in traces if name not in first)]
+    own = [name for name in step.observer.traces if name in traces]  # those of reports are in no panel
+    names = sorted(own, key=lambda name: ("innovation", "theta", name).index(name))
     fields = {field.name: field for field in step.layout.state}
     figure, axes = panels(len(names), t, step.time, top=0.24)
     for axis, name in zip(axes, names, strict=True):

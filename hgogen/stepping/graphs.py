@@ -37,6 +37,7 @@ from hgogen.program import (
     Place,
     Program,
     Reader,
+    Report,
     Statement,
     When,
     lines_of,
@@ -333,8 +334,18 @@ class Graphs:
         """The estimated states, as a vector with names."""
         return of_signals("estimates", self.source.states)
 
+    @cached_property
+    def reports(self) -> dict[str, Vector]:
+        """The numbers of each report, as a vector with names."""
+        return {report.name: Vector(report.name, tuple(self._columns(report))) for report in self.source.code.reports}
+
+    def _columns(self, report: Report) -> Iterator[Entry]:
+        entries = (entry for field in report.fields for entry in self._of(field))
+        return (replace(entry, name=name, array=name) for name, entry in zip(report.columns, entries, strict=True))
+
     def step(self) -> ca.Function:
-        """Return (state, u, y, p) -> next, x, status of one call; the status is a number, or one for each 32 bits."""
+        """Return (state, u, y, p) -> next, x, status of one call, and then its reports; the status is a number, or one
+        for each 32 bits."""
         step, state, lies = (
             self.source,
             ca.MX.sym("state", len(self.memory)),
@@ -349,8 +360,9 @@ class Graphs:
         raised = [memory[bit.place] for bit in step.layout.raised] or [ca.MX(0)]
         words = [raised[k : k + EXACT] for k in range(0, len(raised), EXACT)]
         status = ca.vertcat(*(reduce(add, (2.0**k * each for k, each in enumerate(word))) for word in words))
-        arguments, values = ["state", "u", "y", "p"], ["next", "x", "status"]
-        return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, values)
+        results = {"next": after, "x": x, "status": status} | self._reported(memory)
+        arguments = ["state", "u", "y", "p"]
+        return ca.Function(f"{step.name}_step", [state, u, y, p], [*results.values()], arguments, [*results])
 
     def flow(self) -> Flow:
         """Return the observer as x' = f(x, u, y, p). Raises: `NoEquation` for one that has no differential equation."""
@@ -426,6 +438,13 @@ class Graphs:
         zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.layout.derived}
         bits = {bit.place: ca.MX(0) for bit in step.layout.bits}
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._symbols[2], lies)})
+
+    def _reported(self, memory: Memory) -> dict[str, Graph]:
+        results = {}
+        for report in self.source.code.reports:
+            values = self._symbolic.section(report.program, memory)
+            results[report.name] = ca.veccat(*(values[Place(report.struct, field.name)] for field in report.fields))
+        return results
 
     def _estimated(self, memory: Memory) -> Graph:
         values = self._symbolic.section(self.source.code.estimate, memory)

@@ -184,7 +184,8 @@ class Machine(Reading):
         dtype: Any = np.float64,
     ) -> None:
         sections = (s for section in step.code.called for s in section.program)
-        programs = (*sections, *step.code.estimate, *step.code.tuning)
+        reading = (*step.code.estimate, *(s for report in step.code.reports for s in report.program))
+        programs = (*sections, *reading, *step.code.tuning)
         super().__init__(programs, step.layout.groups, step.layout.bits, bind, dtype)
         self.step = step
         kinds = {
@@ -199,7 +200,7 @@ class Machine(Reading):
         self._tune = self.action(step.code.tuning)
         for section in step.code.called:
             self._sections[section.name] = self.action(section.program)
-        self._estimate = self.action(step.code.estimate)
+        self._estimate = self.action(reading)
         self.tune()
         self.reset()
 
@@ -236,7 +237,7 @@ class Machine(Reading):
         kinds = (("input", step.inputs), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
         results = [memory[Place("estimate", s.name)] for s in step.states]
-        scalars = [memory[Place("state", name)] for name in step.observer.traces]
+        scalars = [(memory[each.place], each.index) for each in step.traced]
         x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
         status = np.zeros(len(y), step.layout.word)
         for k in range(len(y)):
@@ -244,7 +245,7 @@ class Machine(Reading):
                 place[0] = value
             status[k] = self.call()
             x[k] = [place[0] for place in results]
-            traces[k] = [place[0] for place in scalars]
+            traces[k] = [array[index] for array, index in scalars]
         return x, traces, status
 
     def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:

@@ -37,6 +37,7 @@ from hgogen.program import (
     Place,
     Program,
     Repeat,
+    Report,
     Section,
     Statement,
     When,
@@ -66,6 +67,7 @@ from hgogen.stepping.invariants import constrained
 from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
+from hgogen.stepping.reports import age_fields, aged, renewed, renewed_where, reports
 from hgogen.system import System
 
 ROUND = 1 << 16  # periods after which the count wraps: the range of the smallest `unsigned` of C
@@ -246,6 +248,16 @@ class Assembly:
         counted = self.rated or self.uses_output or not self.clock.guarded
         return () if counted else tuple(outputs[j] for j in self.correcting)
 
+    @property
+    def _aging(self) -> tuple[Signal, ...]:
+        """The outputs of which the step reports the age of the last used sample."""
+        return self.observer.form.system.outputs if "age" in self.clock.report else ()
+
+    @property
+    def reports(self) -> tuple[Report, ...]:
+        """The reports on the estimate that were requested."""
+        return reports(self.observer, self.clock.report)
+
     @cached_property
     def state(self) -> tuple[Field, ...]:
         """All fields of the step's state: those of the parts, of the law of recovery, and of the clock: calls, the last
@@ -258,6 +270,7 @@ class Assembly:
         fields = [*parts, *hold_fields(self.observer), *self.law.fields]
         fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
         fields += verdict_fields(self.combined.verdicts)
+        fields += age_fields(self._aging)
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.limits[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -350,12 +363,14 @@ class Assembly:
         program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)
         program += self._unjudged
+        program += [aged(self._aging)] if self._aging else []
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
         if self.uses_output:
             sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
             valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
             program.append(Block("remember the sample", sample | valid))
+            program += renewed_where(self._aging, clock.valid > 0) if self._aging else []
         watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
         return Section("predict", "advance the estimate to now", (*program, *watch))
 
@@ -392,6 +407,7 @@ class Assembly:
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(self._correct(j), before=self.combined.predict)
+        program = (*program, renewed(output)) if self._aging else program
         if not self.clock.guarded:
             plain = (plain_sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)

@@ -145,6 +145,7 @@ def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
         functions, bodies["step"] = writer.section(step.code.sections[0])
     bodies |= {section.name: writer.function(section.program) for section in step.code.timed}
     bodies["estimate"] = writer.function(step.code.estimate)
+    bodies |= {report.name: writer.function(report.program) for report in step.code.reports}
     bodies["tune"] = _nominal_unless_marked(step) + writer.function(step.code.tuning)
     bodies["reset"] = _reset(writer)
     tune, reset = (prototypes(step)[name].call(same_name) for name in ("tune", "reset"))

@@ -2,7 +2,8 @@
 
     derivative   (state, u, y, p) -> rate               state' of the observer's differential equations
     estimate     (state, u, p) -> x                     the plant's state from that state
-    step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status
+    step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status;
+                                                        then each report of the step, such as age
 
 The first two have one state, `continuous`, the step has another, `memory`: all that a call remembers. Each vector names
 its elements. A covariance is the S or P that an explicit method integrates, and P where the method keeps factors. `p`
@@ -49,7 +50,8 @@ class Functions(Files):
     """A step as CasADi functions. As files, each is serialised (`casadi.Function.deserialize` reads it, in Python, C++
     and MATLAB), and NAME_entries.json says what their elements are.
 
-    `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status.
+    `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status;
+    `reports`: the vectors of its other results, by name.
     """
 
     step: ca.Function
@@ -60,6 +62,7 @@ class Functions(Files):
     x: Vector
     bits: tuple[str, ...]
     flow: Flow | NoEquation
+    reports: Mapping[str, Vector]
 
     @property
     def derivative(self) -> ca.Function:
@@ -120,12 +123,13 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     keys = ("name", "initial", "unit", "meaning")
     listed: dict[str, list[dict[str, Any]]] = {
         name: [{key: getattr(each, key) for key in keys} for each in vector.entries]
-        for name, vector in (vectors | continuous).items()
+        for name, vector in (vectors | graphs.reports | continuous).items()
     }
     raised = step.layout.raised
     listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.action_of(bit)} for bit in raised]
     texts.append((f"{step.name}_entries.json", json.dumps(listed, indent=1) + "\n"))
-    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in raised), flow=flow, **vectors)
+    bits = tuple(bit.name for bit in raised)
+    return Functions(tuple(texts), step=call, bits=bits, flow=flow, reports=graphs.reports, **vectors)
 
 
 def _flow(graphs: Graphs) -> Flow | NoEquation:

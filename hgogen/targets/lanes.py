@@ -19,7 +19,7 @@ from hgogen.emit.statements import routines
 from hgogen.emit.structs import Struct, structs, typedefs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C
-from hgogen.program import Place, Program
+from hgogen.program import Program
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import demand_motion
 from hgogen.target import Files
@@ -38,7 +38,8 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
     sections = [_section(writer, section.name, section.program) for section in step.code.sections]
-    whole = joined([*sections, _section(writer, "estimate", step.code.estimate)])
+    reports = (_section(writer, report.name, report.program) for report in step.code.reports)
+    whole = joined([*sections, _section(writer, "estimate", step.code.estimate), *reports])
     text = routines(writer, whole.uses.routines) + whole
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{lane_prefix(step.name)}_one", real, text.uses.lookups).lines
@@ -65,7 +66,7 @@ _NEEDS = (  # vector types, conversions between them, and operations that round 
 
 def _section(writer: LaneWriter, name: str, program: Program) -> Code:
     status = f"{lane_prefix(writer.prefix)}_status"
-    parameters = ", ".join(f"{writer.prefix}_{kind} *{parameter}" for parameter, kind in _STRUCTS.items())
+    parameters = ", ".join(f"{writer.prefix}_{kind} *{parameter}" for parameter, kind in _passed(writer.step).items())
     inner = code(f"{status} status = {{0}};") + writer.function(program) + code("return status;")
     return code(f"static {status} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
 
@@ -80,6 +81,11 @@ def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
 # --- memory
 
 _STRUCTS = {"s": "state", "p": "params", "in": "input", "measurement": "output", "x": "plant"}
+
+
+def _passed(step: Step) -> dict[str, str]:
+    """Return the structs that every function in lanes is passed, by the names of its parameters."""
+    return _STRUCTS | {report.name: report.struct for report in step.code.reports}
 
 
 def _structs(writer: LaneWriter) -> list[str]:
@@ -100,17 +106,22 @@ def _many(writer: LaneWriter) -> list[str]:
     outputs = [
         _loaded(p, "y", len(step.samples), j, f"measurement.{c_name(each.name)}") for j, each in enumerate(step.samples)
     ]
-    arguments = "&memory->s, &memory->p, &in, &measurement, &plant"
+    locals_ = {"in": "in", "measurement": "measurement", "x": "plant"}
+    locals_ |= {report.name: report.name for report in step.code.reports}
+    arguments = ", ".join(["&memory->s", "&memory->p", *(f"&{name}" for name in locals_.values())])
     sections = (f"status |= {p}_{section.name}({arguments});" for section in step.code.sections)
     x = [_stored(p, "x", len(step.states), i, f"plant.{c_name(each.name)}") for i, each in enumerate(step.states)]
     inside = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
-    values = (inside.number(Place("state", name)) for name in step.observer.traces)
-    traces = [_stored(p, "traces", len(step.observer.traces), j, value) for j, value in enumerate(values)]
+    here = replace(writer, syntax=replace(writer.syntax, reach="{}."))
+    places = ((inside if each.place.struct == "state" else here, each) for each in step.traced)
+    values = (one.number(each.place, each.index, each.size) for one, each in places)
+    traces = [_stored(p, "traces", len(step.traces), j, value) for j, value in enumerate(values)]
+    reports = [f"(void){p}_{report.name}({arguments});" for report in step.code.reports]
     body = [
-        *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "measurement"), ("plant", "plant"))),
+        *(f"{p}_{_passed(step)[parameter]} {name};" for parameter, name in locals_.items()),
         f"{lane_prefix(p)}_status status = {{0}};",
         *(*inputs, *outputs, *sections, f"(void){p}_estimate({arguments});", *x),
-        *(["if (traces) {", *indented(traces), "}"] if traces else []),
+        *(["if (traces) {", *indented([*reports, *traces]), "}"] if traces else []),
         f"*({lane_prefix(p)}_word *)&statuses[width[2]*k] = __builtin_convertvector(status, {lane_prefix(p)}_word);",
     ]
     sizes = {"width": f"{p.upper()}_LANES", "size": f"sizeof({lane_prefix(p)}_kept)"}

@@ -113,7 +113,9 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
     of_state += [code(*saved.rust_save(step)), code(*saved.rust_restored(step, writer.real))]
-    of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
+    of_state.append(_reading(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
+    for report in step.code.reports:
+        of_state.append(_reading(known[report.name], memory[report.struct], writer.function(report.program)))
     tuned = code("let mut p = Parameters {", *indented(rust_initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
     of_parameters = [new, _method(step, known["tune"], writer.function(step.code.tuning))]
@@ -130,11 +132,16 @@ def _method(step: Step, entry: Entry, body: Code) -> Code:
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
 
 
-def _estimate(entry: Entry, struct: Struct, body: Code) -> Code:
+def _reading(entry: Entry, struct: Struct, body: Code) -> Code:
+    (result,) = entry.written
+    kind = RUST.struct("", struct.kind)
     start = ["let s = self;"] if "s" in body.uses.parameters else []
-    zeros = ", ".join(f"{member.name}: {member.initial[0]}" for member in struct.members)
-    inner = code(*start, *_idle(["p"], body), f"let mut x = Estimate {{ {zeros} }};") + body + code("x")
-    head = "pub fn estimate(&self, p: &Parameters) -> Estimate {"
+    initial = [f"let mut {result} = {kind} {{", *indented(rust_initial({struct.kind: struct}, struct.kind)), "};"]
+    if all(len(member.initial) == 1 for member in struct.members):
+        zeros = ", ".join(f"{member.name}: {member.initial[0]}" for member in struct.members)
+        initial = [f"let mut {result} = {kind} {{ {zeros} }};"]
+    inner = code(*start, *_idle(["p"], body), *initial) + body + code(result)
+    head = f"pub fn {entry.name}(&self, p: &Parameters) -> {kind} {{"
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
 
 

@@ -1,0 +1,211 @@
+"""Reports of a step on its estimate: ages of samples and the like, in every language with the same bits."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plants
+import pytest
+import sympy as sp
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen.commands.app import app
+from hgogen.errors import HgogenError
+from hgogen.model import load
+from hgogen.run import native
+from hgogen.stepping.machine import Machine
+from hgogen.stepping.reports import OLDEST
+
+NAN = float("nan")
+N = 40
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+def pendulum() -> hg.System:
+    q, w = hg.Signal("q", "rad", low=-4, high=4), hg.Signal("w", "rad/s", low=-20, high=20)
+    u, y, v = hg.Signal("u", "1/s2", low=-1, high=1), hg.Signal("y", "rad"), hg.Signal("v", "rad/s")
+    flow = [w, -9 * sp.sin(q) - w / 5 + u]
+    return hg.System("pendulum", states=(q, w), inputs=(u,), outputs=(y, v), flow=flow, output=[q, w + q / 4])
+
+
+def filter_of(plant: hg.System, **options: Any) -> hg.Observer:
+    form = hg.forms.original(plant)
+    return hg.observers.riccati(form, Q=[0.3] * form.n, R=[0.02] * len(form.output), **options)
+
+
+def samples(p: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (N, 1) and samples (N, p): of the first output all but 4, of the others every fourth."""
+    t = 0.02 * np.arange(N)
+    y = np.column_stack([0.3 * np.cos((j + 2) * t) for j in range(p)])
+    y[np.arange(N) % 4 != 1, 1:] = NAN
+    y[10:14, 0] = NAN
+    y[20, 0] = 1e38  # rejected
+    return np.sin(t)[:, None], y
+
+
+def expected_ages(used: np.ndarray) -> np.ndarray:
+    """The ages (N, p) by their definition, of samples (N, p) of which some were used."""
+    ages = np.full(used.shape, OLDEST, dtype=float)
+    for k, row in enumerate(used):
+        before = ages[k - 1] if k else np.full(used.shape[1], OLDEST)
+        ages[k] = np.where(row, 0, np.minimum(before + 1, OLDEST))
+    return ages
+
+
+METHODS: dict[str, Callable[[], Any]] = {
+    "at samples": lambda: hg.methods.continuous_discrete,
+    "integrated": lambda: hg.methods.rk4_covariance,
+}
+
+
+@pytest.mark.parametrize("guards", ["all", "none"])
+@pytest.mark.parametrize("method", METHODS)
+def test_ages_count_the_calls_since_a_sample_was_used(method: str, guards: Any) -> None:
+    u, y = samples()
+    y = y if guards == "all" else np.nan_to_num(np.clip(y, -1, 1))
+    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report="age", guards=guards, engine="python")
+    run = step.run(u=u, y=y)
+    assert step.traces == ("age_y", "age_v")
+    ages = np.column_stack([run.traces[name] for name in step.traces])
+    assert np.array_equal(ages, expected_ages(np.abs(y) < 1e30))
+
+
+@needs_compiler
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("method", METHODS)
+def test_every_engine_reports_the_same(method: str, real: Any) -> None:
+    u, y = samples()
+    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report=("age",), real=real)
+    runs = []
+    for engine in ("c", "python"):
+        step.reset()
+        runs.append(step.run(u=u, y=y, engine=engine))
+    step.reset()
+    many = step.run_many(u=u, y=np.stack([y, y]), traces=True, engine="c")
+    machine = Machine(step)
+    _, traces, _ = machine.record(u, y)
+    for j, name in enumerate(step.traces):
+        assert np.array_equal(runs[0].traces[name], runs[1].traces[name], equal_nan=True)
+        assert np.array_equal(runs[0].traces[name], many.traces[name][1], equal_nan=True)
+        if real == "double":
+            assert np.allclose(traces[:, j], runs[0].traces[name], rtol=1e-12, equal_nan=True)
+    step.reset()
+    single = [step(u=u[k], y=y[k]).traces for k in range(N)]
+    assert all(
+        single[k][name] == pytest.approx(runs[0].traces[name][k], nan_ok=True) for k in range(N) for name in single[k]
+    )
+
+
+def test_casadi_reports_the_same() -> None:
+    u, y = samples()
+    step = hg.sample(filter_of(pendulum()), dt=0.02, report=("age",), engine="python")
+    f = hg.targets.casadi(step)
+    assert [vector.names for vector in f.reports.values()] == [["age_y", "age_v"]]
+    run, memory = step.run(u=u, y=y), f.memory.initial
+    for k in range(N):
+        memory, _, _, age = f.step(memory, u[k], y[k], f.p.initial)
+        assert np.array_equal(np.ravel(age), [run.traces[name][k] for name in step.traces])
+
+
+def test_a_sample_that_a_gate_rejects_renews_no_age() -> None:
+    step = hg.sample(filter_of(pendulum(), gate={"y": 0.999}), dt=0.02, report=("age",), engine="python")
+    ages = [step(u=0.0, y=(y, NAN)).traces["age_y"] for y in (0.1, 0.1, 0.1, 1e3, 1e3, 0.1)]
+    assert ages == [0, 0, 0, 1, 2, 0]
+
+
+def test_an_age_is_that_of_the_measurement_of_a_late_sample() -> None:
+    plant = plants.chain(2)
+    observer = hg.delayed(hg.observers.riccati(hg.forms.triangular(plant), Q=[0.1, 0.1], R=0.1), y=3)
+    step = hg.sample(observer, dt=0.02, report=("age",), engine="python")
+    ages = [step(u=0.0, y=(y, age)).traces["age_y"] for y, age in [(0.1, 0), (NAN, 0), (NAN, 0), (0.1, 1), (0.1, 0)]]
+    assert ages == [0, 1, 2, 1, 0]
+    assert step(u=0.0, y=(0.1, 3)).traces["age_y"] == 1  # older than the newest one
+
+
+def test_an_age_counts_calls_of_predict_where_sensors_have_periods() -> None:
+    step = hg.sample(filter_of(pendulum()), dt=0.02, periods={"v": 0.04}, report=("age",), engine="python")
+    step.predict(u=0.0)
+    step.update(0, y=0.1, v=0.2)
+    assert step.predict(u=0.0).traces == {"age_y": 1, "age_v": 1}
+    assert step.update(0, y=0.1).traces == {"age_y": 1, "age_v": 1}  # late, so that it is not used
+    assert step.update(1, y=0.1).traces == {"age_y": 0, "age_v": 1}
+
+
+def test_a_restart_changes_no_age_and_a_reset_does() -> None:
+    u, y = samples()
+    step = hg.sample(filter_of(pendulum()), dt=0.02, report=("age",), engine="python")
+    step.run(u=u, y=y)
+    saved = step.save()
+    step.reset()
+    assert step.run(u=u[:1], y=np.full((1, 2), NAN)).traces == {"age_y": OLDEST, "age_v": OLDEST}
+    step.restore(saved)
+    step._kept.record["state"]["z"][:] = 1e35  # a lost value: all memory of the filter starts anew
+    sample = step(u=0.0, y=(NAN, NAN))
+    assert "RESTARTED" in sample.flags
+    assert sample.traces == {"age_y": 1, "age_v": 3}
+
+
+def test_a_step_without_reports_is_as_it_was() -> None:
+    with_, without = (hg.sample(filter_of(pendulum()), dt=0.02, report=names) for names in (("age",), ()))
+    assert without.code.reports == ()
+    assert without.traces == ()
+    assert "age" not in hg.targets.c99(without, check=False)["pendulum.h"]
+    assert "pendulum_age" in hg.targets.c99(with_, check=False)["pendulum.h"]
+    assert with_.rebuilt(dt=0.01).traces == with_.traces
+    assert with_.rebuilt(report=()).traces == ()
+
+
+@pytest.mark.parametrize("report", [("ages",), "sigmas", 3, None, (1,)])
+def test_names_of_no_report_are_refused(report: Any) -> None:
+    with pytest.raises(HgogenError, match="report"):
+        hg.sample(filter_of(pendulum()), dt=0.02, report=report)
+
+
+TEXT = """
+name = "oscillator"
+
+[states.x]
+flow = "v"
+low = -2
+high = 2
+
+[states.v]
+flow = "-x"
+low = -2
+high = 2
+
+[outputs.y]
+equation = "x"
+
+[observer]
+kind = "riccati"
+Q = [1, 1]
+R = 0.1
+dt = 0.01
+report = ["age"]
+"""
+
+
+def test_a_text_model_and_the_command_line_name_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("model.toml").write_text(TEXT)
+    assert load(Path("model.toml")).step().traces == ("age_y",)
+    Path("model.toml").write_text(TEXT.replace('report = ["age"]', ""))
+    assert load(Path("model.toml")).step().traces == ()
+    Path("log.csv").write_text("t,y\n" + "".join(f"{k / 100},{k / 1000 if k % 3 else ''}\n" for k in range(9)))
+    words = ["--data", "log.csv", "--time", "t", "--report", "age", "-o", "out"]
+    assert CliRunner().invoke(app, ["run", "model.toml", *words]).exit_code == 0
+    (table,) = (path.read_text().split() for path in Path("out").glob("*estimates*.csv"))
+    assert table[0].split(",")[-2:] == ["age_y", "status"]
+    assert [row.split(",")[-2] for row in table[1:]] == ["65535", "0", "0", "1", "0", "0", "1", "0", "0"]
+    refused = CliRunner().invoke(app, ["generate", "model.toml", "--report", "ages", "-o", "out"])
+    assert refused.exit_code != 0
+
+
+def test_names_that_c_reserves_are_changed_in_the_structs_of_reports() -> None:
+    a, b, y = hg.Signal("a", low=-1, high=1), hg.Signal("b", low=-1, high=1), hg.Signal("float")
+    plant = hg.System("reserved", states=(a, b), outputs=(y,), flow=[b, -a], output=[a])
+    header = hg.targets.c99(hg.sample(filter_of(plant), dt=0.02, report=("age",)), check=False)["reserved.h"]
+    assert "unsigned float_;" in header
