@@ -305,7 +305,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     Points at which the frozen model is not observable are left out where theta rises from its resting value: without
     observability there is no covariance at rest.
     """
-    noise, variance = part.nominal
+    noise, variance = part.typical
     points = list(zip(*part.linearised(POINTS), strict=True))
     if part.theta.error_free is not None:
         observability = [np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))]) for F, C in points]

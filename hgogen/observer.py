@@ -52,9 +52,10 @@ class Observer:
     the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`:
     the largest number of samples by which an output may come late, for the outputs that do; `error`: for a constant
     injection, the inclusion of its error (`prove.inclusion`), or `Nothing`; `construction`: the case of `hg.observers`
-    and its arguments; `at_period`: for noise that is declared for one sample, the function from the periods (p) of the
-    outputs' samples, and the dt of the process noise, to the observer with densities; `periods`: (dt, *those) for which
-    its densities are, () for none; `process_dt`: the dt to which process noise of a sample belongs, 0 for the next one.
+    and its arguments; `at_period`: for noise that is declared for one sample, the function from the periods (dt, *T) of
+    a step and of the outputs' samples (p), and the dt of the process noise, to the observer with densities; `periods`:
+    those for which its densities are, () for none; `process_dt`: the dt to which process noise of a sample belongs, 0
+    for the next one.
     """
 
     form: Form
@@ -182,7 +183,7 @@ def _sampled(observer: Observer, periods: tuple[float, ...]) -> Observer:
         built = make(replace(base, process_dt=process_dt).sampled(dt, others), **gains)
     else:
         assert observer.at_period is not None
-        built = observer.at_period(others, process_dt)
+        built = observer.at_period(periods, process_dt)
     built = replace(
         built,
         construction=observer.construction,

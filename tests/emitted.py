@@ -338,6 +338,18 @@ def sure() -> hg.Step:
     return hg.sample(observer, dt=0.02, report=REPORTS)
 
 
+def noisy_inputs() -> hg.Step:
+    """Noise of two inputs, of which one moves the state in a direction that depends on it, in loops."""
+    x = [hg.Signal(f"x{i}", low=-9, high=9) for i in range(1, 6)]
+    u, v = hg.Signal("u", low=-9, high=9), hg.Signal("v", low=-9, high=9)
+    flow = [b - a for a, b in zip(x, [*x[1:], u], strict=True)]
+    flow[1] += v * sp.cos(x[0])
+    plant = hg.System("noisy", states=x, inputs=(u, v), outputs=(hg.Signal("y"),), flow=flow, output=[x[0]])
+    noise, accept = {"y": 0.1, "u": 0.5, "v": 0.2}, ("original.lipschitz", "original.order")
+    observer = hg.observers.riccati(hg.forms.original(plant), noise=noise, Q=[1e-3] * 5, accept=accept)
+    return hg.sample(observer, dt=0.05, prefer="flash")
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -375,6 +387,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "gated_points": gated_points,
     "gated_columns": gated_columns,
     "sure": sure,
+    "noisy_inputs": noisy_inputs,
 }
 
 

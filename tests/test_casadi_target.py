@@ -191,8 +191,9 @@ def matrices(name: str, n: int, seed: int) -> list[np.ndarray]:
     count = {"expand": 0, "triangularise": 1, "add": 2, "cap": 2, "renew": 3, "project": 2, "decouple": 2}
     if name == "decouple":
         vectors[1] *= rng.integers(0, 2, n)
-    if name == "correct":
-        return [columns, vectors[0], vectors[1], vectors[2][:1], np.zeros(n)]
+    if name in ("correct", "disturb"):
+        gain = [np.zeros(n)] * (name == "correct")
+        return [columns, vectors[0], vectors[1], vectors[2][:1], *gain]
     return [columns, *vectors[: count[name]]]
 
 

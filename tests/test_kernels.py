@@ -136,6 +136,7 @@ def test_a_cap_scales_rows_by_the_ratio() -> None:
 ARGUMENTS = {  # of a kernel, after L and D: vectors, numbers that are passed alone, and counts
     "triangularise": ("", "", "b"),
     "add": ("w", "", ""),
+    "disturb": ("w", "r", ""),
     "correct": ("c", "r", "b"),
     "cap": ("c", "", ""),
     "renew": ("cc", "", ""),

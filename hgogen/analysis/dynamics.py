@@ -268,6 +268,13 @@ class Dynamics:
         rows = (either(valid[i], whole[i, :], A[i, :]) if i in valid else whole[i, :] for i in range(self.n))
         return ca.vertcat(*rows)
 
+    def input_jacobian(self, z: Graph, u: Graph) -> Graph:
+        """Return the Jacobian d(A z + b)/du (n, m) at (sat(z), u), with a row of 0 for an invalid rate."""
+        linear, nonlinear = self._without_fallback(self._z, self._u, slopes=True)
+        slopes = jacobian(linear @ self._z + nonlinear, self._u)
+        at = ca.substitute([slopes], [self._z, self._u], [self.saturated(z), u])[0]
+        return self._zero_invalid(at, self.rate_slopes_valid(z, u))
+
     def rate_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
         """Return SX by i: whether rate z_i' (with a fallback) and its derivatives are valid at (sat(z), u)."""
         fallback = self.fallback

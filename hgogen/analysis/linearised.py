@@ -70,6 +70,18 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
     return F[finite], H[finite]
 
 
+def disturbances_on_box(dynamics: Dynamics, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return F = d(A z + b)/dz (k, n, n) and d(A z + b)/du (k, n, m) at the points of `jacobians_on_box` where both are
+    finite."""
+    points = _points(dynamics, samples)
+    F, B = (
+        flow_jacobians(dynamics)(points),
+        _evaluated(dynamics, dynamics.input_jacobian(*_variables(dynamics)))(points),
+    )
+    finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(B).all(axis=(1, 2))
+    return F[finite], B[finite]
+
+
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
     """Return F = d(A z + b)/dz (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m +
     q) with the values of the q parameters that have a range. An entry may be infinite or NaN."""

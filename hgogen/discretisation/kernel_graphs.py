@@ -134,7 +134,7 @@ def _decoupled(columns: np.ndarray, d: np.ndarray, w: np.ndarray) -> None:
 
 
 _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
-    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct", "project")},
+    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "disturb", "correct", "project")},
     "cap": _capped,
     "renew": _renewed,
     "decouple": _decoupled,

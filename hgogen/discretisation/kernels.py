@@ -10,6 +10,7 @@ the diagonal is 1.
     triangularise  L, D of M diag(D) M' for a matrix M with `band` >= 1 diagonals above the main one, by rotations of
                    two columns without square roots (Gentleman 1973), which leave M diag(D) M' as it is
     add            L, D of L D L' + diag(w), by n rank-one updates (Gill, Golub, Murray, Saunders 1974, method C1)
+    disturb        L, D of L D L' + r w w' (method C1)
     correct        L, D after a scalar measurement with row c, whose elements from `read` on are 0, and variance r, and
                    its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
@@ -123,6 +124,24 @@ def add(L: Columns, D: Vector, w: FixedVector) -> None:
                 L[j].v[i] = x + g * second[i]
     for i in range(2 * half, n):
         D[i] = D[i] + w[i]
+
+
+@on_arrays
+def disturb(L: Columns, D: Vector, w: FixedVector, r: float) -> None:
+    """L, D of L D L' + r w w'"""
+    x = array(n)
+    weight = r
+    for i in range(n):
+        x[i] = w[i]
+    for j in range(n):
+        a = x[j]
+        grown = D[j] + weight * a * a
+        f = weight * a / grown
+        weight = weight * D[j] / grown
+        D[j] = grown
+        for i in range(aligned(j + 1), n):
+            x[i] = x[i] - a * L[j].v[i]
+            L[j].v[i] = L[j].v[i] + f * x[i]
 
 
 @on_arrays
@@ -353,5 +372,7 @@ def resolvent(x: Matrix, inverse: Matrix) -> None:
                     inverse[n * i + j] = inverse[n * i + j] - factor * inverse[n * k + j]
 
 
-_KERNELS = (expand, triangularise, add, correct, cap, renew, project, decouple, balance, exponential, resolvent)
-KERNELS: Mapping[str, Callable[..., Any]] = {each.__name__: each for each in _KERNELS}
+_ON_COLUMNS = (expand, triangularise, add, disturb, correct, cap, renew, project, decouple)
+KERNELS: Mapping[str, Callable[..., Any]] = {
+    each.__name__: each for each in (*_ON_COLUMNS, balance, exponential, resolvent)
+}

@@ -174,7 +174,7 @@ def _pick(p: str, kind: str) -> list[str]:
 
 
 # kernels that branch on counts alone; where some lanes need a scaling, the others are scaled by ones
-TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew", "project", "decouple"})
+TOGETHER = frozenset({"expand", "triangularise", "add", "disturb", "correct", "cap", "renew", "project", "decouple"})
 
 
 @dataclass(eq=False)

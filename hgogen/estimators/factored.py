@@ -95,9 +95,11 @@ class FilterStep:
         h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
-    def weights(self) -> Graph:
-        """Return h theta^(1+g) w (k), SX, of Q_theta = theta^(1+g) W diag(w) W' and the step h."""
-        return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
+    def noise(self, stages: Stages) -> tuple[Graph, Graph]:
+        """Return W (n, k) at mid-step and h theta^(1+g) w (k), SX, of Q_theta = theta^(1+g) W diag(w) W' and the step
+        h."""
+        W = self.part.scaled_factor(stages.arguments[2]["z"], self.clock.u(0.5))
+        return W, self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.densities
 
     def row(self, output: int) -> Graph:
         """The row c = dh/dz (1, n) of an output, sparse."""
@@ -134,7 +136,7 @@ class FilterStep:
         (n), the process noise of one step, and the variance of one sample; its square of D(0) without
         process noise."""
         part, clock = self.part, self.clock
-        noise, variances = part.nominal
+        noise, variances = part.typical
         process = clock.dt * factor(noise)[1] if part.factor.size else values
         natural = np.minimum(values, np.where(process > 0, process, SMALLEST * values))
         least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
@@ -274,7 +276,7 @@ class Unrolled(FactoredStep):
         stages = self.stages()
         Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
         growth = sym("derived", "growth") if forgets else None
-        factors, names = self.time_update(Phi, growth, (self.part.scaled_factor(), self.weights()))
+        factors, names = self.time_update(Phi, growth, self.noise(stages))
         rows, columns = Phi.shape
         listed = ((f"Phi_{i + 1}{j + 1}", Phi[i, j]) for i in range(rows) for j in range(columns))
         entries = {name: entry for name, entry in listed if entry.n_dep()}  # that are computed
@@ -461,9 +463,14 @@ class Looped(FactoredStep):
         if part.forgetting is not None:
             forgetting = (Block("forgetting", {_D: sym("derived", "growth") * sym("state", "D", n)}),)
         if part.factor.size:
-            w = Place("work", "w")
-            scaled = Block("h Q_theta", {w: self.weights() * part.spread() ** 2})
+            w, (W, weights) = Place("work", "w"), self.noise(stages)
+            scaled = Block("h Q_theta", {w: weights[:n] * part.spread() ** 2})
             noise = (scaled, Kernel("add", n, _COLUMNS, ((_D, n), (w, n))))
+            for k, i in enumerate(part.disturbed.inputs, n):
+                u = self.part.dynamics.form.system.inputs[i]
+                direction, weight = Place("work", f"direction_{u}"), Place("work", f"noise_of_{u}")
+                entries |= {direction: ca.densify(W[:, k]), weight: weights[k]}
+                noise += (Kernel("disturb", n, _COLUMNS, ((_D, n), (direction, n), (weight, 1))),)
         return (
             Block(f"z by classical Runge-Kutta; {meaning}, but for constants, by columns", z | entries, stages.names),
             Kernel("expand", n, _COLUMNS),

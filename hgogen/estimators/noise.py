@@ -7,9 +7,13 @@ An observer works with the densities Q (z^2/s) and R (y^2 s). A step of the peri
 T_j the time between two samples of that output, by default dt. Other tools, and data sheets, give Q_d and r_j. What is
 given for one sample becomes a density when a step is made, at its dt and T_j: Q = Q_d/dt, R_j = r_j T_j. Where that
 step is rebuilt with another dt, r_j stays, and Q_d grows with dt.
+
+A sample of an input that errs by a standard deviation sigma, independently of the others, and acts for a step moves the
+state by dt f_u sigma, to first order in dt: the density of the process noise grows by f_u U f_u' with U = sigma^2 dt.
+Between samples on a line, a sample acts on two steps, by dt in all. sigma stays where dt changes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from inspect import Parameter, signature
@@ -34,42 +38,48 @@ SPELLINGS = {  # the keywords besides Q and R, with the type that a signature sh
     "Q_per_sample": "Matrix | None",
     "density": bool,
 }
+_DENSITIES = ("Q", "R", "U")
 _OPEN = because("its numbers follow from the noise of a sample and dt: ask the observer of a step")
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of an observer as declared: either densities `Q` and `R`, as the observer accepts them, or the
-    covariance `process` (n, n) that a step adds and the variances `samples` (p) of one sample of each output; None for
-    what is given in the other way, or not at all. `inverse`: the observer accepts weights, Q^-1 and R^-1."""
+    """The noise of an observer as declared: either densities `Q`, `R` and `U`, as the observer accepts them, or the
+    covariance `process` (n, n) that a step adds, the variances `samples` (p) of one sample of each output and those of
+    `inputs` by name; None for what is given in the other way, or not at all. `inverse`: the observer accepts weights,
+    Q^-1 and R^-1."""
 
     Q: Any = None
     R: Any = None
+    U: Any = None
     process: np.ndarray | None = None
     samples: tuple[float, ...] | None = None
+    inputs: Mapping[str, float] | None = None
     inverse: bool = False
 
     @property
     def sampled(self) -> bool:
         """Whether a number is that of a sample, so that its density depends on dt."""
-        return self.process is not None or self.samples is not None
+        return any(each is not None for each in (self.process, self.samples, self.inputs))
 
     def densities(self, periods: Sequence[float], process_dt: float) -> dict[str, Any]:
-        """Return the arguments Q and R of the observer for outputs' samples that are `periods` (p) apart, `process`
-        being added every `process_dt`; without Q where none is declared."""
-        Q, R = self.Q, self.R
+        """Return the arguments Q, R and U of the observer, `periods` = (dt, *T) for a step and the outputs' samples
+        (p), `process` being added every `process_dt`; without those of which none is declared."""
+        Q, R, U = self.Q, self.R, self.U
         if self.process is not None:
             density = self.process / process_dt
             Q = np.linalg.inv(density) if self.inverse else density
         if self.samples is not None:
-            each = [variance * period for variance, period in zip(self.samples, periods, strict=True)]
+            each = [variance * period for variance, period in zip(self.samples, periods[1:], strict=True)]
             R = [1 / r for r in each] if self.inverse else each
-        return {name: value for name, value in (("Q", Q), ("R", R)) if value is not None}
+        if self.inputs is not None:
+            U = {name: variance * periods[0] for name, variance in self.inputs.items()}
+        return {name: value for name, value in (("Q", Q), ("R", R), ("U", U)) if value is not None}
 
 
 def declares_noise(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """Return an observer's function with the keywords of `SPELLINGS` besides its Q and R; Q_per_sample where it has a
-    Q. An observer whose noise is that of a sample gets its densities when a step is made."""
+    """Return an observer's function with the keywords of `SPELLINGS` besides its Q, R and U; Q_per_sample where it has
+    a Q. An observer whose noise is that of a sample gets its densities when a step is made."""
     return _declares(make, inverse=False)
 
 
@@ -86,17 +96,17 @@ def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Obs
 
     @wraps(make)
     def declared(form: Form, **arguments: Any) -> Observer:
-        others = {name: value for name, value in arguments.items() if name not in ("Q", "R", *spelled)}
+        others = {name: value for name, value in arguments.items() if name not in (*_DENSITIES, *spelled)}
         if not isinstance(form, Form):
             return make(form, Q=None, R=None, **others) if "Q" in own else make(form, R=None, **others)
-        known = _read(make.__name__, form, arguments, needs_process="Q" in own, inverse=inverse)
+        known = _read(make.__name__, form, arguments, own, inverse)
         if not known.sampled:
             return make(form, **known.densities((), 1.0), **others)
 
         def at(periods: Sequence[float], process_dt: float) -> Observer:
             return plain(form, **known.densities(periods, process_dt), **others)
 
-        observer = at((1.0,) * len(form.output), 1.0)
+        observer = at((1.0,) * (1 + len(form.output)), 1.0)
         return replace(observer, at_period=at, claims=partial(_open_claims, observer, form))
 
     keywords = [
@@ -105,10 +115,10 @@ def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Obs
         if name in spelled
     ]
     first, *remaining = (
-        each.replace(default=None) if each.name in ("Q", "R") and each.default is Parameter.empty else each
+        each.replace(default=None) if each.name in _DENSITIES and each.default is Parameter.empty else each
         for each in own.values()
     )
-    place = 1 + max(k for k, each in enumerate(remaining) if each.name in ("Q", "R"))
+    place = 1 + max(k for k, each in enumerate(remaining) if each.name in _DENSITIES)
     vars(declared)["__signature__"] = signature(make).replace(
         parameters=[first, *remaining[:place], *keywords, *remaining[place:]]
     )
@@ -125,15 +135,23 @@ def _open_claims(observer: Observer, form: Form) -> tuple[Check, ...]:
     )
 
 
-def _read(observer: str, form: Form, arguments: Mapping[str, Any], needs_process: bool, inverse: bool) -> Noise:
-    """Return the noise that the `arguments` declare. Raises: `BadGain`, `BadNames`."""
+def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Container[str], inverse: bool) -> Noise:
+    """Return the noise that the `arguments` declare, `own`: the names of the observer's. Raises: `BadGain`,
+    `BadNames`."""
     known = {name: value for name, value in arguments.items() if value is not None}
     demand_switch("density", arguments.get("density", False))
-    densities = [name for name in ("Q", "R") if name in known]
-    if arguments.get("density") and not densities:
+    if arguments.get("density") and not known.keys() & {*_DENSITIES}:
         raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
+    noise = _deviations(observer, form, known["noise"], own) if "noise" in known else {}
+    inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.inputs) if name in noise}
+    if not noise:
+        known.pop("noise", None)
     _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
-    if needs_process:
+    if inputs and "U" in known:
+        _demand_one(observer, {"U": inputs, "noise": inputs}, "noise of inputs", ("U", "noise"))
+    if (inputs or "U" in known) and not known.keys() & {"Q", "Q_per_sample"}:
+        known["Q"] = np.zeros(form.n)
+    if "Q" in own:
         _demand_one(observer, known, "process noise", ("Q", "Q_per_sample"))
     process, samples, outputs = None, None, len(form.output)
     if "Q_per_sample" in known:
@@ -141,10 +159,10 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], needs_process
         process = read("Q_per_sample", by_coordinate("Q_per_sample", known["Q_per_sample"], form), form.n)
     if "R_per_sample" in known:
         samples = positive_numbers("R_per_sample", by_output("R_per_sample", known["R_per_sample"], form), outputs)
-    if "noise" in known:
-        samples = tuple(sigma * sigma for sigma in _deviations(form, known["noise"]))
-        positive_numbers("the squares of noise", list(samples), outputs)
-    return Noise(known.get("Q"), known.get("R"), process, samples, inverse)
+    if noise:
+        squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
+        samples = positive_numbers("the squares of noise", squares, outputs)
+    return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse)
 
 
 def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Sequence[str]) -> None:
@@ -156,40 +174,51 @@ def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Seque
         raise BadGain(observer, f"{reason}; give one of {listed}")
 
 
-def _deviations(form: Form, noise: Any) -> list[float]:
-    """Return the standard deviations (p) of one sample, from a mapping by the outputs' names. Raises: `BadGain`,
-    `BadNames`."""
-    names = names_of(form.system.outputs)
+def _deviations(observer: str, form: Form, noise: Any, own: Container[str]) -> dict[str, float]:
+    """Return the standard deviations of one sample, from a mapping by the names of outputs, and of inputs where the
+    observer has `U` among its `own` arguments. Raises: `BadGain`, `BadNames`."""
+    outputs, inputs = names_of(form.system.outputs), names_of(form.system.inputs)
     if not isinstance(noise, Mapping):
         raise BadGain(
-            f"noise = {noise!r:.60}", f"must be standard deviations of one sample by name, as {{{names[0]!r}: 0.01}}"
+            f"noise = {noise!r:.60}", f"must be standard deviations of one sample by name, as {{{outputs[0]!r}: 0.01}}"
         )
-    return [
-        positive(f"noise of {name}", sigma) for name, sigma in zip(names, in_order("noise", noise, names), strict=True)
-    ]
+    reason = f"an input: {observer} has no noise of inputs; leave it out, or take riccati, ukf or iterated_ekf"
+    names, elsewhere = (*outputs, *inputs), dict[str, str]()
+    if "U" not in own:
+        names, elsewhere = outputs, dict.fromkeys(inputs, reason)
+    each = in_order("noise", noise, names, default=dict.fromkeys(names), elsewhere=elsewhere)
+    return {
+        name: positive(f"noise of {name}", sigma) for name, sigma in zip(names, each, strict=True) if sigma is not None
+    }
 
 
 # --- reports
 
-_DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma from R and T, by R's unit
+_DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma of a sample for T, by the gain's unit
     "y^2 s": lambda R, T: sqrt(R / T),
     "1/(y^2 s)": lambda R, T: sqrt(1 / (R * T)),
+    "u^2 s": lambda U, dt: sqrt(U / dt),
 }
 
 
 def sample_deviations(step: "Step") -> dict[str, float]:
-    """Return the standard deviation of one sample of each output, from the gain R of a step at theta = 1, in the
-    output's unit; empty for an observer without R."""
-    fields = (field for field in step.layout.gains if field.name == "R" and field.unit in _DEVIATIONS)
+    """Return the standard deviation of one sample of each output, and of each input with noise, from the gains R and U
+    of a step at theta = 1, in the signal's unit; empty for an observer without R."""
+    periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     return {
-        name: _DEVIATIONS[field.unit](R, T)
-        for field in fields
-        for name, R, T in zip(field.labels, field.initial, step.clock.periods, strict=True)
+        name: _DEVIATIONS[field.unit](density, periods.get(name, step.dt))
+        for field in step.layout.gains
+        if field.unit in _DEVIATIONS
+        for name, density in zip(field.labels, field.initial, strict=True)
     }
 
 
 def deviation_lines(step: "Step") -> tuple[str, ...]:
-    """Return a line with `sample_deviations`, none for an observer without R."""
-    units = {y.name: f" {y.unit}" if y.unit else "" for y in step.outputs}
-    each = [f"{name} = {sigma:.4g}{units[name]}" for name, sigma in sample_deviations(step).items()]
-    return (f"R as the standard deviation of one sample: {', '.join(each)}",) if each else ()
+    """Return lines with `sample_deviations`, of R and of U, none for an observer without R."""
+    deviations, lines = sample_deviations(step), []
+    for gain, signals in (("R", step.outputs), ("U", step.inputs)):
+        known = [s for s in signals if s.name in deviations]
+        each = [f"{s.name} = {deviations[s.name]:.4g}{f' {s.unit}' if s.unit else ''}" for s in known]
+        if each:
+            lines.append(f"{gain} as the standard deviation of one sample: {', '.join(each)}")
+    return tuple(lines)

@@ -30,8 +30,9 @@ import numpy as np
 from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import HUGE, Dynamics
-from hgogen.analysis.linearised import jacobians_on_box
+from hgogen.analysis.linearised import disturbances_on_box, jacobians_on_box
 from hgogen.analysis.scaling import Scaling, scaling
+from hgogen.analysis.undefined import gaps
 from hgogen.discretisation.stability import FrozenRiccati
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.estimators.theta import Theta, constant
@@ -40,10 +41,23 @@ from hgogen.graph import Graph
 from hgogen.observer import gain, state_field
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Place, column, sym
-from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, matrix_line, names_of, reals
+from hgogen.reading.given import (
+    BadGain,
+    Matrix,
+    Values,
+    by_coordinate,
+    by_output,
+    in_order,
+    matrix_line,
+    names_of,
+    reals,
+)
 from hgogen.rigor import definite
 from hgogen.rigor.definite import symmetric, unsymmetric
-from hgogen.signal import LOST
+from hgogen.rigor.tape import slope
+from hgogen.signal import LOST, Signal
+
+POINTS = 12  # corners, and as many points inside, at which the model is linearised
 
 
 def cap(
@@ -60,7 +74,7 @@ def cap(
     range it is 1e12 P(0). `noise` Q (n, n), `variances` R (p)."""
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    F, C = jacobians_on_box(dynamics, 12)
+    F, C = jacobians_on_box(dynamics, POINTS)
     steady = FrozenRiccati.of(F, C, noise, np.array(variances), scaling).steady(peak).diagonal(axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
@@ -100,17 +114,11 @@ def _symmetric(name: str, value: Any, n: int) -> np.ndarray:
     return np.array(even, dtype=float)
 
 
-def reached_by(noise: definite.Matrix, jacobians: np.ndarray) -> bool:
-    """Return whether the process noise Q = `noise` reaches every state: (F, Q) is controllable at one of the
-    `jacobians` F (k, n, n), by the exact rank of Q, F Q, .., F^(n-1) Q."""
-    return any(fmpq_mat(_controllability(noise, F)).rank() == len(noise) for F in jacobians)
-
-
-def _controllability(noise: definite.Matrix, F: np.ndarray) -> list[list[Any]]:
-    """Return the rows of (Q, F Q, .., F^(n-1) Q)', a column for each state."""
-    term, slopes = definite.exact(noise), definite.exact(definite.rationals(F))
+def _controllability(columns: definite.Matrix, F: np.ndarray) -> list[list[Any]]:
+    """Return the rows of (W, F W, .., F^(n-1) W)', W = `columns` (n, k), a column for each state."""
+    term, slopes = definite.exact(columns), definite.exact(definite.rationals(F))
     rows: list[list[Any]] = term.transpose().tolist()
-    for _ in noise[1:]:
+    for _ in columns[1:]:
         term = slopes * term
         rows += term.transpose().tolist()
     return rows
@@ -121,10 +129,11 @@ def noise_rank(part: "Riccati", names: Sequence[str]) -> str:
     the coordinates."""
     if is_definite(part.nominal[0]):
         return ""
+    if part.reached and part.disturbed:
+        return "noise of inputs reaches every state of the model as it is linearised at a point"
     if part.reached:
         return "Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point"
-    jacobians = jacobians_on_box(part.dynamics, 1)[0]
-    columns = [zip(*_controllability(part.noise_covariance, F), strict=True) for F in jacobians]
+    columns = [zip(*rows, strict=True) for rows in part.reach]
     still = [all(not any(column) for column in each) for each in zip(*columns, strict=True)]
     which = " and ".join(name for name, alone in zip(names, still, strict=True) if alone) or "a combination of states"
     return f"no noise reaches {which}: the variance may tend to 0, and samples then no longer correct an error there"
@@ -163,6 +172,22 @@ def wide(
     return replace(field, labels=labels)
 
 
+@dataclass(frozen=True)
+class InputNoise:
+    """Noise of the plant's `inputs`, by index, with the spectral `densities` (u^2 s)."""
+
+    inputs: tuple[int, ...] = ()
+    densities: tuple[float, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.inputs)
+
+    @property
+    def weights(self) -> Graph:
+        """The densities as the gain U (k), SX."""
+        return sym("gain", "U", len(self.inputs))
+
+
 @dataclass(frozen=True, eq=False)
 class Riccati(Part):
     """A Riccati observer, independent of the method, which stores S = P^-1, P or the factors of P = L D L'.
@@ -174,7 +199,8 @@ class Riccati(Part):
     diagonal of S_0^-1; `limited`: the status bit of this limit; `nominal`: (Q, R) as numbers. `forgetting`: the gain
     rho. `measured_state`: the function of (z, u, y, valid) that returns z with measurements instead of estimates, at
     which A(u, z) and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of
-    the inputs; `gates`: of the innovations.
+    the inputs; `gates`: of the innovations; `disturbed`: noise of inputs, which adds f_u U f_u' to Q, f_u = d(A z +
+    b)/du.
     """
 
     dynamics: Dynamics
@@ -191,6 +217,7 @@ class Riccati(Part):
     measured_state: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
     period: float | None = None
     gates: tuple[GatedGroup, ...] = ()
+    disturbed: InputNoise = InputNoise()
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -236,19 +263,42 @@ class Riccati(Part):
         return tuple(tuple(map(definite.fraction, row)) for row in product)
 
     @cached_property
+    def reach(self) -> list[list[list[Any]]]:
+        """The rows of (W, F W, .., F^(n-1) W)' at points of the ranges, W the columns of the process noise, exactly."""
+        if not self.disturbed:
+            noise = self.noise_covariance
+            return [_controllability(noise, F) for F in jacobians_on_box(self.dynamics, 1)[0]]
+        F, B = disturbances_on_box(self.dynamics, 1)
+        columns = (np.hstack((self.nominal[0], each[:, self.disturbed.inputs])) for each in B)
+        return [_controllability(definite.rationals(W), each) for W, each in zip(columns, F, strict=True)]
+
+    @cached_property
     def reached(self) -> bool:
         """Whether the process noise reaches every state of the model linearised at a point of the ranges."""
-        noise = self.noise_covariance
-        return is_definite(self.nominal[0]) or reached_by(noise, jacobians_on_box(self.dynamics, 1)[0])
+        n = len(self.covariance)
+        return is_definite(self.nominal[0]) or any(fmpq_mat(rows).rank() == n for rows in self.reach)
 
-    def noise(self) -> Graph:
-        """Return the process noise Q_theta (n, n) of the Riccati equation, SX."""
-        factor = self.scaled_factor()
-        return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
+    @cached_property
+    def typical(self) -> tuple[np.ndarray, np.ndarray]:
+        """Q (n, n) and R (p) as numbers at theta = 1, noise of inputs averaged over points of the ranges."""
+        return self.nominal[0] + average(self.dynamics, self.disturbed), self.nominal[1]
 
-    def scaled_factor(self) -> Graph:
-        """The factor Delta^-1 G (n, k) of Q_theta = theta^(1+g) Delta^-1 G diag(w) G' Delta^-1, SX."""
-        return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
+    def noise(self, z: Graph, u: Graph) -> Graph:
+        """Return the process noise Q_theta (n, n) of the Riccati equation at z and u, SX."""
+        factor = self.scaled_factor(z, u)
+        return factor @ ca.diag(self.scaling.process(self.theta.value) * self.densities) @ factor.T
+
+    @property
+    def densities(self) -> Graph:
+        """The densities (k) of independent noises, the w of Q_theta = theta^(1+g) W diag(w) W', SX."""
+        return ca.vertcat(self.weights, self.disturbed.weights) if self.disturbed else self.weights
+
+    def scaled_factor(self, z: Graph, u: Graph) -> Graph:
+        """Return the factor W = Delta^-1 (G, f_u) (n, k) of Q_theta = theta^(1+g) W diag(w) W' at z and u, SX."""
+        columns = ca.sparsify(ca.SX(ca.DM(self.factor)))
+        if self.disturbed:
+            columns = ca.horzcat(columns, self.dynamics.input_jacobian(z, u)[:, self.disturbed.inputs])
+        return ca.diag(self.spread()) @ columns
 
     def spread(self) -> Graph:
         """The diagonal of Delta^-1 as an SX column."""
@@ -357,12 +407,12 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
         error = part.dynamics.error(y, part.dynamics.output(z, u))
         if view == "information":
             correction = solve(X, C.T @ weight @ error)
-            slope = C.T @ weight @ C - F.T @ X - X @ F - X @ part.noise() @ X
+            slope = C.T @ weight @ C - F.T @ X - X @ F - X @ part.noise(z, u) @ X
             slope -= part.rho * (X - prior)
         else:
             gain, drift = X @ C.T @ weight, F @ X
             correction = gain @ error
-            slope = drift + drift.T + part.noise() - gain @ C @ X
+            slope = drift + drift.T + part.noise(z, u) - gain @ C @ X
             slope += part.rho * (X - X @ prior @ X)
         return {part.z.name: part.flow(z, u, y, valid) + correction, name: pack(slope)}
 
@@ -504,6 +554,7 @@ def extended(
     theta: Theta | None = None,
     tangent: bool = True,
     gate: Gates | None = None,
+    U: Mapping[str, float] | None = None,
 ) -> Extended:
     """Return the Riccati observer of the arguments of `observers.riccati`, `covariance` = P(0); theta is 1 by default.
     `tangent`: whether outputs are extended by their tangents outside of the box, consistently with their Jacobians.
@@ -517,7 +568,8 @@ def extended(
     start = spd("covariance", np.ones(n) if covariance is None else by_coordinate("covariance", covariance, form), n)
     variances = positive_numbers("R", by_output("R", R, form), outputs)
     shape, weights = factor(noise)
-    z = state_field(form, initial, theta.peak)
+    z, disturbed = state_field(form, initial, theta.peak), input_noise(form, U)
+    most = noise + average(dynamics, disturbed)
     part = Riccati(
         dynamics=dynamics,
         z=z,
@@ -526,13 +578,61 @@ def extended(
         factor=shape,
         R=sym("gain", "R", outputs),
         covariance=start,
-        cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
+        cap=cap(dynamics, z, most, variances, start, theta.peak, scaling(form, theta.scaled)),
         limited=LIMITED,
         nominal=(noise, np.array(variances)),
         gates=gated_groups(gate, form.system.outputs),
+        disturbed=disturbed,
     )
-    gains = (
+    gains: tuple[Field, ...] = (
         wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
         wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
     )
-    return Extended(part, gains, (*matrix_line("Q", noise, form), *(group.equation for group in part.gates)))
+    equations = (*matrix_line("Q", noise, form), *(group.equation for group in part.gates))
+    if disturbed:
+        names = tuple(form.system.inputs[i].name for i in disturbed.inputs)
+        gains += (wide("U", disturbed.densities, "input noise", "u^2 s", names),)
+        equations += (f"Q + f_u U f_u' for Q, f_u = df/du at mid-step, u = ({', '.join(names)})",)
+    return Extended(part, gains, equations)
+
+
+def average(dynamics: Dynamics, noise: InputNoise) -> np.ndarray:
+    """Return the mean (n, n) of f_u U f_u' over points of the ranges, f_u the columns of the inputs with `noise`."""
+    if not noise:
+        return np.zeros((dynamics.n, dynamics.n))
+    columns = disturbances_on_box(dynamics, POINTS)[1][:, :, noise.inputs]
+    return np.asarray((columns * np.array(noise.densities) @ columns.swapaxes(1, 2)).mean(axis=0))
+
+
+def input_noise(form: Form, densities: Mapping[str, float] | None) -> InputNoise:
+    """Return the noise of inputs from its `densities` (u^2 s) by their names. Raises: `BadGain`, `BadNames`."""
+    if densities is None:
+        return InputNoise()
+    plant = form.system
+    names = names_of(plant.inputs)
+    if not isinstance(densities, Mapping) or not densities:
+        example = f", such as {{{names[0]!r}: 1e-4}}" if names else "; the plant has no inputs, leave U out"
+        raise BadGain(f"U = {densities!r:.60}", f"must give densities of the noise of inputs by name{example}")
+    read = in_order("U", densities, names, default=dict.fromkeys(names))
+    noisy = tuple(i for i, value in enumerate(read) if value is not None)
+    for i in noisy:
+        _demand_disturbing(form, plant.inputs[i])
+    numbers = positive_numbers("U", [read[i] for i in noisy], len(noisy))
+    return InputNoise(noisy, numbers)
+
+
+def _demand_disturbing(form: Form, u: Signal) -> None:
+    """Raise `BadGain` for an input that is not in the flow only, or there without finite derivatives."""
+    plant, what = form.system, f"noise of the input {u.name}"
+    for y, row in zip(plant.outputs, plant.output, strict=True):
+        if u in row.free_symbols:
+            reason = f"enters the output {y.name} as well, which would correlate the noises of state and sample"
+            raise BadGain(what, f"{reason}; leave it out, and raise Q and R instead")
+    slopes = [slope(row, u) for row in plant.flow]
+    if not any(slopes):
+        raise BadGain(what, "moves no state, for it is not in the flow; leave it out")
+    if failures := gaps(slopes, plant):
+        why = "; ".join(str(gap.condition.failure) for gap in failures)
+        raise BadGain(what, f"is scaled by derivatives of the flow that may have no value {why}; narrow the ranges")
+    if any(u in row.free_symbols for row in form.to_form):
+        raise BadGain(what, f"enters coordinates of the form {form.kind}; take hg.forms.original")

@@ -91,6 +91,11 @@ def triangle(stack: Graph, least: Graph | None = None) -> Graph:
     return S, names
 
 
+def root_of(W: Graph, w: Graph) -> Graph:
+    """Return W diag(sqrt(w)) (n, k), a factor of W diag(w) W', SX."""
+    return W @ ca.diag(ca.sqrt(w))
+
+
 def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
     """Return S, P = S S', after a measurement of variance r with row c (1, n), f = S'c' (n), and the gain (n)."""
     n, after = S.shape[0], ca.SX(S)
@@ -173,18 +178,14 @@ class SquareRoot(Unrolled):
         self, transition: Graph, growth: Graph | None, noise: tuple[Graph, Graph]
     ) -> tuple[Writes, dict[str, Graph]]:
         """Return S, as an assignment, of growth Phi P Phi' + W diag(w) W' by Gram-Schmidt, and intermediate values."""
-        S, (W, w) = self.root if growth is None else ca.sqrt(growth) * self.root, noise
-        S, names = triangle(ca.horzcat(transition @ S, W @ ca.diag(ca.sqrt(w))))
+        S = self.root if growth is None else ca.sqrt(growth) * self.root
+        S, names = triangle(ca.horzcat(transition @ S, root_of(*noise)))
         return self.writes(S), names
 
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
         """Return the assignment of S of N P N' by Gram-Schmidt, and intermediate values."""
         S, names = triangle(N @ self.root, least)
         return self.writes(S), names
-
-    def noise_factor(self) -> Graph:
-        """Return sqrt(h) W (n, k), where W W' = Q_theta is the process noise and h the step, SX."""
-        return self.part.scaled_factor() @ ca.diag(ca.sqrt(self.weights()))
 
     def linear(self, output: int) -> bool:
         """Return whether the output with index `output` is linear in z: its row c = dh/dz is free of z."""
@@ -275,7 +276,8 @@ class Unscented(SquareRoot):
         read = {name: sym("work", name, n) for name in points}
         sums = self.transformed(read["middle"], *([read[f"{side}_{i + 1}"] for i in range(n)] for side in sides))
         drift = sqrt(max(0.0, self.more)) * sums.drift
-        S, names = triangle(ca.horzcat(sums.slopes, sums.curvatures, drift, self.noise_factor()))
+        noise = root_of(*self.noise(self.stages()))
+        S, names = triangle(ca.horzcat(sums.slopes, sums.curvatures, drift, noise))
         after = {Place("state", self.part.z.name): sums.middle + sums.drift, **self.writes(S)}
         blocks = []
         for name, (title, point) in points.items():

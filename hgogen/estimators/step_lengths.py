@@ -464,7 +464,7 @@ def together(every: Sequence[Loops]) -> Loops:
 def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loops:
     """Return the closed loops of a filter at F (k, n, n), C (k, p, n) and a theta, at the points with a steady
     covariance. P starts at P(0), and at its steady value for theta = `start`."""
-    Q, _ = part.nominal
+    Q, variances = part.typical
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
@@ -476,7 +476,7 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loop
     F, C, P, starts = F[definite], C[definite], P[definite], starts[:, definite]
     corners = len(definite) // 2  # the points: the middle, the corners, and as many inside
     most = np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(len(definite) - 1 - corners, GROWTH)))
-    N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
+    N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(variances, theta)[:, None])
     L = np.linalg.cholesky(P)
     inverse = np.linalg.inv(L)
     turned, back = np.swapaxes(L, 1, 2), np.swapaxes(inverse, 1, 2)
@@ -496,7 +496,7 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loop
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
     """Return the steady P (k, n, n) of 0 = F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P at each F,
     C."""
-    (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
+    (Q, R), n, scaling = part.typical, len(part.cap), part.scaling
     if rho:
         C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))
     every = Scaling(scaling.states, (*scaling.outputs, *(0,) * (len(R) - len(scaling.outputs))), scaling.gauge)

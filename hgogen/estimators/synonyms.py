@@ -59,7 +59,7 @@ def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any)
     if repeated := arguments.keys() & known.fixed.keys():
         raise BadGain(f"{name}, {min(repeated)}=", f"is fixed: {known.sentence}; take {known.observer} for another")
     demand_switch("density", arguments.get("density", False))
-    densities = [key for key in ("Q", "R") if arguments.get(key) is not None]
+    densities = [key for key in ("Q", "R", "U") if arguments.get(key) is not None]
     if known.explicit and densities and not arguments.get("density"):
         reason = (
             f"must say what its {' and '.join(densities)} are: give Q_per_sample, and noise or R_per_sample, for the "

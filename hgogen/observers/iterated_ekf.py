@@ -8,7 +8,7 @@ same Q, R and P(0) where an output is strongly nonlinear over the size of the es
 "The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38 (1993).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
@@ -52,6 +52,7 @@ def iterated_ekf(
     *,
     Q: Matrix,
     R: float | Values,
+    U: Mapping[str, float] | None = None,
     passes: int = 4,
     initial: Values | None = None,
     covariance: Matrix | None = None,
@@ -61,8 +62,8 @@ def iterated_ekf(
     """The iterated extended Kalman filter of `form`, of up to 7 states: at a sample, Gauss-Newton passes minimise |w|^2
     + (y_j - h_j(z + S w))^2/r over w, P = S S', and z <- z + S w.
 
-    Args: `Q`, `R`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for
-    each sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
+    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `passes` (1 to 10) of
+    Gauss-Newton for each sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -71,7 +72,7 @@ def iterated_ekf(
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
-    filter = extended(form, Q, R, covariance, initial, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, U=U, gate=gate)
     part = filter.part
     observer = Observer(
         form=form,

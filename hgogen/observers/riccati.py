@@ -12,7 +12,7 @@ continuous-discrete (the authors' ECC 2009 paper).
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 from hgogen.analysis.evidence import Grounds
@@ -54,6 +54,7 @@ def riccati(
     *,
     Q: Matrix,
     R: float | Values,
+    U: Mapping[str, float] | None = None,
     theta: Theta | float = 1.0,
     initial: Values | None = None,
     covariance: Matrix | None = None,
@@ -65,15 +66,16 @@ def riccati(
 
     Args: `Q` diagonal (n) or a symmetric matrix (n, n) without negative eigenvalues, by the names of the form's
     coordinates or in their order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for
-    white noise of variance v per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the
+    white noise of variance v per sample, R = v dt); `U` noise of inputs by name, densities in u^2 s, which adds f_u U
+    f_u' to Q, f_u = df/du (Q is 0 by default then); `theta` a number or a value of `hgogen.theta`; `initial` the
     plant's state (by name, or n numbers in the plant's order); `covariance` P(0) = S(0)^-1, positive definite, in the
     same format as Q, default the unit matrix; `noise`, `R_per_sample` in place of R: the standard deviation, or the
-    variance, of one sample by output, R = v T for samples T apart; `Q_per_sample` in place of Q: the covariance that a
-    step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I + dt F + (dt F)^2/2 by the default method, Q =
-    Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `gate` innovation gates, by an
-    output or a tuple of outputs that pass together: a probability such as 0.999, or an `hg.Gate` (`estimators.gate`),
-    by default none; `accept` ids of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is
-    replaced by (Q + Q')/2.
+    variance, of one sample by output, R = v T for samples T apart; `noise` of an input in place of U, U = v dt;
+    `Q_per_sample` in place of Q: the covariance that a step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I +
+    dt F + (dt F)^2/2 by the default method, Q = Q_per_sample/dt; `density` says that Q and R are densities
+    (`estimators.noise`); `gate` innovation gates, by an output or a tuple of outputs that pass together: a probability
+    such as 0.999, or an `hg.Gate` (`estimators.gate`), by default none; `accept` ids of refuted checks to ignore. A
+    matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
     where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
@@ -85,7 +87,7 @@ def riccati(
     accept = demand_form("riccati", form, accept, linearises=True)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     _demand_scaled(form, theta)
-    filter = extended(form, Q, R, covariance, initial, theta, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, theta, U=U, gate=gate)
     dynamics, z = filter.part.dynamics, filter.part.z
     convergence = _convergence(theta, form, filter.part)
     proved = convergence.verdict is Verdict.PROVED
@@ -128,6 +130,9 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
     """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
+    if part.disturbed:
+        reason = because("the proof is made for a constant Q, without noise of inputs")
+        return Check(id, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=_TRIALS)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         Q, R = part.noise_covariance, part.nominal[1].tolist()
         obstacle = settles(plant, Q, theta.theta)

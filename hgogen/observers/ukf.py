@@ -10,7 +10,7 @@ effects, at the cost of 2n + 1 evaluations of the model per step. Source: Julier
 ACC 2002; van der Merwe, Wan, ICASSP 2001.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import sqrt
 
 from hgogen.check import Verdict
@@ -67,6 +67,7 @@ def ukf(
     *,
     Q: Matrix,
     R: float | Values,
+    U: Mapping[str, float] | None = None,
     alpha: float = 1.0,
     beta: float = 2.0,
     kappa: float = 0.0,
@@ -78,9 +79,9 @@ def ukf(
     """The unscented Kalman filter of `form`, of up to 7 states: P = S S', and mean and covariance after the model from
     its values at the sigma points z, z +- g s_i, s_i the columns of S.
 
-    Args: `Q`, `R`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n
-    of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g =
-    alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds
+    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `alpha` > 0, `beta` and `kappa` >
+    -n of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g
+    = alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds
     about 6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
@@ -90,7 +91,7 @@ def ukf(
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
-    filter = extended(form, Q, R, covariance, initial, tangent=False, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, tangent=False, U=U, gate=gate)
     part = filter.part
     observer = Observer(
         form=form,

@@ -129,7 +129,7 @@ class Uncertainty:
         transition, noise, rho = self._motion
         Phi = transition(records, signals)
         growth = np.exp(self.step.dt * rho(records))
-        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise(records, signals))
+        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + noise(records, signals))
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
@@ -146,10 +146,12 @@ class Uncertainty:
 
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
-        """Phi, Q_theta and rho of the predicted covariance exp(rho h) Phi P Phi' + h Q_theta."""
+        """Phi, h Q_theta and rho of the predicted covariance exp(rho h) Phi P Phi' + h Q_theta."""
         n, filter_step = self.part.dynamics.n, FilterStep(self.part, self.step.clock)
-        noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
-        graphs = (filter_step.transition(filter_step.jacobian(filter_step.stages())), noise, sx(self.part.rho))
+        stages = filter_step.stages()
+        W, w = filter_step.noise(stages)
+        noise = W @ ca.diag(w) @ W.T if self.part.factor.size else ca.SX(n, n)
+        graphs = (filter_step.transition(filter_step.jacobian(stages)), noise, sx(self.part.rho))
         return tuple(Evaluated(self.step, graph) for graph in graphs)
 
 

@@ -139,7 +139,7 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             decays = -np.linalg.eigvals(matrix).real.ravel()
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
-            riccati = FrozenRiccati.of(*part.linearised(POINTS), *part.nominal, part.scaling)
+            riccati = FrozenRiccati.of(*part.linearised(POINTS), *part.typical, part.scaling)
             decays = riccati.decay_rates(part.theta.late)
             if part.forgetting is not None:
                 decays = np.maximum(decays, part.forgetting.initial[0] / 2)
@@ -281,7 +281,7 @@ class Recovery:
         """The ratio s_j^2/R_j for each output (p), s_j its range and R_j its noise
         variance, 0 without a range; None for an observer without noise."""
         riccati, spans = _riccati(self.observer), np.array(self._spans)
-        return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
+        return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.typical[1]
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
