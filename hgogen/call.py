@@ -16,7 +16,7 @@ from hgogen.emit.syntax import Real
 from hgogen.form import Form
 from hgogen.method import Method
 from hgogen.observer import Initial, Observer
-from hgogen.part import Guards, Prefer
+from hgogen.part import First, Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.given import in_order
 from hgogen.reading.jumps import Course, JumpsByTurn, jumps_by_turns, unwrapped_outputs
@@ -296,9 +296,9 @@ class CallableStep(Step):
     @property
     def _options(self) -> dict[str, Any]:
         clock = self.clock
-        rated = self.code.timed or any(period != self.dt for period in clock.periods)
-        periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
-        requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer", "report")}
+        rated = self.code.timed or any(period != self.dt for period in self.periods)
+        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
+        requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer", "first", "report")}
         return requested | {"engine": self.engine, "real": self.real, "periods": periods}
 
     @property
@@ -336,6 +336,7 @@ def sample(
     periods: Mapping[str, float] | None = None,
     guards: Guards = "all",
     prefer: Prefer = "speed",
+    first: First = "update",
     engine: Engine | None = None,
     real: Real = "double",
     report: str | Sequence[str] = (),
@@ -350,7 +351,14 @@ def sample(
     and does not use a sample that belongs to another one according to `update`, or comes a second time. `guards`:
     "none" leaves out everything but the observer's own mathematics: no clamp, no test of a sample, no status, no
     restart. A sample that is not a number then destroys the estimate, and the observer has no claims. `prefer`: "flash"
-    for a short program with loops, where the default is a fast one. `engine`: "c" or "python", which give the same
+    for a short program with loops, where the default is a fast one.
+
+    Of a discrete plant x+ = f(x, u), dt is the time from one sample to the next, for reports and time axes alone. The
+    input given with a sample moves the plant to the next one; with `between` "hold" the input given with a sample is
+    the one that moved the plant to it. `first`: "update", the first call corrects the initial state by its sample; or
+    "predict", it predicts before that, by the input at rest, or with "hold" by the input given.
+
+    `engine`: "c" or "python", which give the same
     bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
     user's cache. `real`: the precision, "float" as on small firmware, or "double". `report`: functions of the emitted
     code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "age", the
@@ -371,7 +379,7 @@ def sample(
     demand_choice("guards", guards, ("all", "none"))
     demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
-        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, report))
+        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report))
     demand_motion(observer.form, dt, real)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):

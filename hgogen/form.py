@@ -1,4 +1,5 @@
-"""A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`.
+"""A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`. Of a discrete
+plant the left side is z+, the coordinates at the next sample.
 
 Every observer treats the two parts differently. The linear part A(u) z is used as it is. The nonlinear part b takes its
 argument clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves it while
@@ -48,7 +49,7 @@ class Asking:
     `place`: its order among the forms, the narrowest first; `options`: the arguments of each variant of the form;
     `least` and `most`: the numbers of outputs that it applies to (0: any number); `costly`: whether the attempt takes
     seconds; `slow`: whether building an observer on it does; `candidate`: whether it may be the best form, which a form
-    without a claim of observability may not.
+    without a claim of observability may not; `discrete`: whether it is a form of discrete plants too.
     """
 
     place: int = 100
@@ -58,6 +59,7 @@ class Asking:
     costly: bool = False
     slow: bool = False
     candidate: bool = True
+    discrete: bool = False
 
     def refusal(self, outputs: int) -> str:
         """Return why the form is not tried for a plant with this number of outputs, "" if it is."""
@@ -216,7 +218,7 @@ class Form:
         flow, output = (zip(self.states, self.flow, strict=True), zip(self.system.outputs, self.output, strict=True))
         return (
             Sentence.of(title, plant=self.system.name, kind=self.kind, change=change),
-            *(Sentence.of("  {z}' = {rate}", z=z, rate=rate) for z, rate in flow),
+            *(Sentence.of("  {z}{mark} = {rate}", z=z, mark=self.system.next_mark, rate=rate) for z, rate in flow),
             *(Sentence.of("  {y} = {value}", y=y, value=value) for y, value in output),
         )
 

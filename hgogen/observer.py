@@ -24,11 +24,12 @@ from hgogen.reading.given import BadGain, Values, in_order, names, names_of, pos
 from hgogen.rigor.definite import one_thread
 from hgogen.sentence import Reason, because
 from hgogen.signal import Signal, resting
-from hgogen.system import System
+from hgogen.system import System, demand_continuous
 from hgogen.theorem import Hypothesis, Theorem
 
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
+OF_MAPS = ("riccati", "ukf", "iterated_ekf", "luenberger")  # the observers of discrete plants
 _CLOSE = "Begin close to the plant, and watch the innovations."
 # claims that the error moves by the theorem's equation
 _OF_MOTION = ("convergence", "theta", "hold", "attenuation", "quadratic")
@@ -336,18 +337,22 @@ def demand_form(
     deferred: Iterable[ClaimId] = (),
     requires: Callable[[str, Form], Any] | None = None,
     linearises: bool = False,
+    discrete: bool = False,
 ) -> tuple[str, ...]:
     """Return `accept` as a tuple, after the checks that every observer needs: `form` is a `Form`, without refuted
     hypotheses other than those in `accept`.
 
     `deferred`: refutable claims of the observer, which it demands later; `requires`: a function that raises `BadGain`
     for a form to which the observer does not apply, so that accepting a claim cannot help; `linearises`: whether the
-    observer evaluates the Jacobian at its estimate, so that the checks of `evaluated` are demanded.
+    observer evaluates the Jacobian at its estimate, so that the checks of `evaluated` are demanded; `discrete`: whether
+    there is such an observer of a discrete plant.
 
-    Raises: `BadGain`, `Refuted`, `UnknownCheck`.
+    Raises: `BadGain`, `DiscretePlant`, `Refuted`, `UnknownCheck`.
     """
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
+    if not discrete:
+        demand_continuous(form.system, name, f"; take {', '.join(OF_MAPS[:-1])} or {OF_MAPS[-1]}")
     accept = names("accept", accept)
     slopes = evaluated(form) if linearises or accept else ()
     tested = replace(form, checks=(*form.checks, *slopes)) if linearises and slopes else form

@@ -30,14 +30,17 @@ def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | N
 
 Guards = Literal["all", "none"]
 Prefer = Literal["speed", "flash"]
+First = Literal["update", "predict"]
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples; the numbers of
-    inputs and outputs; `every`: the number of steps between two samples of each output, empty where it is 1 for all;
-    the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short program;
-    `turns`: the period of each input that is an angle; `report`: the names of the reports on the estimate."""
+    """The sampling of a step: the step length `dt`, 1 for a discrete plant, whose equations count samples; `between`:
+    the course of the input between samples; the numbers of inputs and outputs; `every`: the number of steps between two
+    samples of each output, empty where it is 1 for all; the `guards` of the step; `prefer`: the choice of a method,
+    "speed", or "flash" for a short program; `turns`: the period of each input that is an angle; `report`: the names of
+    the reports on the estimate; `sampling`: for a discrete plant the time between two samples, which no equation reads;
+    `first`: "update", or "predict" if the first call predicts before it corrects."""
 
     dt: float
     between: str
@@ -48,6 +51,8 @@ class Clock:
     prefer: Prefer = "speed"
     turns: tuple[float | None, ...] = ()
     report: tuple[str, ...] = ()
+    sampling: float | None = None
+    first: First = "update"
 
     @property
     def guarded(self) -> bool:

@@ -28,7 +28,7 @@ from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, cached, positive
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
-from hgogen.system import System
+from hgogen.system import System, demand_continuous
 
 MANY = 6  # states: with more the search for a bound on a gain takes seconds
 Gains = dict[str, Any]
@@ -189,6 +189,7 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
     """Return the numbers T, theta, dt, S, .. from which the starting gains on a form are computed, with a fixed period
     `dt` and the noise by output where known. Raises: `BadGain`, as `starting_gains`."""
+    demand_continuous(form.system, "starting_gains", "; give Q and R of a sample, and the sampling period, yourself")
     dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n

@@ -20,7 +20,7 @@ from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
-from hgogen.part import Clock, Guards, Pieces, Prefer
+from hgogen.part import Clock, First, Guards, Pieces, Prefer
 from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
@@ -212,7 +212,12 @@ class Step:
     @property
     def dt(self) -> float:
         """The sampling period."""
-        return self.clock.dt
+        return self.clock.sampling or self.clock.dt
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """The time between two samples of each output."""
+        return tuple(self.dt * k for k in self.clock.every or (1,) * len(self.outputs))
 
     @property
     def choice(self) -> str:
@@ -309,6 +314,7 @@ def plan(
     periods: Any = None,
     guards: Guards = "all",
     prefer: Prefer = "speed",
+    first: First = "update",
     report: Any = (),
 ) -> Step:
     """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable. Raises: `BadStep`,
@@ -316,8 +322,15 @@ def plan(
     if not isinstance(dt, int | float) or not float_info.min <= dt <= float_info.max:
         raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
     demand_choice("between", between, ("line", "hold"))
+    demand_choice("first", first, ("update", "predict"))
     system = observer.form.system
+    if first == "predict" and not system.discrete:
+        raise BadStep(
+            'first = "predict"', "is for discrete plants: no time passes before the first sample; leave it out"
+        )
     every = () if periods is None else multiples(periods, system, float(dt))
+    if first == "predict" and every:
+        raise BadStep('first = "predict"', "is for sensors that all have the period dt; leave out periods")
     if guards == "none":
         _demand_plain(observer, every)
     if observer.form.clamped != (guards == "all"):
@@ -327,12 +340,17 @@ def plan(
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     turns = tuple(u.period for u in system.inputs)
     wanted = demand_reports(report)
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer, turns, wanted)
+    length, sampling = (1.0, float(dt)) if system.discrete else (float(dt), None)
+    sizes = len(system.inputs), len(system.outputs)
+    clock = Clock(length, between, *sizes, every, guards, prefer, turns, wanted, sampling, first)
     observer = observer.sampled(clock.dt, clock.periods)
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
         way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
         raise BadStep(f"{system.name} with a gate", f"is sampled {way}")
+    if system.discrete and not any(piece.update for piece in pieces):
+        reason = f"integrates differential equations, and {system.name} is discrete in time; take"
+        raise BadStep(f"method {method.name}", f"{reason} continuous_discrete or cholesky")
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)
     if every and not step.code.apart:

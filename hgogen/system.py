@@ -1,4 +1,4 @@
-"""The plant: x' = flow(x, u; p), y = output(x, u; p), as the user writes it in SymPy."""
+"""The plant: x' = flow(x, u; p), y = output(x, u; p), or x+ = flow(x, u; p), as the user writes it in SymPy."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -30,6 +30,12 @@ class BadSystem(BadArgument):
     text = "system {what!r}: {reason}"
 
 
+class DiscretePlant(BadArgument):
+    """A plant x+ = f(x, u), for what is about differential equations."""
+
+    text = "system {what!r} is discrete in time, x+ = f(x, u): {reason}"
+
+
 class BadValue(BadArgument):
     """A value that a parameter cannot have."""
 
@@ -47,16 +53,18 @@ class Origin:
 
 @dataclass(frozen=True)
 class System:
-    """A plant, x' = flow(x, u; p), y = output(x, u; p).
+    """A plant, x' = flow(x, u; p), y = output(x, u; p); with `discrete`, x+ = flow(x, u; p).
 
     Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and
     `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value. `time`: the
     unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is. `invariants`:
     expressions of states and parameters that the flow keeps at 0, as q0**2 + .. + q3**2 - 1 of a quaternion.
+    `discrete`: flow is the state at the next sample, from the state and the input at this one; `time` is then the unit
+    of the sampling period alone.
 
     Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value,
-    a unit of time that is no word; `BadName` for a name that C could not carry; `BadFileName` for
-    one that no file could.
+    a unit of time that is no word, a discrete plant with invariants or `rates` of a signal; `BadName` for a name that C
+    could not carry; `BadFileName` for one that no file could.
     """
 
     name: str
@@ -69,6 +77,7 @@ class System:
     origin: Origin | None
     time: str
     invariants: tuple[sp.Expr, ...]
+    discrete: bool
 
     def __init__(
         self,
@@ -83,6 +92,7 @@ class System:
         origin: Origin | None = None,
         time: str = "s",
         invariants: Sequence[Any] = (),
+        discrete: bool = False,
     ) -> None:
         check_name(name)
         files.demand_file_name(name)
@@ -90,7 +100,9 @@ class System:
         fields: dict[str, Any] = {kind: _signals(name, kind, signals) for kind, signals in groups.items()}
         if not is_unit(time):
             raise BadSystem(name, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
-        fields |= {"name": name, "origin": origin, "time": str(time)}
+        if not isinstance(discrete, bool):
+            raise BadSystem(name, f"discrete = {discrete!r} must be True, for x+ = flow(x, u), or False, for x' = flow")
+        fields |= {"name": name, "origin": origin, "time": str(time), "discrete": discrete}
         rows = {"flow": flow, "output": output, "invariants": invariants}
         fields |= {what: _expressions(name, what, values) for what, values in rows.items()}
         for key, value in fields.items():
@@ -101,6 +113,11 @@ class System:
     def signals(self) -> tuple[Signal, ...]:
         """Every declared signal: states, inputs, outputs, parameters."""
         return self.states + self.inputs + self.outputs + self.parameters
+
+    @property
+    def next_mark(self) -> str:
+        """The mark of a state on the left of its equation: "'", or "+" of a discrete plant."""
+        return "+" if self.discrete else "'"
 
     @property
     def tunable(self) -> tuple[Signal, ...]:
@@ -173,6 +190,13 @@ class System:
         return {p: sp.Rational(str(p.nominal)) for p in self.parameters}
 
 
+def demand_continuous(plant: System, what: str, take: str = "") -> None:
+    """Raise `DiscretePlant` for a discrete plant; `what`: the name of what is for differential equations, `take`: the
+    end of the sentence, a remedy."""
+    if plant.discrete:
+        raise DiscretePlant(plant.name, f"{what} is for differential equations, x' = f(x, u){take}")
+
+
 def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal, ...]:
     if isinstance(signals, Signal):
         raise BadSystem(system, f"{kind} is a single Signal; write a tuple, {kind}=({signals.name},)")
@@ -234,7 +258,20 @@ def _validate(system: System) -> None:
             tape([row], row.free_symbols)
         except NoTape as error:
             raise BadSystem(system.name, f"{place}, {error}") from None
+    if system.discrete:
+        _validate_discrete(system)
     _validate_invariants(system)
+
+
+def _validate_discrete(system: System) -> None:
+    if system.invariants:
+        raise BadSystem(
+            system.name, "is discrete and has invariants, which are for differential equations; leave them out"
+        )
+    for signal in system.signals:
+        if signal.rates:
+            reason = f"is discrete, and {signal.name} has rates, the ranges of derivatives; leave them out"
+            raise BadSystem(system.name, reason)
 
 
 def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
@@ -255,13 +292,15 @@ def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapp
 
 def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
     """Refuse a plant that is not periodic in a state declared periodic: after a turn the
-    flow must be equal, and an output equal or changed by whole periods of its own."""
+    flow must be equal, and an output, or the next value of a discrete plant's state, equal
+    or changed by whole periods of its own."""
     for parameter in system.parameters:
         if parameter.period is not None:
             raise BadSystem(
                 system.name, f"parameter {parameter.name!r} has a period, which is for signals; leave it out"
             )
     own = {f"output {k}": y.period for k, y in enumerate(system.outputs, 1)}
+    own |= {f"flow {k}": x.period for k, x in enumerate(system.states, 1) if system.discrete}
     for signal in (s for s in (*system.states, *system.inputs) if s.period is not None):
         for place, row in places.items():
             change, own_period = advance(row, signal, exact_turn(signal.period)), own.get(place)
@@ -297,8 +336,9 @@ def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None
     over = f"{place} changes by {change} over one turn of {signal.name} (period {signal.period:g})"
     if place.startswith("output") and change.is_number and period is None:
         return f"{over}; declare the output with period = {abs(float(change)):g} or a fraction of it"
-    if place.startswith("output") and change.is_number:
-        return f"{over}, which is no multiple of the output's own, {period:g}; correct one of the two"
+    if period is not None and change.is_number:
+        whose = "output" if place.startswith("output") else "state"
+        return f"{over}, which is no multiple of the {whose}'s own, {period:g}; correct one of the two"
     return f"{over}; write {signal.name} in sines and cosines, or leave out its period"
 
 

@@ -7,6 +7,9 @@ The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step)
 plant by extrapolation (`March`) where that is as accurate. The noise is the exact discretisation of a stationary
 Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white noise.
 
+The truth of a discrete plant is the iteration of its map, by the inputs at the samples. A jump takes effect at the
+first sample that is not before it.
+
 A plant without a trial has a proposed one:
 
     x(0) = m + c s S,   u(t) = m + c S sin(2 pi t/D),   xhat(0) = m,   duration 10 D
@@ -251,10 +254,11 @@ class Plant:
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
         flow = (limited(row, plant.box, TINY) for row in plant.flow)  # its slopes have to be finite, at powers of 0 too
         self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(flow, symbols))}
+        self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self._ode["ode"])])
         self._measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}
-        moving = [one for one in self._segments if many and one.stops]
+        moving = [one for one in self._segments if many and one.stops and not plant.discrete]
         self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
@@ -276,6 +280,8 @@ class Plant:
         p = np.array(parameters, dtype=float)
         index = {s.name: i for i, s in enumerate(self._plant.states)}
         now = np.array([start[s.name] for s in self._plant.states], dtype=float)
+        if self._plant.discrete:
+            return self._iterated(now, p)
         states = np.empty((len(self.times), len(now)))
         for segment in self._segments:
             for jump in self._trial.jumps:
@@ -287,6 +293,23 @@ class Plant:
                 if reached is None:
                     reached = self._by_cvodes(segment, now, p)
                 states[segment.inside], now = reached[: len(segment.inside)], reached[-1].copy()
+        return states
+
+    def _iterated(self, now: np.ndarray, p: np.ndarray) -> np.ndarray:
+        index = {s.name: i for i, s in enumerate(self._plant.states)}
+        due = np.searchsorted(self.times, [(1 - 1e-9) * jump.time for jump in self._trial.jumps])
+        states, begins = np.empty((len(self.times), len(now))), sorted({0, *due[due < len(self.times)].tolist()})
+        for begin, end in pairwise((*begins, len(self.times))):
+            for k, jump in zip(due, self._trial.jumps, strict=True):
+                if k == begin:
+                    now[index[jump.state]] = jump.value
+            times = self.times[None, begin:end]
+            after = np.array(self._map.mapaccum(end - begin)(now, times, np.tile(p[:, None], times.shape))).T
+            states[begin], states[begin + 1 : end], now = now, after[:-1], after[-1].copy()
+        if not np.isfinite(states).all():
+            at = self.times[~np.isfinite(states).all(axis=1)][0]
+            reason = f"the plant's map has no finite value before t = {at:g}; check flow, start and inputs"
+            raise BadTrial(self._trial.name, reason)
         return states
 
     def _by_cvodes(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from hgogen.analysis.undefined import MAKER
 from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.reading.given import requires_plant, requires_switches
+from hgogen.reading.given import requires_any_plant, requires_switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
@@ -106,7 +106,7 @@ class Survey:
         return "\n".join([f"{self.plant.name}: which form, on the declared box", *(f"  {line}" for line in lines)])
 
 
-@requires_plant
+@requires_any_plant
 @requires_switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Return the verdict on every form for the plant on its declared box; forms that take seconds only if `deep`."""
@@ -115,13 +115,15 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
     for name in names:
         case = asking(name)
         refusal = case.refusal(len(plant.outputs))
-        if refusal:
+        if plant.discrete and not case.discrete:
+            rows.append(Row(name, None, (), because("for differential equations, and the plant is discrete")))
+        elif refusal:
             rows.append(Row(name, None, (), because("{refusal}", refusal=refusal)))
-        elif case.costly and not deep:
+        elif case.costly and not deep and not plant.discrete:
             rows.append(Row(name, None, (), NOT_TRIED))
         else:
             rows += [_row(name, options, plant) for options in case.options]
-    return Survey(plant, (*rows, _gauthier_bornard(plant)))
+    return Survey(plant, tuple(rows) if plant.discrete else (*rows, _gauthier_bornard(plant)))
 
 
 def of(name: str, plant: System) -> Row:

@@ -8,10 +8,14 @@ an accident of the random points, and nothing is concluded from it.
 A plant with kinks, jumps or tables has an answer on each branch that its declared ranges reach (`rigor.rank`), as long
 as it stays there. One branch may hide a state that another does not: a shaft in its backlash hides the load.
 
+Of a discrete plant, x+ = f(x, u), the rank is that of y at samples 0, 1, .., one less than there are unknowns, the
+inputs at different samples free of each other.
+
 A state is hidden by a vector field along which every output and all its derivatives are constant.
 
     v(x, p) = sum_j c_ij m_j(x, p),   O(x, p) v(x, p) = 0 at random points   ->   the coefficients c, by linear algebra
     exact proof:  L_v h = 0  and  [f, v] = 0 or along v   =>   L_v (L_f^k h) = 0 for every k
+    x+ = f(x):    L_v h = 0  and  (df/dx) v = v(f), or along v(f)   =>   L_v (h o f^k) = 0 for every k
 
 The coefficients are found modulo a prime, or with balls, and converted to small fractions; then SymPy proves the two
 conditions where it can. A scaling is printed as x -> c x, a translation as x -> x + c.
@@ -29,7 +33,7 @@ import sympy as sp
 
 from hgogen.analysis.undefined import on_branches
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.given import BadGain, cached, requires_plant, signals_named
+from hgogen.reading.given import BadGain, cached, requires_any_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
 from hgogen.rigor.invariant import modulo
@@ -99,15 +103,17 @@ def symmetries(
     hidden: Sequence[sp.Symbol],
     order: int,
     places: Places = (),
+    discrete: bool = False,
 ) -> tuple[Symmetry, ...]:
     """Return independent vector fields that change no output and move `hidden` unknowns, with components of degree 1,
     else 2.
 
     `order`: the order of the outputs' derivatives that attains the rank; `places`: real points are drawn near them.
-    There may be fewer symmetries than the deficiency of the rank, where the search finds no more.
+    There may be fewer symmetries than the deficiency of the rank, where the search finds no more. `discrete`: of x+ =
+    flow, the outputs at later samples in place of their derivatives.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places)
+    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places, discrete)
     first = _sample(plant, order, 0)
     missing = len(unknowns) - len(first.rows)
     samples = [first]
@@ -120,8 +126,9 @@ def symmetries(
         best = independent if len(independent) > len(best) else best
         if len(best) >= missing:
             break
-    rates = (*flow, *(sp.S.Zero for _ in unknowns[plant.n :]))
-    proved = _proved(best, rates, output, unknowns)
+    parameters = unknowns[plant.n :]
+    rates = (*flow, *(parameters if discrete else (sp.S.Zero for _ in parameters)))
+    proved = _proved(best, rates, output, unknowns, discrete)
     return tuple(
         Symmetry(tuple((s, v) for s, v in zip(unknowns, field, strict=True) if v != 0), proof)
         for field, proof in zip(best, proved, strict=True)
@@ -234,23 +241,36 @@ def _proved(
     rates: Sequence[sp.Expr],
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
+    discrete: bool,
 ) -> list[bool]:
     """Return for each vector field v whether L_v h = 0 and [f, v] in the span of such fields are
-    proved, f = `rates`, h = `output`: moving the unknowns along v then changes no output."""
+    proved, f = `rates`, h = `output`: moving the unknowns along v then changes no output. Of a
+    map f, (df/dx) v in the span of such fields at f(x) in place of [f, v]."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
     def along(h: sp.Expr, direction: Sequence[sp.Expr]) -> sp.Expr:
         return sum((h.diff(s) * v for s, v in zip(unknowns, direction, strict=True) if v != 0), sp.S.Zero)
 
+    after = dict(zip(unknowns, rates, strict=True))
+
     def commutator(field: Sequence[sp.Expr]) -> list[sp.Expr]:
+        if discrete:
+            return [_together(along(f, field)) for f in rates]
         return [_together(along(v, rates) - along(f, field)) for v, f in zip(field, rates, strict=True)]
+
+    def there(field: Sequence[sp.Expr]) -> Sequence[sp.Expr]:
+        return [_together(v.xreplace(after)) for v in field] if discrete else field
 
     def spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:
         """Return whether the Lie bracket is a combination of independent
         fields with functions as coefficients, exactly."""
-        rows = sp.Matrix([*family, bracket])
-        return bool(rows.rank(iszerofunc=_vanishes, simplify=_together) == len(family))
+        known = [there(field) for field in family]
+
+        def rank(rows: Sequence[Sequence[sp.Expr]]) -> int:
+            return int(sp.Matrix(rows).rank(iszerofunc=_vanishes, simplify=_together))
+
+        return rank([*known, bracket]) == (rank(known) if discrete else len(family))
 
     invisible = [all(_vanishes(along(h, field)) for h in output) for field in fields]
     brackets = [commutator(field) if ok else [] for field, ok in zip(fields, invisible, strict=True)]
@@ -324,7 +344,8 @@ class Answer(Encoded):
     """The answer to one question, states alone or states with unknown parameters, on a branch of the plant.
 
     `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
-    where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`.
+    where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`;
+    `discrete`: the orders count samples, not derivatives.
     """
 
     json_keys = (
@@ -341,6 +362,15 @@ class Answer(Encoded):
     hidden: Annotated[tuple[sp.Symbol, ...], "the unknowns that are proved to be unobservable"] = ()
     where: Annotated[tuple[sp.Basic, ...], "the conditions of the branch, none of a plant without branches"] = ()
     elsewhere: Annotated[tuple["Answer", ...], "the answers on other branches that hide something"] = ()
+    discrete: bool = False
+
+    @property
+    def counted(self) -> str:
+        """The rank in words."""
+        rank = self.rank
+        samples = "by the outputs up to sample {}, the first is 0"
+        by = samples if self.discrete else "by derivatives of the outputs up to order {}"
+        return f"rank {rank.rank} of {rank.dimension}, {by.format(rank.order)}"
 
     @property
     def verdict(self) -> Verdict:
@@ -401,13 +431,15 @@ class Answer(Encoded):
 
     def __str__(self) -> str:
         rank = self.rank
-        lines = [f"rank {rank.rank} of {rank.dimension}, by derivatives up to order {rank.order}"]
+        lines = [self.counted.replace("derivatives of the outputs", "derivatives")]
         if self.orders:
-            lines.append("observable, from derivative: " + ", ".join(f"{s} ({k})" for s, k in self.orders))
+            what = "sample" if self.discrete else "derivative"
+            lines.append(f"observable, from {what}: " + ", ".join(f"{s} ({k})" for s, k in self.orders))
         lines += map(str, self.unseen)
         lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
         if self.direction:
-            unchanged = f"a direction in which no derivative up to order {rank.order} is known to change"
+            what = "no output" if self.discrete else f"no derivative up to order {rank.order}"
+            unchanged = f"a direction in which {what} is known to change"
             known = "an unobservable direction" if self.hidden == rank.unobservable else unchanged
             lines.append(f"{known}: {_values(self.direction)}, at {_values(self.point)}")
         lines += [self.advice] if self.advice else []
@@ -469,11 +501,11 @@ class Observability(Encoded):
         return "\n".join(lines + ([f"  {self.scope}"] if self.scope else []))
 
 
-@requires_plant
+@requires_any_plant
 @cached
 def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
     """Return the generic observability of a plant's states, and jointly of its parameters `unknown`, by default those
-    with a range. The other parameters have their nominal values.
+    with a range. The other parameters have their nominal values. Of a discrete plant: by its outputs at later samples.
 
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.
@@ -527,7 +559,7 @@ class _Question:
     def ranks(self) -> Ranks | None:
         """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""
         try:
-            return ranks(*self.rows, places=self.branch.places)
+            return ranks(*self.rows, places=self.branch.places, discrete=self.plant.discrete)
         except NowhereDefined:
             return None
 
@@ -539,8 +571,10 @@ class _Question:
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
         hidden = rank.unobservable
         if not hidden or not proofs:
-            return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())
-        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=self.branch.places)
+            orders, where = self.orders(rank) if proofs else (), self.where if hidden else ()
+            return Answer(rank, orders, where=where, discrete=self.plant.discrete)
+        places, discrete = self.branch.places, self.plant.discrete
+        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=places, discrete=discrete)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
         changed = {s for field in fields if field.proved for s, _ in field.field}
@@ -548,12 +582,12 @@ class _Question:
             changed |= {*self.plant.states}
         proved = tuple(s for s in hidden if s in changed)
         repairs = self.repairs(rank) if proved else ()
-        return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
+        return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where, discrete=discrete)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
         """Return for each observable unknown the order of y', y'', .. from
         which its unit vector is in the row space of d(y, y', ..)/dx."""
-        plant, unknowns = plant_of(*self.rows, self.branch.places)
+        plant, unknowns = plant_of(*self.rows, self.branch.places, self.plant.discrete)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
             orders: dict[sp.Symbol, int] = {}
@@ -574,10 +608,11 @@ class _Question:
         rank, so `rank.order` and as many more as the deficiency suffice."""
         flow, output, states, inputs, parameters = self.rows
         hidden, p = rank.unobservable, len(output)
-        plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters, self.branch.places)
+        discrete, every = self.plant.discrete, (*output, *hidden)
+        plant, _ = plant_of(flow, every, states, inputs, parameters, self.branch.places, discrete)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
-            count = rank.order + rank.dimension - rank.rank + 1
+            count = rank.dimension if discrete else rank.order + rank.dimension - rank.rank + 1
             orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, count)]
 
             def full(i: int) -> bool:
@@ -591,7 +626,7 @@ class _Question:
     def direction(self, order: int) -> tuple[Any, Any]:
         """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
         v = 0 at a random real point, and the point; or ()."""
-        plant, unknowns = plant_of(*self.rows, self.branch.places)
+        plant, unknowns = plant_of(*self.rows, self.branch.places, self.plant.discrete)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
             rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]

@@ -35,7 +35,7 @@ from hgogen.analysis.determinant import Determinant, alive, as_written, determin
 from hgogen.analysis.maps import along, length, rates, size, without_derivative
 from hgogen.analysis.undefined import on_box, on_branches, value_conditions
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.given import cached, requires_plant
+from hgogen.reading.given import cached, requires_any_plant
 from hgogen.rigor.bounds import Interval, nonzero
 from hgogen.rigor.box import box as box_of
 from hgogen.rigor.box import exact
@@ -173,7 +173,7 @@ class Singularity(Encoded):
         return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
 
-@requires_plant
+@requires_any_plant
 @cached
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     """Return the plant's singular set with the derivatives of its inputs, and the next jets on it.
@@ -182,6 +182,10 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     inputs, their derivatives or the states: its root is substituted for that symbol. `limit` counts nodes of
     expressions.
     """
+    if plant.discrete:
+        return Singularity(
+            plant, (), because("not known: it is found by derivatives, and the plant is discrete in time")
+        )
     plain = on_box(plant)
     derived = _Derived(plain, rates(plain, len(plant.states) - 1 + _FURTHER), limit)
     try:

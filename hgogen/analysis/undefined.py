@@ -121,7 +121,7 @@ def _slopes_check(plant: System, signal: Signal, text: str, row: sp.Expr) -> Che
 
 
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
-    yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
+    yield from ((x, f"{x.name}{plant.next_mark}", row) for x, row in zip(plant.states, plant.flow, strict=True))
     yield from ((y, y.name, row) for y, row in zip(plant.outputs, plant.output, strict=True))
 
 

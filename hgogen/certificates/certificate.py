@@ -54,6 +54,7 @@ from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.recheck.text import Unreadable
 from hgogen.recheck.verification import recheck
+from hgogen.system import demand_continuous
 
 
 class NoClaims(BadArgument):
@@ -83,6 +84,7 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
 def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
     if not isinstance(form, Form):
         raise NoClaims(f"{type(form).__name__} given to certificate", "is no form; give observer.form, observer.checks")
+    demand_continuous(form.system, "certificate")
     each = tuple(checks) if isinstance(checks, Iterable) else (checks,)
     if not isinstance(checks, Iterable) or not all(isinstance(check, Check) for check in each):
         wrong = next((one for one in each if not isinstance(one, Check)), each[0])

@@ -227,7 +227,7 @@ def _checked(
     say(survey_table(forms, claims.checks))
     singular = _print_claims(say, claims, observability)
     take = None
-    if advised:  # about the file, without the options that are set
+    if advised and not plant.discrete:  # about the file, without the options that are set
         written = loaded.set(AS_WRITTEN)
         take = advice(
             written, observability, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep
@@ -250,6 +250,8 @@ def _print_claims(say: Callable[..., None], claims: Checked, observability: Obse
 
 
 def _least(model: Model) -> Sight | None:
+    if model.plant.discrete:
+        return None
     trials: list[Trial | None] = [None]
     try:
         trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
@@ -426,8 +428,7 @@ def observability_table(observability: Observability, least: Sight | None = None
 
 
 def _answered(answer: Answer, what: str) -> str:
-    rank = answer.rank
-    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
+    rank, count = answer.rank, answer.counted
     if not rank.unobservable:
         but = "".join(f"\nbut {exception}" for exception in answer.exceptions)
         return f"{what} are locally observable: {count}{but}"
@@ -473,7 +474,9 @@ def fragment(form: Form, checks: Iterable[Check], accepted: Sequence[str] = ()) 
     plant = form.system
     parts = (
         _aligned("{} &= {}", dict(zip(form.states, form.to_form, strict=True))),
-        _aligned(r"\dot{{{}}} &= {}", dict(zip(form.states, form.flow, strict=True))),
+        _aligned(
+            "{}^+ &= {}" if plant.discrete else r"\dot{{{}}} &= {}", dict(zip(form.states, form.flow, strict=True))
+        ),
         _aligned("{} &= {}", dict(zip(plant.outputs, form.output, strict=True))),
         _table(checks, accepted),
     )

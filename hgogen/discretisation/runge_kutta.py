@@ -25,6 +25,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.part import on_line
 from hgogen.program import Place, address, column, sym
+from hgogen.system import System
 
 RATE = "rate"  # the name of the last routine
 MEANINGS = {
@@ -160,13 +161,19 @@ class _Result:
 
 @dataclass(frozen=True)
 class Tableau:
-    """The Butcher tableau of k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i; `a`: below the diagonal."""
+    """The Butcher tableau of k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i; `a`: below the
+    diagonal; `order` is 0 for the map of a discrete plant."""
 
     name: str
     a: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
     c: tuple[float, ...]
     order: int
+
+    @property
+    def map(self) -> bool:
+        """Whether a step is z+ = f(z, 0), of a discrete plant."""
+        return not self.order
 
     @property
     def equations(self) -> tuple[str, ...]:
@@ -176,7 +183,9 @@ class Tableau:
 
     @property
     def rows(self) -> tuple[str, ...]:
-        """Return the tableau c | a over b in lines, as textbooks print it."""
+        """Return the tableau c | a over b in lines, as textbooks print it; none of a map."""
+        if self.map:
+            return ()
         entries = [[str(Fraction(a).limit_denominator(10_000)) for a in row] for row in (*self.a, self.b)]
         nodes = [*(str(Fraction(c).limit_denominator(10_000)) for c in self.c), ""]
         width, indent = (max(map(len, each)) for each in ([a for row in entries for a in row], nodes))
@@ -223,6 +232,14 @@ RK4 = Tableau(
 )
 
 
+MAP = Tableau("the map z+ = f(z, u)", ((),), (1.0,), (0.0,), 0)
+
+
+def motion(plant: System) -> Tableau:
+    """Return how a plant moves over a step: by its map, or by classical Runge-Kutta."""
+    return MAP if plant.discrete else RK4
+
+
 def repeated(tableau: Tableau, times: int) -> Tableau:
     """Return the tableau of one step that equals `times` equal steps of the method."""
     share = [b / times for b in tableau.b]
@@ -256,6 +273,8 @@ class Stages:
 
 def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float) -> Stages:
     """Return a step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
+    if tableau.map:
+        return Stages(dict(rate(start, 0.0)), (dict(start),), ())
     arguments: list[dict[str, Graph]] = []
     slopes: list[dict[str, Graph]] = []
     for row, c in zip(tableau.a, tableau.c, strict=True):
@@ -306,17 +325,19 @@ class OpenLoop:
 
 @lru_cache(maxsize=8)  # the same model predicts one log after another
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
-    """Return the model of a form, without correction, over a sample of `dt` in `steps` Runge-Kutta steps; `between`:
-    how inputs vary, "line" or "hold"."""
+    """Return the model of a form, without correction, over a sample of `dt` in `steps` Runge-Kutta steps, 1 of a
+    discrete plant; `between`: how inputs vary, "line" or "hold"."""
     dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
+
+    tableau = motion(form.system)
 
     def rate(values: Any, c: float) -> dict[str, Graph]:
         u = then if between == "hold" else on_line(c, now, then, [s.period for s in form.system.inputs])
         return {"z": dynamics.flow(values["z"], u)}
 
-    after = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
+    after = advance(repeated(tableau, steps) if steps > 1 else tableau, rate, {"z": z}, dt).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(

@@ -210,6 +210,43 @@ class FrozenRiccati:
         return P
 
 
+@dataclass(frozen=True)
+class FrozenMap(FrozenRiccati):
+    """The data of P <- F (P - K C P) F' + Q, K = P C' (C P C' + R)^-1, the Riccati equation of a map, at k points;
+    theta is 1, and the time is counted in samples."""
+
+    def steady(self, theta: float) -> Array:
+        """Return the stabilising P (k, n, n), the covariance before a sample; nan where there is none.
+
+        By doubling, which has the covariance after 2^j steps from P = Q: W = (I + G P)^-1, A <- A W A,
+        G <- G + A W G A', P <- P + A' P W A, from A = F', G = C' R^-1 C (E. Chu et al., Int. J. Control 77, 2004).
+        """
+        A, G, P = transposed(self.F), transposed(self.C) @ self.weight @ self.C, np.broadcast_to(self.Q, self.F.shape)
+        one = np.eye(len(self.Q))
+        with np.errstate(all="ignore"):
+            for _ in range(DOUBLED):
+                W = np.linalg.inv(one + G @ P)
+                A, G, P = A @ W @ A, G + A @ W @ G @ transposed(A), P + transposed(A) @ P @ W @ A
+        settled = (np.abs(A).max((1, 2)) < SETTLED) & np.isfinite(P).all((1, 2))
+        return np.where(settled[:, None, None], (P + transposed(P)) / 2, np.nan)
+
+    def decay_rates(self, theta: float) -> Array:
+        """Return the decay rates (k, n) of the error in a sample under the steady P, -log |eigenvalue|, slowest first;
+        0 for all where there is none."""
+        P, C = self.steady(theta), self.C
+        S = C @ P @ transposed(C) + np.linalg.inv(self.weight)
+        known = np.isfinite(P).all((1, 2))
+        rates = np.zeros(self.F.shape[:2])
+        K = P[known] @ transposed(C[known]) @ np.linalg.inv(S[known])
+        spectra = np.abs(np.linalg.eigvals(self.F[known] @ (np.eye(len(self.Q)) - K @ C[known])))
+        rates[known] = np.sort(np.clip(-np.log(np.maximum(spectra, 1e-300)), 0.0, FASTEST), axis=1)
+        return rates
+
+
+DOUBLED, SETTLED = 30, 1e-6  # doublings, 2^30 samples; what is left of a first error then
+FASTEST = 3.0  # the rate of a mode that is gone after a sample or two
+
+
 def transposed(X: Array) -> Array:
     """Return the matrices X (.., n, n) transposed."""
     return X.swapaxes(-1, -2)

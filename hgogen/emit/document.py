@@ -27,8 +27,8 @@ from hgogen.emit.interface import (
     structs,
 )
 from hgogen.emit.manual import (
-    BETWEEN,
     UNTIMELY,
+    between_calls,
     calls,
     consequence,
     faults,
@@ -334,6 +334,7 @@ def _aligned(equations: Sequence[str]) -> list[str]:
 def _plant(step: Step) -> list[str]:
     plant = step.observer.form.system.declared
     kinds = {"state": plant.states, "input": plant.inputs, "output": plant.outputs, "parameter": plant.parameters}
+    left, rows = "{}^+" if plant.discrete else r"\dot{{{}}}", zip(plant.states, plant.flow, strict=True)
     lines = list[list[str]]()
     for kind, signals in kinds.items():
         for signal in signals:
@@ -344,7 +345,7 @@ def _plant(step: Step) -> list[str]:
     return [
         "## Plant",
         "",
-        *_aligned([rf"\dot{{{sp.latex(s)}}} &= {sp.latex(e)}" for s, e in zip(plant.states, plant.flow, strict=True)]),
+        *_aligned([f"{left.format(sp.latex(s))} &= {sp.latex(e)}" for s, e in rows]),
         *_aligned([f"{sp.latex(y)} &= {sp.latex(e)}" for y, e in zip(plant.outputs, plant.output, strict=True)]),
         *table(head, lines),
     ]
@@ -355,8 +356,9 @@ def _form(step: Step) -> list[str]:
     recast = zip(form.system.states, origin.forward, strict=True) if origin else ()
     new = [f"{sp.latex(w)} &= {sp.latex(e)}" for w, e in recast]
     behind = form.b if form.behind is None else form.behind
+    left = "z^+" if form.system.discrete else r"\dot z"
     system = [
-        rf"\dot z &= {sp.latex(form.A)}\,z + {sp.latex(sp.ImmutableDenseMatrix(behind))}",
+        rf"{left} &= {sp.latex(form.A)}\,z + {sp.latex(sp.ImmutableDenseMatrix(behind))}",
         *(f"{sp.latex(y)} &= {sp.latex(e)}" for y, e in zip(form.system.outputs, form.output, strict=True)),
     ]
     z = [f"{sp.latex(z)} &= {sp.latex(e)}" for z, e in zip(form.states, form.to_form, strict=True)]
@@ -368,7 +370,7 @@ def _form(step: Step) -> list[str]:
         "",
         *(["In the states", "", *_aligned(new)] if new else []),
         *_aligned(z),
-        "z' = A z + b, y = h:",
+        f"z{form.system.next_mark} = A z + b, y = h:",
         "",
         *_aligned(system),
         *inverse,
@@ -398,8 +400,8 @@ def _gains(step: Step) -> list[str]:
 
 
 def _method(step: Step) -> list[str]:
-    between = f" Between two calls the input is taken to {BETWEEN[step.clock.between]}." if step.inputs else ""
-    period = f"A step every {pace(step.dt, step.time)}, which is h.{between}"
+    between, h = between_calls(step), "" if step.observer.form.system.discrete else ", which is h"
+    period = f"A step every {pace(step.dt, step.time)}{h}.{f' {between}.' * bool(between)}"
     purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
     preference = [purpose, ""] * names_preference(step)
     equations_ = _displayed(equations(step.method, step.code.rule))

@@ -40,6 +40,9 @@ MEMBERS = {  # of the struct of parameters
 }
 
 
+FIRST_CALL = {"update": "advances no time", "predict": "predicts"}
+
+
 @dataclass(frozen=True)
 class Entry:
     """A function that a step offers in every language: its name, its parameters and those that it writes (`written`),
@@ -61,7 +64,7 @@ def entries(step: Step) -> dict[str, Entry]:
     """Return the functions of a step by name, in the order of the header: first those of every step, such as init, then
     one for each section (predict, correct ..), public where a step may be called by sections."""
     whole = f"one sampling period: {', '.join(section.name for section in step.code.sections)}"
-    whole += f"{'; NaN means a missing sample' * step.clock.guarded}; the first call advances no time"
+    whole += f"{'; NaN means a missing sample' * step.clock.guarded}; the first call {FIRST_CALL[step.clock.first]}"
     does = ["limits them to their ranges"] * step.clock.guarded
     does += ["computes the derived ones"] * bool(step.layout.derived)
     limits = f"after a change of parameters: {' and '.join(does) or 'there is nothing to do'}"

@@ -55,7 +55,8 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     system = form.system.declared
     lines = [version(), language, real, system.name, form.kind, observer.name, step.code.rule]
     clock = step.clock
-    lines += [f"dt {clock.dt!r}, {clock.periods}, {clock.between}, {clock.guards}, {clock.prefer}"]
+    lines += [f"dt {step.dt!r}, {step.periods}, {clock.between}, {clock.guards}, {clock.prefer}"]
+    lines += [f"first {clock.first}"] * (clock.first != "update")
     lines += [str(observer.delays)]
     lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
     guards = f"{form.clamped} {form.limits} {form.free} {form.fallback}"
@@ -96,7 +97,7 @@ def _plant(system: System) -> Iterator[str]:
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
     yield from (f"{signal.name} turns by {signal.period}" for signal in system.signals if signal.period is not None)
-    yield from (f"' {row}" for row in system.flow)
+    yield from (f"{system.next_mark} {row}" for row in system.flow)
     yield from (f"= {row}" for row in system.output)
     yield from (f"{table.name} {table.points}" for table in system.tables)
 

@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation.kernel_graphs import carried_out, written
-from hgogen.discretisation.runge_kutta import RK4, Stages, advance, routine
+from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
 from hgogen.estimators.gating import Joint, raised, with_gating
 from hgogen.estimators.riccati_part import (
     Riccati,
@@ -60,10 +60,15 @@ LARGE = 12  # states beyond which straight-line code is always too long, and slo
 @dataclass(frozen=True)
 class FilterStep:
     """One predict step of length h of a Riccati observer `part` as SX graphs: the prediction of z, the Jacobian F at
-    mid-step, and Phi = I + hF + (hF)^2/2."""
+    mid-step, and Phi = I + hF + (hF)^2/2. Of a discrete plant: z+ = f(z, u), F = df/dz at z, Phi = F, h = 1."""
 
     part: Riccati
     clock: Clock
+
+    @property
+    def motion(self) -> Tableau:
+        """How the plant moves over a step."""
+        return motion(self.part.dynamics.form.system)
 
     @property
     def z(self) -> Graph:
@@ -71,9 +76,9 @@ class FilterStep:
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
     def stages(self, z: Graph | None = None) -> Stages:
-        """Return the stages and the result of a classical Runge-Kutta step of z' = f(z, u) from `z` (n)."""
+        """Return the stages and the result of a step of the model from `z` (n)."""
         start = {"z": self.z if z is None else z}
-        return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
+        return advance(self.motion, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
 
     @cached_property
     def _flow(self) -> Callable[[Graph, float], dict[str, Graph]]:
@@ -81,9 +86,13 @@ class FilterStep:
 
     def jacobian(self, stages: Stages) -> Graph:
         """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage, and the input at half of the
-        step."""
+        step; of a map at its argument."""
         jacobian = self._routine("jacobian", lambda *at: {"F": self.part.jacobian(*at)})
-        return jacobian(stages.arguments[2]["z"], 0.5)["F"]
+        return jacobian(*self._middle(stages))["F"]
+
+    def _middle(self, stages: Stages) -> tuple[Graph, float]:
+        stage = 0 if self.motion.map else 2
+        return stages.arguments[stage]["z"], self.motion.c[stage]
 
     def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
         sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
@@ -91,14 +100,17 @@ class FilterStep:
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, F: Graph) -> Graph:
-        """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX."""
+        """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX; F of a map."""
+        if self.motion.map:
+            return ca.sparsify(F)
         h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def noise(self, stages: Stages) -> tuple[Graph, Graph]:
         """Return W (n, k) at mid-step and h theta^(1+g) w (k), SX, of Q_theta = theta^(1+g) W diag(w) W' and the step
         h."""
-        W = self.part.scaled_factor(stages.arguments[2]["z"], self.clock.u(0.5))
+        z, c = self._middle(stages)
+        W = self.part.scaled_factor(z, self.clock.u(c))
         return W, self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.densities
 
     def row(self, output: int) -> Graph:
@@ -227,6 +239,16 @@ class Unrolled(FactoredStep):
     def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
         """Return assignments of P's factors after y = c z, c = `row` (1, n), of variance `r`, and the gain K (n)."""
 
+    @property
+    def named(self) -> str:
+        """The name of the filter's rule, "" for the method's."""
+        return f"discrete, {self.name}" if self.motion.map else self.rule
+
+    @property
+    def least(self) -> Graph | None:
+        """The variances (n) below which a map, which may be singular, leaves none; None of a Runge-Kutta step."""
+        return ca.SX(ca.DM(self.smallest(factor(self.part.covariance)[1]))) if self.motion.map else None
+
     @abstractmethod
     def time_update(
         self, transition: Graph, growth: Graph | None, noise: tuple[Graph, Graph]
@@ -267,7 +289,7 @@ class Unrolled(FactoredStep):
             **self.common(),
             predict=(*self.prediction(), *self.bounded()),
             update=tuple(map(self.correction, range(self.clock.outputs))),
-            rule=self.rule,
+            rule=self.named,
         )
         return with_gating(pieces, self)
 
@@ -280,11 +302,12 @@ class Unrolled(FactoredStep):
         rows, columns = Phi.shape
         listed = ((f"Phi_{i + 1}{j + 1}", Phi[i, j]) for i in range(rows) for j in range(columns))
         entries = {name: entry for name, entry in listed if entry.n_dep()}  # that are computed
-        noise = " + h Q_theta" if self.part.factor.size else ""
-        equation = "P <- exp(rho h) Phi P Phi' + h Q_0" if forgets else f"P <- Phi P Phi'{noise}"
+        noise = (" + Q" if self.motion.map else " + h Q_theta") if self.part.factor.size else ""
+        propagated = "F P F'" if self.motion.map else "Phi P Phi'"
+        equation = "P <- exp(rho h) Phi P Phi' + h Q_0" if forgets else f"P <- {propagated}{noise}"
         writes = {Place("state", self.part.z.name): stages.result["z"], **factors}
-        title = f"z by classical Runge-Kutta; P = {self.name} by {equation}"
-        notes = ("the tableau of z:", *(f"  {row}" for row in RK4.rows))
+        title = f"z by {self.motion.name}; P = {self.name} by {equation}"
+        notes = () if self.motion.map else ("the tableau of z:", *(f"  {row}" for row in self.motion.rows))
         return (Block(title, writes, {**stages.names, **entries, **names}, notes=notes),)
 
     def bounded(self) -> Program:
@@ -382,7 +405,7 @@ class UnitTriangular(Unrolled):
         """Return L, D, as assignments, of growth Phi P Phi' + W diag(w) W' (Thornton), and intermediate values."""
         L, d = self.symbols
         d = d if growth is None else growth * d
-        L, d, names = time_update(L, d, transition, *noise)
+        L, d, names = time_update(L, d, transition, *noise, self.least)
         return self.writes(L, d), names
 
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
@@ -418,6 +441,7 @@ class Looped(FactoredStep):
             **self.common(),
             predict=self.prediction(),
             update=tuple(map(self.correction, range(self.clock.outputs))),
+            rule="discrete, L D L'" if self.motion.map else "",
         )
         return with_gating(pieces, self)
 
@@ -453,6 +477,7 @@ class Looped(FactoredStep):
         if Phi.nnz() <= 2 * F.nnz():
             operator, entries = _in_memory("Phi", Phi)
             advanced, meaning = operator @ v, "Phi = I + hF + (hF)^2/2, F at mid-step"
+            meaning = "Phi = df/dz" if self.motion.map else meaning
         else:  # F twice has fewer products
             operator, entries = _in_memory("F", F)
             advanced, meaning = v + h * (operator @ (v + h / 2 * (operator @ v))), "the Jacobian F at mid-step"
@@ -472,7 +497,7 @@ class Looped(FactoredStep):
                 entries |= {direction: ca.densify(W[:, k]), weight: weights[k]}
                 noise += (Kernel("disturb", n, _COLUMNS, ((_D, n), (direction, n), (weight, 1))),)
         return (
-            Block(f"z by classical Runge-Kutta; {meaning}, but for constants, by columns", z | entries, stages.names),
+            Block(f"z by {self.motion.name}; {meaning}, but for constants, by columns", z | entries, stages.names),
             Kernel("expand", n, _COLUMNS),
             Loop(
                 "column", n, (Block("a column of Phi L", {_COLUMNS: advanced}, spelled=self.clock.prefer == "speed"),)

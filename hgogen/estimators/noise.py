@@ -11,6 +11,8 @@ step is rebuilt with another dt, r_j stays, and Q_d grows with dt.
 A sample of an input that errs by a standard deviation sigma, independently of the others, and acts for a step moves the
 state by dt f_u sigma, to first order in dt: the density of the process noise grows by f_u U f_u' with U = sigma^2 dt.
 Between samples on a line, a sample acts on two steps, by dt in all. sigma stays where dt changes.
+
+Of a discrete plant Q, R and U are those of a sample as they stand, and its steps have the period 1.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -140,6 +142,8 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     `BadNames`."""
     known = {name: value for name, value in arguments.items() if value is not None}
     demand_switch("density", arguments.get("density", False))
+    if form.system.discrete and arguments.get("density"):
+        raise BadGain("density = True", "is for differential equations: Q and R of a discrete plant are of one sample")
     if arguments.get("density") and not known.keys() & {*_DENSITIES}:
         raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
     noise = _deviations(observer, form, known["noise"], own) if "noise" in known else {}
@@ -153,6 +157,8 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
         known["Q"] = np.zeros(form.n)
     if "Q" in own:
         _demand_one(observer, known, "process noise", ("Q", "Q_per_sample"))
+    if form.system.discrete:
+        known |= {f"{name}_per_sample": known.pop(name) for name in ("Q", "R") if name in known}
     process, samples, outputs = None, None, len(form.output)
     if "Q_per_sample" in known:
         read = spd if inverse else semidefinite
@@ -196,8 +202,10 @@ def _deviations(observer: str, form: Form, noise: Any, own: Container[str]) -> d
 
 _DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma of a sample for T, by the gain's unit
     "y^2 s": lambda R, T: sqrt(R / T),
+    "y^2": lambda R, T: sqrt(R / T),
     "1/(y^2 s)": lambda R, T: sqrt(1 / (R * T)),
     "u^2 s": lambda U, dt: sqrt(U / dt),
+    "u^2": lambda U, dt: sqrt(U / dt),
 }
 
 
@@ -206,7 +214,7 @@ def sample_deviations(step: "Step") -> dict[str, float]:
     of a step at theta = 1, in the signal's unit; empty for an observer without R."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     return {
-        name: _DEVIATIONS[field.unit](density, periods.get(name, step.dt))
+        name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.dt))
         for field in step.layout.gains
         if field.unit in _DEVIATIONS
         for name, density in zip(field.labels, field.initial, strict=True)

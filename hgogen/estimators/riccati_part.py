@@ -33,7 +33,7 @@ from hgogen.analysis.dynamics import HUGE, Dynamics
 from hgogen.analysis.linearised import disturbances_on_box, jacobians_on_box
 from hgogen.analysis.scaling import Scaling, scaling
 from hgogen.analysis.undefined import gaps
-from hgogen.discretisation.stability import FrozenRiccati
+from hgogen.discretisation.stability import FrozenMap, FrozenRiccati
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.estimators.theta import Theta, constant
 from hgogen.form import Form
@@ -75,9 +75,15 @@ def cap(
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = jacobians_on_box(dynamics, POINTS)
-    steady = FrozenRiccati.of(F, C, noise, np.array(variances), scaling).steady(peak).diagonal(axis1=1, axis2=2)
+    frozen = frozen_riccati(dynamics)
+    steady = frozen.of(F, C, noise, np.array(variances), scaling).steady(peak).diagonal(axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
+
+
+def frozen_riccati(dynamics: Dynamics) -> type[FrozenRiccati]:
+    """Return the Riccati equation of a plant frozen at points: differential, or of a map."""
+    return FrozenMap if dynamics.form.system.discrete else FrozenRiccati
 
 
 def spd(name: str, value: Any, n: int) -> np.ndarray:
@@ -584,15 +590,17 @@ def extended(
         gates=gated_groups(gate, form.system.outputs),
         disturbed=disturbed,
     )
+    units = ("z^2", "y^2", "u^2") if form.system.discrete else ("z^2/s", "y^2 s", "u^2 s")
     gains: tuple[Field, ...] = (
-        wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
-        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
+        wide("Q", weights, "process noise, diagonal factor", units[0], form.names),
+        wide("R", variances, "output noise", units[1], names_of(form.system.outputs)),
     )
     equations = (*matrix_line("Q", noise, form), *(group.equation for group in part.gates))
     if disturbed:
         names = tuple(form.system.inputs[i].name for i in disturbed.inputs)
-        gains += (wide("U", disturbed.densities, "input noise", "u^2 s", names),)
-        equations += (f"Q + f_u U f_u' for Q, f_u = df/du at mid-step, u = ({', '.join(names)})",)
+        gains += (wide("U", disturbed.densities, "input noise", units[2], names),)
+        at = "" if form.system.discrete else " at mid-step"
+        equations += (f"Q + f_u U f_u' for Q, f_u = df/du{at}, u = ({', '.join(names)})",)
     return Extended(part, gains, equations)
 
 

@@ -179,7 +179,7 @@ class SquareRoot(Unrolled):
     ) -> tuple[Writes, dict[str, Graph]]:
         """Return S, as an assignment, of growth Phi P Phi' + W diag(w) W' by Gram-Schmidt, and intermediate values."""
         S = self.root if growth is None else ca.sqrt(growth) * self.root
-        S, names = triangle(ca.horzcat(transition @ S, root_of(*noise)))
+        S, names = triangle(ca.horzcat(transition @ S, root_of(*noise)), self.least)
         return self.writes(S), names
 
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
@@ -276,18 +276,18 @@ class Unscented(SquareRoot):
         read = {name: sym("work", name, n) for name in points}
         sums = self.transformed(read["middle"], *([read[f"{side}_{i + 1}"] for i in range(n)] for side in sides))
         drift = sqrt(max(0.0, self.more)) * sums.drift
-        noise = root_of(*self.noise(self.stages()))
-        S, names = triangle(ca.horzcat(sums.slopes, sums.curvatures, drift, noise))
+        added = root_of(*self.noise(self.stages()))
+        S, names = triangle(ca.horzcat(sums.slopes, sums.curvatures, drift, added), self.least)
         after = {Place("state", self.part.z.name): sums.middle + sums.drift, **self.writes(S)}
-        blocks = []
+        blocks, noise = [], "Q" if self.motion.map else "h Q"
         for name, (title, point) in points.items():
             stages = self.stages(point)
             result = {Place("work", name): stages.result["z"]}
-            blocks.append(Block(f"{title} by classical Runge-Kutta", result, stages.names))
+            blocks.append(Block(f"{title} by {self.motion.name}", result, stages.names))
         return (
             *self.limited,
             *blocks,
-            Block("the mean of the points, and P = S S' of their covariance + h Q", after, names),
+            Block(f"the mean of the points, and P = S S' of their covariance + {noise}", after, names),
         )
 
     def sums(self, output: int) -> Transformed:

@@ -10,6 +10,7 @@ from functools import partial, update_wrapper
 from inspect import signature
 from typing import Any
 
+from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, demand_switch
 
@@ -60,7 +61,8 @@ def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any)
         raise BadGain(f"{name}, {min(repeated)}=", f"is fixed: {known.sentence}; take {known.observer} for another")
     demand_switch("density", arguments.get("density", False))
     densities = [key for key in ("Q", "R", "U") if arguments.get(key) is not None]
-    if known.explicit and densities and not arguments.get("density"):
+    sampled = isinstance(form, Form) and form.system.discrete  # so that there is no density
+    if known.explicit and densities and not (sampled or arguments.get("density")):
         reason = (
             f"must say what its {' and '.join(densities)} are: give Q_per_sample, and noise or R_per_sample, for the "
             "noise of one sample, or density = True for spectral densities"

@@ -36,6 +36,7 @@ import numpy as np
 from hgogen.analysis.dynamics import Dynamics, inside
 from hgogen.analysis.scaling import SCALED, Scaled
 from hgogen.check import Claims, Verdict
+from hgogen.estimators import discrete
 from hgogen.estimators.innovation import Innovation
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -197,7 +198,9 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 def of_form(theorem: Theorem, form: Form, *, rank: str = "") -> Theorem:
     """Return `theorem` with the hypotheses of `form`: on chains of several outputs, and on coordinates other than the
-    theorem's. `rank`: a sentence on a Q that is not positive definite."""
+    theorem's. `rank`: a sentence on a Q that is not positive definite. Of a discrete plant it is another theorem."""
+    if form.system.discrete:
+        return discrete.THEOREM
     if rank:
         singular = replace(_DEFINITE, verdict=Verdict.UNKNOWN, reason=rank)
         ranked = (singular if each is _DEFINITE else each for each in theorem.hypotheses)

@@ -8,8 +8,16 @@ variants, the number of outputs, and whether it takes seconds. The proof of a ch
 A claim without evidence and rule is `stated` in a certificate.
 """
 
-from hgogen.form import valued
-from hgogen.reading.given import cached, requires_plant, requires_switches
+from typing import Any
+
+from hgogen.form import Asking, valued
+from hgogen.reading.given import cached, requires_any_plant, requires_plant, requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: requires_plant(requires_switches(cached(valued(case)))))
+
+def _prepared(case: Any) -> Any:
+    of_plant = requires_any_plant if vars(case).get("asking", Asking()).discrete else requires_plant
+    return of_plant(requires_switches(cached(valued(case))))
+
+
+__all__, __dir__, __getattr__ = cases_of(__name__, _prepared)

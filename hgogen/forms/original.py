@@ -12,12 +12,12 @@ gain overshoots in x_i like theta^(i-1).
 """
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
 from hgogen.analysis.chain import Rows, connected, of_plant, reached
-from hgogen.analysis.coordinates import coordinates, form_in, split
+from hgogen.analysis.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.analysis.hypotheses import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
@@ -42,14 +42,14 @@ class BadOrder(HgogenError):
     text = "system {system!r}: the order {order} must hold each of the states {states} once"
 
 
-@Asking(6, costly=True)  # its Lipschitz constant takes seconds, and no theorem covers it
+@Asking(6, costly=True, discrete=True)  # its Lipschitz constant takes seconds, and no theorem covers it
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
     """The plant z' = A(u) z + b(z, u), y = h(z, u) in its own coordinates, its states in `order`, signals or their
-    names; by default as declared.
+    names; by default as declared. The only form of a discrete plant, z+ = A(u) z + b(z, u).
 
     Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states),
-    `original.order` (the structure that a high gain needs: generic, or unknown), `original.lipschitz`,
-    `original.convergence` (unknown).
+    `original.convergence` (unknown); of differential equations `original.order` (the structure that a high gain needs:
+    generic, or unknown), `original.lipschitz`.
 
     Raises: `BadOrder`; `BadGain` for an order that is no sequence of names.
     """
@@ -70,16 +70,12 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
         states = tuple(by_name[name] for name in names)
     z = coordinates(plant, states)
     A, b = split(z.flow, z.states)
-    flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
-    listed = ", ".join(map(str, along))
-    claim = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
-    generic = because("no slope is zero identically; zeros on the box are not excluded")
-    obstacle = _misshapen(along, rows)
-    verdict = Verdict.UNKNOWN if obstacle else Verdict.GENERIC
+    joined = connected("original", hidden, doubtful)
+    if plant.discrete:
+        joined = replace(joined, claim="every state appears in an output or in the next value of a state that counts")
     checks = (
-        connected("original", hidden, doubtful),
-        Check(ClaimId("original", "order"), claim, verdict, obstacle or generic),
-        lipschitz("original", map(z.back, (*flow, *z.output)), plant, "A x + b with the output"),
+        joined,
+        *(() if plant.discrete else _for_high_gain(z, A, b, along, rows)),
         Check(
             ClaimId("original", "convergence"),
             "the estimate converges from everywhere in the box",
@@ -89,6 +85,21 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     )
     levels = tuple(along.index(x) for x in z.order)
     return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output), levels=levels)
+
+
+def _for_high_gain(
+    z: Coordinates, A: sp.ImmutableDenseMatrix, b: Sequence[sp.Expr], along: Sequence[sp.Symbol], rows: Rows
+) -> tuple[Check, Check]:
+    flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
+    listed = ", ".join(map(str, along))
+    claim = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
+    generic = because("no slope is zero identically; zeros on the box are not excluded")
+    obstacle = _misshapen(along, rows)
+    verdict = Verdict.UNKNOWN if obstacle else Verdict.GENERIC
+    return (
+        Check(ClaimId("original", "order"), claim, verdict, obstacle or generic),
+        lipschitz("original", map(z.back, (*flow, *z.output)), z.system, "A x + b with the output"),
+    )
 
 
 def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:

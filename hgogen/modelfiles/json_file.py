@@ -38,7 +38,7 @@ def equations(plant: System) -> list[str]:
     """Return the equations of the plant as first declared, in the form of the files, without the values of
     parameters."""
     first = plant.declared
-    flow = (f"{x}' = {row}" for x, row in zip(first.states, first.flow, strict=True))
+    flow = (f"{x}{first.next_mark} = {row}" for x, row in zip(first.states, first.flow, strict=True))
     return [*flow, *(f"{y} = {row}" for y, row in zip(first.outputs, first.output, strict=True))]
 
 

@@ -58,12 +58,17 @@ from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey, survey
 
-_OPTIONS = ("between", "periods", "guards", "prefer", "real", "report")  # arguments of `sample` besides method and dt
+# arguments of `sample` besides method and dt
+_OPTIONS = ("between", "periods", "guards", "prefer", "first", "real", "report")
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
 Result = TypeVar("Result")
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer": TEXT, "real": TEXT, "delays": TABLE}
+_TYPES = {
+    "dt": NUMBER,
+    "delays": TABLE,
+    **dict.fromkeys(("kind", "between", "guards", "prefer", "first", "real"), TEXT),
+}
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ class Tuning:
         periods = (dt, self.setting.dt, table.get("dt"))
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
-        if observer.at_period is not None and "dt" in table:
+        if observer.at_period is not None and "dt" in table and not self.plant.discrete:
             observer = replace(observer, process_dt=float(table["dt"]))  # of process noise, whatever the step's dt
         options = {key: table[key] for key in _OPTIONS if key in table}
         setting = self.setting
@@ -142,7 +147,7 @@ class Tuning:
                 raise BadModelFile(self.file, f"{where}.of", f"names {passed[-1]!r:.60}, no tuning that has a form")
             entry = self._form_entry(passed[-1])
         table = dict(entry) if isinstance(entry, Mapping) else {"kind": entry}
-        make = self._case(where, forms, table.pop("kind", "triangular"))
+        make = self._case(where, forms, table.pop("kind", "original" if self.plant.discrete else "triangular"))
         options = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
         if callable(make):
             self._arguments(where, make, options)
@@ -151,7 +156,8 @@ class Tuning:
     def _form_entry(self, name: str) -> Any:
         table = self.table(name)
         known = SYNONYMS.get(str(table.get("kind", name)))
-        return table.get("form", known.form if known else "triangular")
+        usual = "original" if self.plant.discrete else known.form if known else "triangular"
+        return table.get("form", usual)
 
     @property
     def synonyms(self) -> Iterator[str]:

@@ -25,6 +25,7 @@ from hgogen.reading.given import BadGain, among, positive, real
 from hgogen.sentence import because, same
 from hgogen.starting import starts
 from hgogen.stepping.parallel import Parallel, demand_one
+from hgogen.system import demand_continuous
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides)"
@@ -76,6 +77,7 @@ def bank(
         bank="goes around one observer, not around another bank; give it more members",
         late="goes around an observer whose samples come at once, not around hg.delayed(..)",
     )
+    demand_continuous(member.form.system, "bank", "; run one riccati, ukf or iterated_ekf")
     if real("count", count) not in range(2, MOST + 1):
         reason = f"must be a whole number of members, from 2 (one runs while another restarts) to {MOST}"
         raise BadGain(f"count = {count!r}", reason)

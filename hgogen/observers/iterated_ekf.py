@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
+from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended, noise_rank
@@ -29,6 +30,7 @@ EQUATIONS = (
     "at a sample: z+ minimises |z+ - z|^2_(P^-1) + (y - h(z+))^2 h/R, in passes from z on",
     "P <- P - K c P, K = P c'/(R/h + c P c'), c = dh/dz at z+",
 )
+MAP_EQUATIONS = (discrete.PREDICTION, *(line.replace("h/R", "1/R").replace("R/h", "R") for line in EQUATIONS))
 THEOREM = KALMAN.under(
     Hypothesis(
         "a sample moves the estimate so little that the first pass is the last",
@@ -68,7 +70,7 @@ def iterated_ekf(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = demand_form("iterated_ekf", form, accept, linearises=True)
+    accept = demand_form("iterated_ekf", form, accept, linearises=True, discrete=True)
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
@@ -84,7 +86,11 @@ def iterated_ekf(
         claims=lambda: (*form.checks, *evaluated(form)),
         accepted=accept,
         theorem=of_form(THEOREM, form, rank=noise_rank(part, form.names)),
-        equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
+        equations=(
+            *(MAP_EQUATIONS if form.system.discrete else EQUATIONS),
+            f"at most {passes} passes a sample",
+            *filter.equations,
+        ),
         reference=REFERENCE,
     )
     return with_gates(observer, filter.part.gates)

@@ -20,6 +20,7 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import Riccati, extended, noise_rank
@@ -75,7 +76,8 @@ def riccati(
     dt F + (dt F)^2/2 by the default method, Q = Q_per_sample/dt; `density` says that Q and R are densities
     (`estimators.noise`); `gate` innovation gates, by an output or a tuple of outputs that pass together: a probability
     such as 0.999, or an `hg.Gate` (`estimators.gate`), by default none; `accept` ids of refuted checks to ignore. A
-    matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
+    matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2. Of a discrete plant Q, R
+    and U are those of a sample, and theta is 1.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
     where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
@@ -84,12 +86,15 @@ def riccati(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = demand_form("riccati", form, accept, linearises=True)
+    accept = demand_form("riccati", form, accept, linearises=True, discrete=True)
     theta = theta if isinstance(theta, Theta) else constant(theta)
+    discrete.demand_plain_gain(form, theta.peak)
     _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta, U=U, gate=gate)
     dynamics, z = filter.part.dynamics, filter.part.z
-    convergence = _convergence(theta, form, filter.part)
+    mapped = form.system.discrete
+    convergence = discrete.no_proof("riccati") if mapped else _convergence(theta, form, filter.part)
+    continuous = (*EQUATIONS, noise_equation(form, theta.scaled))
     proved = convergence.verdict is Verdict.PROVED
     observer = Observer(
         form=form,
@@ -101,8 +106,12 @@ def riccati(
         claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), convergence),
         accepted=accept,
         theorem=LINEAR if proved else of_form(theta.theorem, form, rank=noise_rank(filter.part, form.names)),
-        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.law(form.system.time), *filter.equations),
-        reference=REFERENCE,
+        equations=(
+            *((discrete.PREDICTION, discrete.CORRECTION) if mapped else continuous),
+            theta.law(form.system.time),
+            *filter.equations,
+        ),
+        reference=discrete.REFERENCE if mapped else REFERENCE,
         traces=theta.traces,
     )
     return with_gates(observer, filter.part.gates)

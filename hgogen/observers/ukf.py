@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from math import sqrt
 
 from hgogen.check import Verdict
+from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.riccati_part import AtSamples, extended
@@ -31,6 +32,10 @@ REFERENCE = (
 EQUATIONS = (
     "points z, z +- g s_i with S S' = P; z, P: their mean and covariance after a step, P <- P + h Q",
     "K = S f/(r + |f|^2), z <- z + K (y - mean of h), f the half differences of h over pairs of points",
+)
+MAP_EQUATIONS = (
+    "points z, z +- g s_i with S S' = P, drawn anew for each sample; z, P: mean and covariance after f, P <- P + Q",
+    EQUATIONS[1],
 )
 THEOREM = Theorem(
     "the estimate's mean square error stays bounded",
@@ -87,7 +92,7 @@ def ukf(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = demand_form("ukf", form, accept)
+    accept = demand_form("ukf", form, accept, discrete=True)
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
@@ -102,8 +107,12 @@ def ukf(
         dynamics=part.dynamics,
         claims=lambda: form.checks,
         accepted=accept,
-        theorem=THEOREM,
-        equations=(*EQUATIONS, f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}", *filter.equations),
+        theorem=discrete.THEOREM if form.system.discrete else THEOREM,
+        equations=(
+            *(MAP_EQUATIONS if form.system.discrete else EQUATIONS),
+            f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}",
+            *filter.equations,
+        ),
         reference=REFERENCE,
     )
     return with_gates(observer, filter.part.gates)

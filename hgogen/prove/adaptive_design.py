@@ -37,6 +37,7 @@ from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, Misfit, positive, real, reals
 from hgogen.rigor.definite import demand_hurwitz, root
 from hgogen.sentence import down, up
+from hgogen.system import demand_continuous
 
 _REACH = 1e3  # the largest gamma that is searched, over the smallest
 _STEPS = 12  # points of a grid, and of a finer one inside its best cells
@@ -288,6 +289,7 @@ def slope(form: Form, gamma: float = 1.0) -> float:
     Raises: `BadGain` for a form that is no chain of integrators, or has no proved bound k; `Misfit` for no form."""
     if not isinstance(form, Form):
         raise Misfit("slope", form, _FORM)
+    demand_continuous(form.system, "slope")
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     steep = steepness(integrators("adaptive_lmi", form), gamma)

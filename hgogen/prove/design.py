@@ -49,6 +49,7 @@ from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, Misfit, positive, real, reals
 from hgogen.rigor.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
 from hgogen.sentence import NONE, Reason, because
+from hgogen.system import demand_continuous
 
 __all__ = [
     "Checks",
@@ -85,6 +86,7 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
     `BadGain`."""
     if not isinstance(form, Form):
         raise Misfit("constant_gain", form, _FORM)
+    demand_continuous(form.system, "constant_gain")
     most = positive("largest", largest)
     one = because("a gain is designed for one output") if len(form.output) > 1 else NONE
     vertices = obstacle(form) or one or corners(chains(form)[0], form)

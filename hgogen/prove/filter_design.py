@@ -29,6 +29,7 @@ from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_float
 from hgogen.prove.semidefinite import sought
 from hgogen.reading.given import BadGain, Misfit, among, count, positive
 from hgogen.sentence import up
+from hgogen.system import demand_continuous
 
 _NAME = "filtered_injection"
 _STATES = 6  # of the chain, and of the filter
@@ -96,6 +97,7 @@ def injection_filter(
     """
     if not isinstance(form, Form):
         raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
+    demand_continuous(form.system, "injection_filter")
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
         raise BadGain(form.system.name, f"has no filter that is designed: {form.system.wraps}", fix=fix)

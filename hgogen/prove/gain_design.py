@@ -48,6 +48,7 @@ from hgogen.prove.questions import Bounds, bounds, joint_bound_in_floats, named
 from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
 from hgogen.reading.given import BadGain, Each, Misfit, cached, each_by_name, names_of, positive
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
+from hgogen.system import demand_continuous
 
 _WHAT = "the design of a gain"
 _LESS = 1 - 1e-6  # sum of the lambda over alpha
@@ -471,6 +472,7 @@ def gain(
     """
     if not isinstance(form, Form):
         raise Misfit("gain", form, _FORM)
+    demand_continuous(form.system, "gain")
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
         raise BadGain(form.system.name, f"has no gain that is designed: {form.system.wraps}", fix=fix)

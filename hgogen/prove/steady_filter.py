@@ -63,6 +63,7 @@ from hgogen.rigor.box import exact as exactly
 from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative
 from hgogen.sentence import Reason, because, same
 from hgogen.signal import Signal
+from hgogen.system import demand_continuous
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -92,6 +93,7 @@ def steady_gain(
     """
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
+    demand_continuous(form.system, "steady_gain")
     in_chains(form)
     noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
     variances = np.array(positive_numbers("R", by_output("R", R, form), len(form.output)))

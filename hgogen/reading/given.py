@@ -29,7 +29,7 @@ from hgogen.form import Form
 from hgogen.program import Field
 from hgogen.reading.files import cut, quoted
 from hgogen.sentence import same
-from hgogen.system import System
+from hgogen.system import System, demand_continuous
 
 S = TypeVar("S", bound=sp.Symbol)
 
@@ -200,7 +200,20 @@ def requires_switches(function: Decorated) -> Decorated:
     return cast(Decorated, guarded) if names else function
 
 
-requires_plant = requires(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
+requires_any_plant = requires(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
+
+
+def requires_plant(function: Decorated) -> Decorated:
+    """Return the function with a check that its first argument is a plant x' = f(x, u). Raises: `Misfit`;
+    `DiscretePlant`."""
+    name = next(iter(signature(function).parameters))
+
+    @wraps(function)
+    def continuous(*args: Any, **options: Any) -> Any:
+        demand_continuous(args[0] if args else options[name], function.__name__)
+        return function(*args, **options)
+
+    return requires_any_plant(cast(Decorated, continuous))
 
 
 def cached(function: Decorated) -> Decorated:

@@ -23,7 +23,8 @@
     y = [0, 50]
     z = [[-2, -1], [0, 0], [2, 1]]
 
-Other keys: invariants (a list of expressions that the flow keeps at 0), meaning and reference (text), known (known
+Other keys: invariants (a list of expressions that the flow keeps at 0), discrete (true: the flow is the state at the
+next sample), meaning and reference (text), known (known
 answers, a free table), and the tables that files of `hgogen.modelfiles` read: `observer` and `tuning` (tuning.py),
 `trial` (recipe.py), `dissipation` (storage.py). Expressions are those of `reading.expression`.
 
@@ -64,6 +65,7 @@ from hgogen.system import System
 
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
 NUMBERS, ROWS, EXPRESSIONS = "a list of numbers", "a list of lists of numbers", "a list of expressions"
+SWITCH = "true or false"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _TURN = {"period": EXPRESSION}  # "2*pi" or 360
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
@@ -79,9 +81,10 @@ _TOP = {
     **dict.fromkeys(("name", "meaning", "reference", "time"), TEXT),
     **dict.fromkeys(_KINDS, TABLE),
     "invariants": EXPRESSIONS,
+    "discrete": SWITCH,
     **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
-_OF_PLANT = ("name", "time", "disturbances", "tables", "invariants", *_KINDS)
+_OF_PLANT = ("name", "time", "discrete", "disturbances", "tables", "invariants", *_KINDS)
 OTHER_KEYS = tuple(key for key in _TOP if key not in _OF_PLANT)  # the keys that do not declare the plant
 Result = TypeVar("Result")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
@@ -94,6 +97,7 @@ _EXAMPLES = {
     NUMBERS: "[0, 0.5, 1]",
     ROWS: "[[0, 1], [2, 3]]",
     EXPRESSIONS: '["x1**2 + x2**2 - 1"]',
+    SWITCH: "true, without quotes",
 }
 
 
@@ -176,7 +180,8 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         named(file, "invariants", read_expression, str(text), symbols, tables) for text in table.get("invariants", ())
     ]
     readings = {what: [one.reading for one in group] for what, group in rows.items()}
-    plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
+    about = {"time": table.get("time", "s"), "discrete": table.get("discrete", False)}
+    plant = named(file, "", System, table["name"], **readings, **signals, **about)
     for name, entry in table.get("disturbances", {}).items():
         signal = _signal(file, "disturbances", name, entry, _DISTURBANCE, "on")
         on, order = entry["on"], entry.get("order", 1)
@@ -218,6 +223,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     NUMBERS: _numbers,
     ROWS: lambda value: isinstance(value, list) and all(map(_numbers, value)),
     EXPRESSIONS: lambda value: isinstance(value, list) and all(map(_FITS[EXPRESSION], value)),
+    SWITCH: lambda value: isinstance(value, bool),
 }
 
 
@@ -274,7 +280,7 @@ def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> 
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
     lines += [f"{_key(key)} = {inline(value)}" for key, value in others.items()]
     invariants = [_expression(plant, symbols, row) for row in plant.invariants]
-    lines += [f"invariants = {inline(invariants)}"] * bool(invariants)
+    lines += [f"invariants = {inline(invariants)}"] * bool(invariants) + ["discrete = true"] * plant.discrete
     lines += [line for cells in plant.tables for line in _table(plant, cells)]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
@@ -426,6 +432,8 @@ def entry(model: Any) -> Entry:
 def _of_table(name: str, model: Mapping[str, Any]) -> Entry:
     queries = _texts(name, "bound_queries", model.get("bound_queries"))
     plant = from_table({key: value for key, value in model.items() if key != "bound_queries"}, f"model {name!r}").plant
+    if plant.discrete:
+        raise BadEntry(name, "is discrete in time, and a library is of differential equations; check its model alone")
     ends = {s: pair for s, pair in box(plant.signals, plant.nominal).items() if pair != EVERYTHING}
     known, unknown = (tuple(p for p in plant.parameters if p.bounded is loose) for loose in (False, True))
     names = tuple(y.name for y in plant.outputs)

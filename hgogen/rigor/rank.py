@@ -533,10 +533,11 @@ def observability(
     limit: int | None = None,
     places: Places = (),
     sides: Sides | None = None,
+    discrete: bool = False,
 ) -> Ranks:
     """Return the observability ranks of x' = flow, y = output with known parameters and jointly, at a random point;
     every other symbol is a random constant. With kinks, jumps or tables the least ranks over the branches that are
-    found.
+    found. `discrete`: of x+ = flow, y at samples in place of its derivatives, up to as many as there are unknowns.
 
     `limit`: the highest order of derivatives (None: until the rank is stationary); `places`: values of all symbols,
     near which real points are drawn, by default from the ranges `sides` of symbols that have one.
@@ -545,7 +546,7 @@ def observability(
     """
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters_unknown)
-    plant, symbols = plant_of(flow, output, states, inputs, parameters, places)
+    plant, symbols = plant_of(flow, output, states, inputs, parameters, places, discrete)
     if exact_numbers(plant) or places or not (sides or branches(plant)):
         return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
     around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
@@ -555,7 +556,7 @@ def observability(
         rows = branch.rows[:n], branch.rows[n:], states, inputs, parameters
         if branch.rows not in each:
             with suppress(NowhereDefined):
-                each[branch.rows] = observability(*rows, limit=limit, places=branch.places)
+                each[branch.rows] = observability(*rows, limit=limit, places=branch.places, discrete=discrete)
     if not each:
         raise NowhereDefined(on_box.points)
     answers = list(each.values())
@@ -585,9 +586,10 @@ def plant_of(
     inputs: Iterable[sp.Symbol],
     parameters: Iterable[sp.Symbol] = (),
     places: Places = (),
+    discrete: bool = False,
 ) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """Return the plant x' = flow, y = output as a tape, and its unknowns: states, then unknown `parameters`; `places`:
-    values of all symbols, near which real points are drawn."""
+    """Return the plant x' = flow, or x+ = flow, y = output as a tape, and its unknowns: states, then unknown
+    `parameters`; `places`: values of all symbols, near which real points are drawn."""
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters)
     for what, part in (("states", states), ("outputs", output)):
@@ -598,7 +600,7 @@ def plant_of(
     symbols = (*states, *inputs, *parameters, *sorted(free, key=lambda symbol: symbol.name))
     points = tuple(tuple(place[s] for s in symbols) for place in places)
     program = tape((*flow, *output), symbols)
-    return Plant(program, len(states), len(parameters), len(inputs), points), (*states, *parameters)
+    return Plant(program, len(states), len(parameters), len(inputs), points, discrete), (*states, *parameters)
 
 
 def exact_numbers(plant: Plant) -> bool:
@@ -659,7 +661,7 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
     for matrices in gradients(plant, numbers, point):
         rows += [row for matrix in matrices for row in matrix_rows(matrix)]
         for width in widths - done.keys():
-            rank = _rank(rows, width, symbols[:width], plant.outputs, prime, limit)
+            rank = _rank(rows, width, symbols[:width], plant, prime, limit)
             if rank:
                 done[width] = rank
         if widths == done.keys():
@@ -677,16 +679,19 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 
 
 def _rank(
-    rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
+    rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], plant: Plant, prime: int, limit: int | None
 ) -> Rank | None:
     """Return the observability rank once it is full, constant under one more
     derivative of each of the p outputs, or at its limit; else None. `rows`:
-    gradients of the outputs' derivatives; the first `width` columns count."""
+    gradients of the outputs' derivatives; the first `width` columns count. A map
+    may have no inverse, and a rank that is constant for one sample is not final."""
+    p = plant.outputs
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]
     levels = [i // p for i in new_rows(cut, prime)]  # the order of derivative of each new row
-    gap = next((k for k in range(orders) if k not in levels), None)
+    constant = next((k for k in range(orders) if k not in levels), None)
+    gap = constant if not plant.discrete else width if orders > width else None
     final = len(levels) == width or gap is not None
     if not final and not reached:
         return None

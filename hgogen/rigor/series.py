@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
+from itertools import count
 from typing import Any
 
 import flint
@@ -508,7 +509,8 @@ Gradient = Mapping[int, Any]
 class Plant:
     """A plant x' = f, y = h as a tape of f then h whose symbols are n states, q parameters, m inputs, then constants.
 
-    `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere.
+    `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere. `discrete`:
+    the plant is x+ = f, whose inputs at different samples are free of each other.
     """
 
     tape: Tape
@@ -516,6 +518,7 @@ class Plant:
     q: int
     m: int
     places: tuple[tuple[Fraction, ...], ...] = ()
+    discrete: bool = False
 
     @property
     def wide(self) -> int:
@@ -557,10 +560,13 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
 
 def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
     """Yield lists of the matrices Y_0, Y_1, .. (p x (n + q)) without end, Y_k = d(y^(k)/k!)/d(x_0, parameters); K of
-    them cost of the order of K^2.
+    them cost of the order of K^2. Of a discrete plant Y_k is the gradient of y at sample k.
 
     Raises: `ZeroDivisionError`, `Undecided` where the series do not exist at this point.
     """
+    if plant.discrete:
+        yield from _sampled_gradients(plant, numbers, point)
+        return
     known = 1
     states = [[value] for value in point.states]
     unit = (int(i == j) for i in range(plant.n) for j in range(plant.wide))
@@ -582,14 +588,31 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
         known = order
 
 
-def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
-    """Return the first `count` matrices Y_k = d(y^(k)/k!)/d(x_0, parameters) (p x (n + q)), y the outputs."""
+def _sampled_gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
+    """Yield [d y_k/d(x_0, p)] for k = 0, 1, .., x_(k+1) = f(x_k, u_k, p), y_k = h(x_k, u_k, p)."""
+    states = list(point.states)
+    unit = (int(i == j) for i in range(plant.n) for j in range(plant.wide))
+    phi = numbers.matrix(plant.n, plant.wide, unit)
+    for k in count():
+        inputs = [point.inputs(j, k + 1)[k] for j in range(plant.m)]
+        at = [numbers.series([value], 1) for value in (*states, *inputs, *point.constants)]
+        rows = evaluate(plant, numbers, at, 1, 1)
+        flow, output = (_split(part, plant, numbers, 1) for part in (rows[: plant.n], rows[plant.n :]))
+        (F,), (of_parameters,) = flow
+        (C,), (read,) = output
+        yield [C * phi + read]
+        phi = F * phi + of_parameters
+        states = [numbers.coefficients(value, 1)[0] for value, _ in rows[: plant.n]]
+
+
+def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, size: int) -> list[Any]:
+    """Return the first `size` matrices Y_k = d(y^(k)/k!)/d(x_0, parameters) (p x (n + q)), y the outputs."""
     first: list[Any] = []
     for matrices in gradients(plant, numbers, point):
         first += matrices
-        if len(first) >= count:
+        if len(first) >= size:
             break
-    return first[:count]
+    return first[:size]
 
 
 def evaluate(

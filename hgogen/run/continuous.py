@@ -47,6 +47,7 @@ from hgogen.reading.given import Misfit, reals, requires
 from hgogen.run.samples import Run, table
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, Reading, casadi_block
+from hgogen.system import demand_continuous
 
 FINE = repeated(RK4, 16)
 TIME = Place("work", "time")  # since the last sample
@@ -71,6 +72,7 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """
     observer = source.observer if isinstance(source, Step) else source
+    demand_continuous(observer.form.system, "reference", "; run the step itself")
     if isinstance(source, Step):
         dt, between = source.dt, source.clock.between
     elif isinstance(dt, int | float) and 0 < dt < INF:
@@ -213,6 +215,7 @@ def response(source: Observer | Step, omega: Any) -> Response:
     observer = step.observer if step else source
     if not isinstance(observer, Observer):
         raise Misfit("response", source, "an observer or a step")
+    demand_continuous(observer.form.system, "response")
     frequencies = np.atleast_1d(reals("omega", omega))
     if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
         unit = f"rad/{observer.form.system.time}"

@@ -21,6 +21,7 @@ from hgogen.program import sym
 from hgogen.reading.given import BadGain, Misfit, by_output, positive, reals
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
+from hgogen.system import demand_continuous
 
 HIDDEN = 1e-12  # of the largest eigenvalue: smaller ones are rounding
 
@@ -35,6 +36,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     """
     if not isinstance(form, Form):
         raise Misfit("excitation.along", form, "a form: hg.forms.state_affine(plant)")
+    demand_continuous(form.system, "excitation.along")
     dynamics, outputs = Dynamics(form), len(form.output)
     dt, d = positive("dt", dt), positive("d", d)
     m = len(form.system.inputs)

@@ -46,7 +46,7 @@ from hgogen.rigor.singular import limited
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Encoded
 from hgogen.signal import plural
-from hgogen.system import System
+from hgogen.system import System, demand_continuous
 from hgogen.trial import Trial, simulate, t
 
 _OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
@@ -213,6 +213,7 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
     """Return the observability measure of a plant along a trial without noise, or at fixed points of the declared
     ranges; parameters are nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no
     range, or the model no value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
+    demand_continuous(plant, "the observability measure")
     ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
         if trial:

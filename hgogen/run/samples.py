@@ -322,7 +322,7 @@ def arriving(step: Step, y: Array) -> Array:
 
 def at_their_times(step: Step, y: Array) -> Array:
     """Return the samples y (N, p) with NaN at the rows in which a slower sensor has no sample."""
-    every = [round(period / step.dt) for period in step.clock.periods]
+    every = step.clock.every or (1,) * len(step.outputs)
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 

@@ -137,7 +137,10 @@ def tuned(part: Part, clock: Clock) -> Program:
 
 
 def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
-    """Yield the step lengths, advised and refused, of each part that limits them, computed as far as `dt` requires."""
+    """Yield the step lengths, advised and refused, of each part that limits them, computed as far as `dt` requires;
+    none of a discrete plant."""
+    if observer.form.system.discrete:
+        return
     for part in observer.parts:
         match part:
             case Ode():
@@ -266,7 +269,10 @@ class StepTooShort(HgogenError):
 
 
 def demand_motion(form: Form, dt: float, real: str) -> None:
-    """Raise `StepTooShort` where rounding in the type `real` certainly freezes a state near the end of its range."""
+    """Raise `StepTooShort` where rounding in the type `real` certainly freezes a state near the end of its range, which
+    the map of a discrete plant does not."""
+    if form.system.discrete:
+        return
     for name, (low, high), fastest in _fastest(form):
         end = max(abs(low), abs(high))
         share, power = math.frexp(end)

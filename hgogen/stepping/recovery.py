@@ -79,9 +79,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.linearised import Singular, jacobians_on_box
-from hgogen.discretisation.stability import FrozenRiccati
 from hgogen.estimators.core import core, nominal, numbers
-from hgogen.estimators.riccati_part import Around, Riccati
+from hgogen.estimators.riccati_part import Around, Riccati, frozen_riccati
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -95,6 +94,7 @@ from hgogen.stepping.projection import estimate_fields, nearest, projection
 FINE = 100  # the declared box over a settled error
 HIDDEN = 1e-6  # of the fastest rate: a slower mode is a rounding error
 POINTS = 6  # corners of the box, and as many points inside, at which a linearisation is evaluated
+GONE = 0.05  # the size of an eigenvalue of a map whose mode is gone after a sample
 SAMPLES = 10  # the inverse of a rate, where none is known
 
 
@@ -106,13 +106,16 @@ def settling_time(observer: Observer, clock: Clock, r: float) -> float:
 
 
 def plant_rate(observer: Observer) -> float | None:
-    """Return lambda, the median over points of the box of the geometric mean of the plant's |eigenvalues|; None where
-    the Jacobian is 0, or not finite at a point."""
+    """Return lambda, the median over points of the box of the geometric mean of the plant's |eigenvalues|, of a
+    discrete plant of their |log|; None where the Jacobian is 0, or not finite at a point."""
     try:
         slopes, _ = jacobians_on_box(observer.dynamics, POINTS)
     except Singular:
         return None
-    return _typical(np.abs(np.linalg.eigvals(slopes)))
+    sizes = np.abs(np.linalg.eigvals(slopes))
+    if observer.form.system.discrete:
+        sizes = np.abs(np.log(np.maximum(sizes, GONE)))
+    return _typical(sizes)
 
 
 def _typical(decays: np.ndarray) -> float | None:
@@ -139,7 +142,7 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             decays = -np.linalg.eigvals(matrix).real.ravel()
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
-            riccati = FrozenRiccati.of(*part.linearised(POINTS), *part.typical, part.scaling)
+            riccati = frozen_riccati(part.dynamics).of(*part.linearised(POINTS), *part.typical, part.scaling)
             decays = riccati.decay_rates(part.theta.late)
             if part.forgetting is not None:
                 decays = np.maximum(decays, part.forgetting.initial[0] / 2)
@@ -293,7 +296,8 @@ class Recovery:
             return ()
         time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
         signs, rate = [], plant_rate(self.observer)
-        demand_countable(self.observer.form, dt, LONGEST // 2, SHARE)
+        if not self.observer.form.system.discrete:
+            demand_countable(self.observer.form, dt, LONGEST // 2, SHARE)
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = max(FEWEST, ceil(min(time / period, longest // 2)))

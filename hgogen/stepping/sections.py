@@ -266,9 +266,10 @@ class Assembly:
         counted = period_fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
         most, later = (2, ", then 2") if self.adapt else (1, "")
-        meaning = f"0 before the first call, 1 after it{later}"
+        predicts = self.clock.first == "predict"
+        meaning = "always 1: the first call predicts" if predicts else f"0 before the first call, 1 after it{later}"
         fields = [*parts, *hold_fields(self.observer), *self.law.fields]
-        fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
+        fields += [scalar("calls", int(predicts), kind="index", high=most, meaning=meaning), *counted]
         fields += verdict_fields(self.combined.verdicts)
         fields += age_fields(self._aging)
         if system.inputs:
@@ -357,7 +358,8 @@ class Assembly:
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
-        program.append(Block("the first call advances no time", running))
+        known = "the first call predicts" if clock.first == "predict" else "the first call advances no time"
+        program.append(Block(known, running))
         advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))

@@ -1,0 +1,353 @@
+"""Discrete plants x+ = f(x, u): declaration, observability, filters against an oracle in numpy, and refusals."""
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from oracle import discrete as oracle
+
+import hgogen as hg
+from hgogen.reading.text_model import from_table, read, to_text
+
+S = hg.Signal
+p, v = S("p", "m", low=-100, high=100), S("v", "m/s", low=-5, high=5)
+u, y, r = S("u", "", low=-1, high=1), S("y", "m"), S("r", "m")
+N, DT = 120, 0.1
+RNG = np.random.default_rng(1)
+U = RNG.uniform(-1, 1, (N, 1))
+P0, Q = np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([[1e-3, 2e-4], [2e-4, 1e-2]])
+
+
+def cart(**changed: Any) -> hg.System:
+    """A cart with a nonlinear force, and its distance from a point beside the track as second output."""
+    declared: dict[str, Any] = {
+        "states": (p, v),
+        "inputs": (u,),
+        "outputs": (y, r),
+        "flow": [p + v / 10, v * sp.Rational(9, 10) + u / 10 + sp.sin(p) / 20],
+        "output": [p, sp.sqrt(p**2 + 9)],
+        "discrete": True,
+    }
+    return hg.System("cart", **{**declared, **changed})
+
+
+def f(x: np.ndarray, now: np.ndarray) -> np.ndarray:
+    return np.array([x[0] + x[1] / 10, 0.9 * x[1] + now[0] / 10 + np.sin(x[0]) / 20])
+
+
+def F(x: np.ndarray, now: np.ndarray) -> np.ndarray:
+    return np.array([[1, 0.1], [np.cos(x[0]) / 20, 0.9]])
+
+
+def h(x: np.ndarray) -> np.ndarray:
+    return np.array([x[0], np.hypot(x[0], 3)])
+
+
+def H(x: np.ndarray) -> np.ndarray:
+    return np.array([[1, 0], [x[0] / np.hypot(x[0], 3), 0]])
+
+
+def samples() -> np.ndarray:
+    """Samples of both outputs, a fifth of each missing."""
+    rng, x, rows = np.random.default_rng(2), np.array([3.0, 1.0]), []
+    for k in range(N):
+        x = f(x, U[k - 1]) if k else x
+        rows.append(h(x) + rng.normal(size=2) * (0.2, 0.1))
+    return np.where(rng.uniform(size=(N, 2)) < 0.2, np.nan, np.array(rows))
+
+
+Y, VARIANCES = samples(), np.array([0.04, 0.01])
+NOISE: dict[str, Any] = {"Q": Q, "R": dict(zip(("y", "r"), VARIANCES, strict=True)), "covariance": P0}
+
+
+# ---------------------------------------------------------------- declaration
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"discrete": 1}, "discrete = 1 must be True"),
+        ({"invariants": [p**2 - 1]}, "is discrete and has invariants"),
+        ({"inputs": (S("u", "", low=-1, high=1, rates=((-1, 1),)),)}, "is discrete, and u has rates"),
+    ],
+)
+def test_what_a_discrete_plant_cannot_be(changed: dict[str, Any], said: str) -> None:
+    if "inputs" in changed:
+        changed["flow"] = [p, v]
+    with pytest.raises(hg.HgogenError, match=said):
+        cart(**changed)
+
+
+def test_an_angle_may_advance_by_whole_turns() -> None:
+    a, w = S("a", "rad", low=-np.pi, high=np.pi, period=2 * np.pi), S("w", "rad/s", low=-1, high=1)
+    plant = hg.System("turn", states=(a, w), outputs=(y,), flow=[a + w / 10, w], output=[sp.sin(a)], discrete=True)
+    assert plant.discrete
+    with pytest.raises(hg.HgogenError, match=r"flow 1 changes by 2\*pi over one turn of a"):
+        hg.System("turn", states=(a, w), outputs=(y,), flow=[a + w / 10, w], output=[sp.sin(a)])
+    with pytest.raises(hg.HgogenError, match="no multiple of the state's own"):
+        hg.System("turn", states=(a, w), outputs=(y,), flow=[a / 2 + w, w], output=[sp.sin(a)], discrete=True)
+    with pytest.raises(hg.HgogenError, match="flow 2 changes by"):
+        hg.System("turn", states=(a, w), outputs=(y,), flow=[a, w + a], output=[sp.sin(a)], discrete=True)
+
+
+def test_plain_text(tmp_path: Path) -> None:
+    plant = cart()
+    file = tmp_path / "cart.toml"
+    file.write_text(to_text(plant))
+    assert "discrete = true" in file.read_text()
+    assert read(file).plant == plant
+    with pytest.raises(hg.HgogenError, match="true or false"):
+        from_table({"name": "cart", "discrete": "true"})
+
+
+# ---------------------------------------------------------------- observability
+
+
+def brute_rank(
+    flow: list[sp.Expr], output: list[sp.Expr], states: tuple[sp.Symbol, ...], inputs: tuple[Any, ...]
+) -> int:
+    """The rank of d(y_0, .., y_(n-1))/dx at a random rational point, the compositions written out by SymPy."""
+    x, rows = sp.Matrix(states), []
+    for k in range(len(states)):
+        fresh = {i: sp.Symbol(f"{i}_{k}") for i in inputs}
+        now = {**dict(zip(states, x, strict=True)), **fresh}
+        rows += [sp.sympify(e).subs(now, simultaneous=True) for e in output]
+        x = sp.Matrix([sp.sympify(e).subs(now, simultaneous=True) for e in flow])
+    J = sp.Matrix(rows).jacobian(states)
+    rng = np.random.default_rng(3)
+    return int(J.subs({s: sp.Rational(int(rng.integers(1, 50)), 7) for s in sorted(J.free_symbols, key=str)}).rank())
+
+
+q = S("q", "", low=-2, high=2)
+CASES: dict[str, tuple[list[Any], list[Any], tuple[Any, ...]]] = {
+    "a product": ([p * v, v], [p], (p, v)),
+    "a speed that no output reads": ([p + v / 10, v * sp.Rational(9, 10)], [v], (p, v)),
+    "a shift register": ([v, q, 0 * q], [p], (p, v, q)),
+    "a register that is lost": ([0 * p, p, v], [q], (p, v, q)),
+    "an input that makes it observable": ([p + u * v, v], [p], (p, v)),
+    "no inverse, and a row after a pause": ([v * v, q, p * 0], [p], (p, v, q)),
+    "equal states": ([p / 2, v / 2], [p + v], (p, v)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_rank_is_that_of_the_compositions(name: str) -> None:
+    flow, output, states = CASES[name]
+    inputs = (u,) if any(sp.sympify(e).has(u) for e in flow) else ()
+    plant = hg.System("plant", states=states, inputs=inputs, outputs=(y,), flow=flow, output=output, discrete=True)
+    answer = hg.observability(plant)
+    rank = brute_rank(flow, output, states, inputs)
+    assert answer.rank == rank
+    (check, *_) = answer.checks
+    assert check.verdict is (hg.Verdict.GENERIC if rank == len(states) else hg.Verdict.REFUTED)
+
+
+def test_what_hides_a_state_is_named_and_proved() -> None:
+    plant = cart(flow=[p + v / 10, v * sp.Rational(9, 10)], output=[v, 2 * v], inputs=())
+    answer = hg.observability(plant)
+    assert str(answer.known.symmetries[0]) == "p -> p + c"
+    assert answer.known.symmetries[0].proved
+    assert answer.known.advice == "measure p as well"
+    scaled = hg.System("s", states=(p, v), outputs=(y,), flow=[p * v, v / p], output=[p * v], discrete=True)
+    assert not any(
+        one.proved for one in hg.observability(scaled).known.symmetries
+    )  # p v is, the next p v is not hidden
+
+
+def test_an_unknown_parameter() -> None:
+    b = S("b", "", "gain", 0.5, low=0.1, high=1)
+    plant = cart(parameters=(b,), flow=[p + v / 10, v * sp.Rational(9, 10) + b * u], output=[p, p])
+    assert hg.observability(plant).joint.verdict is hg.Verdict.GENERIC
+    hidden = cart(parameters=(b,), flow=[p + b * v, v], output=[p, p], inputs=())
+    assert hg.observability(hidden).joint.hidden == (v, b)
+    assert "sample 1" in str(hg.observability(hidden))
+
+
+# ---------------------------------------------------------------- filters
+
+
+@pytest.mark.parametrize("method", ["continuous_discrete", "cholesky"])
+@pytest.mark.parametrize("first", ["update", "predict"])
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_the_extended_kalman_filter(method: str, first: Any, between: str) -> None:
+    form = hg.forms.original(cart())
+    observer = hg.observers.riccati(form, **NOISE)
+    step = hg.sample(observer, getattr(hg.methods, method), dt=DT, first=first, between=between, engine="python")
+    x, P = oracle.ekf(f, F, h, H, Q, VARIANCES, np.zeros(2), P0, U, Y, first, between)
+    run = step.run(u=U, y=Y)
+    assert run.x == pytest.approx(x, abs=1e-11)
+    assert run.replay.innovations.covariance == pytest.approx(P, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "kappa"), [(1.0, 2.0, 0.0), (0.1, 2.0, 0.0), (1.0, 0.0, 1.0), (1.0, 0.5, -0.5)]
+)
+def test_the_unscented_filter(alpha: float, beta: float, kappa: float) -> None:
+    """Merwe's points, and with alpha = 1, beta = 0 those of Julier."""
+    observer = hg.observers.ukf(hg.forms.original(cart()), **NOISE, alpha=alpha, beta=beta, kappa=kappa)
+    run = hg.sample(observer, dt=DT, engine="python").run(u=U, y=Y)
+    x, P = oracle.ukf(f, h, Q, VARIANCES, np.zeros(2), P0, U, Y, alpha, beta, kappa)
+    assert run.x == pytest.approx(x, abs=1e-9)
+    assert run.replay.innovations.covariance == pytest.approx(P, abs=1e-9)
+
+
+def test_one_pass_of_the_iterated_filter_is_the_extended_one_up_to_the_row_of_its_covariance() -> None:
+    plant = cart(output=[p, 2 * p - v])
+    observer = hg.observers.iterated_ekf(hg.forms.original(plant), **NOISE)
+    run = hg.sample(observer, dt=DT, engine="python").run(u=U, y=Y)
+
+    def read(x: np.ndarray) -> np.ndarray:
+        return np.array([x[0], 2 * x[0] - x[1]])
+
+    def rows(x: np.ndarray) -> np.ndarray:
+        return np.array([[1, 0], [2, -1]])
+
+    x, _ = oracle.ekf(f, F, read, rows, Q, VARIANCES, np.zeros(2), P0, U, Y)
+    assert run.x == pytest.approx(x, abs=1e-11)
+
+
+def test_linear_with_missing_samples_and_several_outputs_is_the_kalman_filter_of_all_outputs_at_once() -> None:
+    """With a diagonal R the order of the outputs is nothing: joint and sequential updates agree, masked ones too."""
+    A, C = np.array([[1.0, 0.1], [-0.2, 0.9]]), np.array([[1.0, 0.0], [1.0, 2.0]])
+    plant = cart(flow=list(sp.Matrix(A.tolist()) * sp.Matrix([p, v])), output=[p, p + 2 * v], inputs=())
+    y = Y.copy()
+    y[40:60] = np.nan
+    run = hg.sample(hg.observers.riccati(hg.forms.original(plant), **NOISE), dt=DT, engine="python").run(y=y)
+    x, P, states = np.zeros(2), P0, []
+    for k, sample in enumerate(y):
+        x, P = (A @ x, A @ P @ A.T + Q) if k else (x, P)
+        there = np.isfinite(sample)
+        if there.any():
+            rows = C[there]
+            K = P @ rows.T @ np.linalg.inv(rows @ P @ rows.T + np.diag(VARIANCES[there]))
+            x, P = x + K @ (sample[there] - rows @ x), P - K @ rows @ P
+        states.append(x)
+    assert run.x == pytest.approx(np.array(states), abs=1e-9)
+    assert run.replay.innovations.covariance[-1] == pytest.approx(P, abs=1e-9)
+
+
+def test_nothing_is_scaled_by_the_period() -> None:
+    form = hg.forms.original(cart())
+    runs = [
+        hg.sample(hg.observers.riccati(form, **NOISE), dt=dt, engine="python").run(u=U, y=Y) for dt in (1e-3, 0.1, 50)
+    ]
+    assert np.array_equal(runs[0].x, runs[1].x)
+    assert np.array_equal(runs[0].x, runs[2].x)
+    assert runs[2].t[1] == 50
+
+
+def test_every_spelling_of_the_noise_is_of_one_sample() -> None:
+    form, R = hg.forms.original(cart()), {"y": 0.04, "r": 0.01}
+    spelled: tuple[dict[str, Any], ...] = (
+        {"Q": Q, "R": R},
+        {"Q_per_sample": Q, "R_per_sample": R},
+        {"Q": Q, "noise": {"y": 0.2, "r": 0.1}},
+    )
+    for case in (hg.observers.riccati, hg.observers.ekf):
+        runs = [hg.sample(case(form, **one), dt=DT, engine="python").run(u=U, y=Y).x for one in spelled]
+        assert runs[1] == pytest.approx(runs[0], abs=1e-13)
+        assert runs[2] == pytest.approx(runs[0], abs=1e-13)
+    with pytest.raises(hg.HgogenError, match="density = True is for differential equations"):
+        hg.observers.riccati(form, Q=Q, R=R, density=True)
+
+
+def test_a_singular_map_without_noise() -> None:
+    """A delay: x3+ = x1, where F is singular and Q has no noise, in straight-line code and with roots."""
+    a, b = S("a", low=-9, high=9), S("b", low=-9, high=9)
+    plant = hg.System("delay", states=(a, b), outputs=(y,), flow=[sp.Rational(1, 2) * a, a], output=[b], discrete=True)
+    A, C = np.array([[0.5, 0.0], [1.0, 0.0]]), np.array([[0.0, 1.0]])
+    Q, x, P, states = np.zeros((2, 2)), np.array([1.0, -1.0]), np.eye(2), []
+    for k in range(30):
+        x, P = (A @ x, A @ P @ A.T + Q) if k else (x, P)
+        K = P @ C[0] / (P[1, 1] + 0.1)
+        x, P = x + K * (np.sin(k) - x[1]), P - np.outer(K, P[1])
+        states.append(x)
+    samples = np.sin(np.arange(30.0))
+    for method in (hg.methods.continuous_discrete, hg.methods.cholesky):
+        observer = hg.observers.riccati(hg.forms.original(plant), Q=Q, R=0.1, initial=(1, -1))
+        for guards in ("all", "none"):
+            run = hg.sample(observer, method, dt=1, engine="python", guards=guards).run(y=samples)  # type: ignore[arg-type]
+            assert run.x == pytest.approx(np.array(states), abs=1e-9)
+
+
+# ---------------------------------------------------------------- what refuses a discrete plant
+
+
+OF_PLANTS = ("error_system", "observer_errors", "gramian", "proposed_trial", "recast", "with_disturbance")
+
+
+@pytest.mark.parametrize("name", OF_PLANTS)
+def test_what_is_about_differential_equations_refuses_it(name: str) -> None:
+    call: Callable[..., Any] = getattr(hg, name)
+    empty = [each for each in inspect.signature(call).parameters.values() if each.default is each.empty]
+    with pytest.raises(hg.HgogenError, match=f"is discrete in time, .*: {name} is for differential equations"):
+        call(cart(), *([None] * sum(each.kind is each.POSITIONAL_OR_KEYWORD for each in empty[1:])))
+
+
+def test_every_other_form_and_observer_refuses_it() -> None:
+    plant = cart()
+    for name in hg.forms.__all__:
+        if name != "original":
+            with pytest.raises(hg.HgogenError, match=f"{name} is for differential equations"):
+                getattr(hg.forms, name)(plant)
+    form, filters = hg.forms.original(plant), {"riccati", "ukf", "iterated_ekf"}
+    for name in set(hg.observers.__all__) - filters:
+        case = getattr(hg.observers, name)
+        noise = {key: np.ones(2) for key in ("Q", "R") if key in inspect.signature(case).parameters}
+        first = hg.observers.riccati(form, **NOISE) if name == "bank" else form
+        needed = {
+            each.name: 2.0
+            for each in inspect.signature(case).parameters.values()
+            if each.kind is each.KEYWORD_ONLY and each.default is each.empty
+        }
+        with pytest.raises(hg.HgogenError, match=r"is for differential equations|takes the form state_affine"):
+            case(first, **{**needed, **noise})
+
+
+def test_no_proof_is_made_of_it() -> None:
+    form = hg.forms.original(cart())
+    observer = hg.observers.riccati(form, **NOISE)
+    assert not any(check.verdict is hg.Verdict.PROVED for check in observer.checks if check.id.maker == "riccati")
+    step = hg.sample(observer, dt=DT)
+    assert hg.contraction(step).rate is None
+    for nothing in (hg.noise_gain(step), hg.start_set(step)):
+        assert "constant injection" in str(nothing)
+    for call in (
+        lambda: hg.certificate(form, observer.checks),
+        lambda: hg.starting_gains(form, hg.observers.riccati),
+        lambda: hg.reference(step, U, Y),
+        lambda: hg.response(step, 1.0),
+        lambda: hg.design.constant_gain(form),
+        lambda: hg.design.steady_gain(form, Q=(1, 1), R=1.0, at=None),
+        lambda: hg.design.gain(form, rate=1.0),
+        lambda: hg.design.slope(form),
+        lambda: hg.design.injection_filter(form, theta=1.0, rate=1.0),
+        lambda: hg.excitation.along(form, 1.0, U, Y, DT, 1.0),
+    ):
+        with pytest.raises(hg.HgogenError, match="is for differential equations"):
+            call()
+    assert not hg.singularity(cart()).jets
+
+
+@pytest.mark.parametrize("method", ["rk4", "heun", "euler", "rk4_covariance", "bilinear", "exponential"])
+def test_a_method_that_integrates_refuses_it(method: str) -> None:
+    with pytest.raises(hg.HgogenError, match="take continuous_discrete"):
+        hg.sample(hg.observers.riccati(hg.forms.original(cart()), **NOISE), getattr(hg.methods, method), dt=DT)
+
+
+def test_settings_that_are_for_one_kind_of_plant() -> None:
+    form = hg.forms.original(cart())
+    with pytest.raises(hg.HgogenError, match="theta = 3 speeds up"):
+        hg.observers.riccati(form, **NOISE, theta=3)
+    continuous = cart(discrete=False)
+    observer = hg.observers.riccati(hg.forms.original(continuous), **NOISE)
+    with pytest.raises(hg.HgogenError, match='first = "predict" is for discrete plants'):
+        hg.sample(observer, dt=DT, first="predict")
+    with pytest.raises(hg.HgogenError, match='must be "update" or "predict"'):
+        hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="correct")  # type: ignore[arg-type]
+    with pytest.raises(hg.HgogenError, match="sensors that all have the period dt"):
+        hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="predict", periods={"r": 0.2})
