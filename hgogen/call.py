@@ -23,6 +23,7 @@ from hgogen.reading.jumps import Course, JumpsByTurn, jumps_by_turns, unwrapped_
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
+from hgogen.run.gates import RejectsMany, gate_shares
 from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, arriving, door, in_time, numbers, table
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import plural
@@ -143,7 +144,8 @@ class CallableStep(Step):
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
         there is a compiler, else Python with a `NoCompilerWarning`. An output without a period whose samples jump by a
-        whole turn has a `JumpsByTurn` warning.
+        whole turn has a `JumpsByTurn` warning, and a gate that rejects far more samples than its probability says a
+        `RejectsMany` warning.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
         """
@@ -154,6 +156,9 @@ class CallableStep(Step):
         engine = self._kept.ready(engine, self.engine)
         memory = bytes(self._kept.whole)
         x, traces, status = self._kept.run(engine, u, y)
+        for share in gate_shares(self, status):
+            if share.excessive:
+                warnings.warn(str(share), RejectsMany, stacklevel=2)
         first = self._clock[0]
         self._clock[0] += len(y)
         return Run(

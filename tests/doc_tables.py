@@ -12,6 +12,9 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+from scipy.linalg import expm
+
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.emit.cost import cost
@@ -20,6 +23,7 @@ from hgogen.modelfiles.place import shipped
 from hgogen.modelfiles.tuning import First, first, places
 from hgogen.registry import summary
 from hgogen.rigor.functions import ARGUMENTS, INSTEAD, WRITTEN
+from hgogen.run.gates import GateShare, gate_shares
 from hgogen.run.metrics import metrics
 from hgogen.starting import rule
 from hgogen.trial import Trial, try_out
@@ -100,6 +104,49 @@ def _instead(old: Words) -> str:
     return table(("what to do", "in place of"), [(way, ", ".join(each)) for way, each in names.items()])
 
 
+SEEDS, CALLS, DT = 200, 600, 0.1  # logs of a body on a spring, each of so many samples
+Q, R = np.array([1e-3, 1e-2]), 1e-3
+
+
+def _gates(old: Words) -> str:
+    """What gates cost where Q and R are those of the plant, without outliers and with 5 % of a hundred sigma."""
+    x, y = _measured_bodies(np.random.default_rng(0))
+    wrong = np.random.default_rng(1).random(y.shape) < 0.05
+    plain, _ = _estimated(x, y, None)
+    missing, _ = _estimated(x, np.where(wrong, np.nan, y), None)
+    rows = []
+    for probability in (0.9, 0.99, 0.999, None):
+        error, shares = _estimated(x, y, probability)
+        with_outliers, _ = _estimated(x, y + 100 * np.sqrt(R / DT) * wrong, probability)
+        share = 100 * np.mean([one.share for one in shares] or [0])
+        name = f"`{probability}`" if probability else "no gate"
+        rows.append((name, f"{share:.2f} %", f"{error / plain:.3f}", f"{with_outliers / missing:.3g}"))
+    return table(("probability", "samples beyond", "error, without outliers", "error, with outliers"), rows)
+
+
+def _measured_bodies(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Place and velocity (B, N, 2) of bodies on a spring that noise moves from rest, and measured places (B, N, 1)."""
+    motion, z, x = expm(DT * np.array([[0, 1], [-0.25, -0.1]])), np.zeros((SEEDS, 2)), []
+    for _ in range(CALLS):
+        x.append(z)
+        z = z @ motion.T + np.sqrt(DT * Q) * rng.standard_normal(z.shape)
+    places = np.array(x).swapaxes(0, 1)
+    return places, places[:, :, :1] + np.sqrt(R / DT) * rng.standard_normal((SEEDS, CALLS, 1))
+
+
+def _estimated(x: np.ndarray, y: np.ndarray, probability: float | None) -> tuple[float, list[GateShare]]:
+    """RMS error of a Kalman filter, and the samples beyond its gate in each log."""
+    place, rate = hg.Signal("place", low=-9, high=9), hg.Signal("rate", low=-9, high=9)
+    flow = [rate, -place / 4 - rate / 10]
+    body = hg.System("body", states=(place, rate), outputs=(hg.Signal("y"),), flow=flow, output=[place])
+    gate = {"y": probability} if probability else None
+    step = hg.sample(hg.observers.riccati(hg.forms.original(body), Q=Q, R=R, gate=gate), dt=DT)
+    batch = step.run_many(y=y)
+    return float(np.sqrt(np.mean((batch.x - x) ** 2))), [
+        s for status in batch.status for s in gate_shares(step, status)
+    ]
+
+
 def _line(folder: str) -> str:
     """The first line of a folder's docstring."""
     text = (import_module(f"hgogen.{folder}").__doc__ or "").partition("\n")[0].rstrip(".")
@@ -149,6 +196,7 @@ TABLES: Mapping[str, Callable[[Words], str]] = {
     "methods": _cases("methods"),
     "folders": _folders,
     "functions": _functions,
+    "gates": _gates,
     "instead": _instead,
 }
 

@@ -1,6 +1,8 @@
 """Innovation gates: their decisions against an own filter in numpy, what a rejected sample changes, and recovery."""
 
+import json
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -12,12 +14,15 @@ import pytest
 import sympy as sp
 from oracle import gated
 from scipy.stats import chi2
+from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.commands.app import app
 from hgogen.estimators.gate import quantile
 from hgogen.model import load
 from hgogen.reading.given import BadGain
+from hgogen.run.gates import RejectsMany
 from hgogen.step import BadStep
 from hgogen.stepping.discretise import CorrectsAtSamples
 from hgogen.stepping.guards import MARK
@@ -245,6 +250,49 @@ def test_a_rejected_sample_is_no_innovation_of_a_run() -> None:
     assert np.array_equal(np.isfinite(e[:, 2]), np.isfinite(y[:, 2]))
 
 
+# --- how many samples a gate rejects
+
+
+@pytest.mark.parametrize("kind", ["riccati", "ukf", "iterated_ekf"])
+def test_a_run_of_a_healthy_filter_has_the_expected_share_and_no_warning(kind: str) -> None:
+    """About 1 % of 600 samples by .99, and with 5 % of outliers these as well: no warning."""
+    step = made(kind, {("x", "y"): 0.99, "rho": 0.99}, engine=None)
+    _, y, faulty = plant()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pair, rho = step.run(y=y).gates
+        step.reset()
+        run = step.run(y=outliers())
+    assert (pair.outputs, rho.outputs, pair.count, pair.expected) == (("x", "y"), ("rho",), N, 0.01)
+    assert 0 < pair.beyond < 15
+    assert 0 < rho.beyond < 15
+    pair, rho = run.gates
+    there = np.isfinite(outliers())
+    assert (pair.count, rho.count) == (there[:, :2].any(axis=1).sum(), there[:, 2].sum())
+    assert (faulty & there)[:, :2].any(axis=1).sum() <= pair.beyond < 60
+    assert run.since(N - 100).gates[0].count == 100
+    assert not made().run(y=y).gates
+
+
+@pytest.mark.parametrize("inflate", [False, True])
+def test_a_run_with_a_wrong_noise_says_that_its_gate_rejects_too_many(inflate: bool) -> None:
+    """R and Q a hundredth of the true ones: innovations are ten times as large as the filter expects."""
+    gate = {("x", "y"): hg.Gate(0.999, inflate=inflate)}
+    observer = hg.observers.riccati(
+        form(), gate=gate, Q=Q / 100, R=R / 100, covariance=P0, initial=START, accept=ACCEPT
+    )
+    step = hg.sample(observer, dt=DT, engine="python")
+    with pytest.warns(
+        RejectsMany, match=r"samples of x, y are beyond the gate, 0.1 % are expected.*check the NIS first"
+    ):
+        run = step.run(y=plant()[1])
+    (share,) = run.gates
+    assert share.share > 0.5
+    bits = ["INFLATED_X_Y" if inflate else "GATED_X_Y", "REACQUIRED_X_Y"]
+    counts = [sum(bit in step.flags(int(status)) for status in run.status) for bit in bits]
+    assert [share.beyond, share.reacquired] == counts
+
+
 # --- recovery
 
 
@@ -453,6 +501,24 @@ def test_a_plain_text_model_spells_it_as_python(tmp_path: Path) -> None:
     assert {"GATED_Y_W", "REACQUIRED_Y_W"} <= {*bits}
     (part,) = load(str(file)).step("filter").observer.parts
     assert [group.gate for group in part.gates] == [hg.Gate(0.999, accept_after=4)]
+
+
+def test_a_command_reports_what_a_gate_rejects(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples with a hundred times the declared noise."""
+    monkeypatch.chdir(tmp_path)
+    Path("spring.toml").write_text(SPRING)
+    rows = np.column_stack([0.1 * np.arange(200), np.random.default_rng(0).normal(size=(200, 2))])
+    np.savetxt("log.csv", rows, delimiter=",", header="t,y,w", comments="")
+    words = ("run", "spring.toml", "--observer", "filter", "--data", "log.csv", "--time", "t", "--horizon", "1")
+    plain, report = (CliRunner().invoke(app, [*words, *more]) for more in ([], ["--json"]))
+    answer = json.loads(report.stdout)
+    (share,) = answer["acted"]["gates"]
+    assert (share["outputs"], share["count"], share["expected"]) == (["y", "w"], 200, 0.001)
+    assert share["beyond"] + share["reacquired"] > 100
+    (sentence,) = (note for note in answer["notes"] if "check the NIS first" in note)
+    assert sentence.startswith(f"{share['beyond'] / 2:.3g} % of 200 samples of y, w are beyond the gate")
+    assert "samples beyond innovation gates" in plain.stdout
+    assert "RejectsMany" not in plain.stderr
 
 
 SPRING = """

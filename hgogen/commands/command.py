@@ -47,6 +47,7 @@ from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.reading.jumps import JumpsByTurn
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
+from hgogen.run.gates import RejectsMany
 from hgogen.sentence import Encoded, keys_of
 
 if TYPE_CHECKING:  # slow to import, and not needed by `hgogen list` and `recheck`
@@ -157,7 +158,8 @@ def _ending() -> Iterator[None]:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
             warnings.showwarning = _warned
-            warnings.simplefilter("ignore", JumpsByTurn)  # a report has them
+            for reported in (JumpsByTurn, RejectsMany):
+                warnings.simplefilter("ignore", reported)
             yield
     except BrokenPipeError:  # as after `| head`
         raise typer.Exit(dropped()) from None

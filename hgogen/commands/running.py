@@ -49,6 +49,7 @@ from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run.comparison import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest, within_interval
+from hgogen.run.gates import GateShare
 from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
 from hgogen.run.prediction import (
@@ -120,7 +121,15 @@ class RecordRun(ModelReport):
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = coarse(self.from_double, self.step.time)
         known, more = self.doubts
-        return (*known, *no_better(self.predictions), *self.sure.sentences(), *differing, *acted, *more)
+        return (
+            *known,
+            *no_better(self.predictions),
+            *self.sure.sentences(),
+            *differing,
+            *acted,
+            *self.acted.excessive,
+            *more,
+        )
 
     @property
     def status(self) -> dict[str, int]:
@@ -154,6 +163,7 @@ class RecordRun(ModelReport):
         yield log_summary(self.record.report, self.initial)
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
+        yield from gates_table(self.acted.gates)
         yield predictions_table(self.predictions, step.dt, step.time)
         units = {x.name: Text(x.unit) for x in step.states}
         title = "RMS error of the estimate, by the truth"
@@ -502,6 +512,16 @@ def status_table(step: Step, counts: Mapping[str, int], samples: int) -> Rendera
     rows = ((str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.action_of(bit))) for bit in raised)
     table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do", rows=rows)
     return Group(table, "")
+
+
+def gates_table(shares: Iterable[GateShare]) -> Iterable[RenderableType]:
+    """Return a table of the samples beyond each gate, empty without gates."""
+    columns = ("outputs", "samples", "beyond", "share", "expected", "accepted after too many")
+    rows = (
+        (", ".join(s.outputs), str(s.count), str(s.beyond), f"{s.share:.3%}", f"{s.expected:.3%}", str(s.reacquired))
+        for s in shares
+    )
+    return filled(headed("samples beyond innovation gates", *columns, rows=rows))
 
 
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:

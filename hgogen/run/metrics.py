@@ -16,6 +16,7 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.emit import layout
 from hgogen.emit.saved import sealed
+from hgogen.run.gates import GateShare, gate_shares
 from hgogen.run.samples import Engine, Run
 from hgogen.signal import resting
 from hgogen.step import Step
@@ -253,18 +254,27 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Interventions:
-    """The times at which guards acted on an estimate: restarts and projections onto ranges, in `runs` runs."""
+    """The times at which guards acted on an estimate, restarts and projections onto ranges, and the samples beyond
+    innovation gates, in `runs` runs."""
 
     restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
     projections: Annotated[tuple[float, ...], "times of projections onto the ranges"] = ()
     runs: Annotated[int, "number of runs"] = 1
+    gates: Annotated[tuple[GateShare, ...], "the samples beyond innovation gates"] = ()
 
     def __bool__(self) -> bool:
         return bool(self.restarts or self.projections)
 
     def __add__(self, other: "Interventions") -> "Interventions":
         restarts, projections = self.restarts + other.restarts, self.projections + other.projections
-        return Interventions(restarts, projections, self.runs + other.runs)
+        pairs = zip(self.gates, other.gates, strict=True) if self.gates else ()
+        gates = tuple(one + another for one, another in pairs) or other.gates
+        return Interventions(restarts, projections, self.runs + other.runs, gates)
+
+    @property
+    def excessive(self) -> tuple[str, ...]:
+        """A sentence for each gate with far more samples beyond it than its probability says."""
+        return tuple(str(share) for share in self.gates if share.excessive)
 
     def sentence(self, unit: str) -> str:
         """Return a clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4
@@ -279,18 +289,21 @@ class Interventions:
 
 
 def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Interventions:
-    """Return the restarts and projections of an estimate that the status (N,) reports at the times t (N,)."""
+    """Return the restarts and projections of an estimate that the status (N,) reports at the times t (N,), and the
+    samples beyond gates."""
     names = {bit.name: k for k, bit in enumerate(step.layout.bits)}
 
     def raised(name: str) -> tuple[float, ...]:
         return tuple(t[((status >> names[name]) & 1) != 0].tolist()) if name in names else ()
 
-    return Interventions(raised("RESTARTED_FROM_SAMPLE"), raised("PROJECTED_ONTO_RANGES"))
+    restarts, projections = raised("RESTARTED_FROM_SAMPLE"), raised("PROJECTED_ONTO_RANGES")
+    return Interventions(restarts, projections, gates=gate_shares(step, status))
 
 
 def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool, unit: str) -> Iterator[str]:
     """Yield a sentence for a trial with restarts or projections of the estimate, as a warning if the trial has no
-    disturbance. `trial`, `observer`: names; `unit`: of time."""
+    disturbance, and one for each gate that rejects too many. `trial`, `observer`: names; `unit`: of time."""
+    yield from (f"trial {trial}, {observer}: {sentence}" for sentence in each.excessive)
     if each and disturbed:
         yield f"trial {trial}, {observer}: {each.sentence(unit)}"
     elif each:

@@ -34,9 +34,10 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import evaluated, open_loop
 from hgogen.errors import HgogenError
+from hgogen.reading.given import names_of
 from hgogen.reading.measured import shifted
+from hgogen.run.gates import raised
 from hgogen.run.samples import Engine, Run, last_values
-from hgogen.run.uncertainty import raised
 from hgogen.signal import Signal, derived, differences, resting
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
@@ -95,7 +96,7 @@ def forecasts(
     number of samples in `ahead`, then in open loop."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.fallback)
-    u = _as_used(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
+    u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated
@@ -150,7 +151,7 @@ def _compared(
 
 def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
     """Return the mask (N, p) of the samples of y that the step rejected though they are not missing."""
-    return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), step.outputs))
+    return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), names_of(step.outputs)))
 
 
 def rms(error: np.ndarray) -> float:

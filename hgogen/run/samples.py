@@ -15,6 +15,7 @@ from hgogen.errors import BadArgument
 from hgogen.program import lines_of
 from hgogen.reading.given import count, in_order, names_of, unmasked
 from hgogen.registry import library
+from hgogen.run.gates import GateShare
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.delays import AT, MEMORY
@@ -115,6 +116,10 @@ class Replayed(Protocol):
         """The innovations of the whole run: `e`, `variances` and `covariance`."""
         ...
 
+    def gates(self, status: np.ndarray) -> tuple[GateShare, ...]:
+        """Return the share of the samples beyond each gate in calls with this status (N)."""
+        ...
+
 
 @dataclass(frozen=True)
 class Run:
@@ -154,6 +159,11 @@ class Run:
     def covariance(self) -> np.ndarray | None:
         """The covariance (N, n, n) of the estimates, in the order of `names`, after each sample; None without one."""
         return self._replayed("covariance")
+
+    @property
+    def gates(self) -> tuple[GateShare, ...]:
+        """The share of the samples beyond each innovation gate, with the expected share; none without gates."""
+        return () if self.replay is None else self.replay.gates(self.status)
 
     def frame(self) -> Any:
         """A pandas DataFrame by the time t, a row for each sample: estimates, traces and status; the innovations of an

@@ -13,7 +13,7 @@ The covariance is that of a Riccati observer, as its method stores it, at record
     s = c P c' + r,   c = dh/dz,   r = R_theta/h,   h the output's sampling period
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,9 +26,11 @@ from hgogen.estimators.factored import FilterStep
 from hgogen.estimators.riccati_part import AtSamples, Riccati
 from hgogen.graph import Graph, sx
 from hgogen.program import Field, Group, Place, address, sym
+from hgogen.reading.given import names_of
 from hgogen.run.backends import StepMemory
+from hgogen.run.gates import UNUSED, GateShare, gate_shares, gated, raised
 from hgogen.run.samples import Engine, remembered
-from hgogen.signal import Signal, differences
+from hgogen.signal import differences
 from hgogen.step import Step
 from hgogen.stepping.parallel import Parallel
 
@@ -168,22 +170,10 @@ def uncertainty(step: Step) -> Uncertainty | None:
 
 def used(step: Step, status: Array) -> Array:
     """Return the mask (N, p) of the samples of outputs that a step used, from its status (N)."""
-    bits = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
-    usable, known = ~raised(step, status, bits, step.outputs), uncertainty(step)
-    names = [bit.place.name for bit in step.layout.bits]
-    for group in known.part.gates if known else ():
-        if not group.gate.inflate:
-            usable[:, group.outputs] &= ((status >> names.index(group.outside.name)) & 1 == 0)[:, None]
+    usable = ~raised(step, status, UNUSED, names_of(step.outputs))
+    for group in gated(step):
+        usable[:, group.outputs] &= ~raised(step, status, ("GATED",), (group.name,))
     return usable
-
-
-def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
-    """Return the mask (N, k) of the samples whose status has one of the bits `bits` of each of k signals; a bit's name
-    is followed by that of the signal."""
-    names = [bit.place.name for bit in step.layout.bits]
-    wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
-    masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
-    return np.asarray(status[:, None] & np.array(masks, step.layout.word) != 0)
 
 
 @dataclass(frozen=True)
@@ -213,6 +203,10 @@ class Replay:
     def outputs(self) -> tuple[str, ...]:
         """The names of the outputs."""
         return tuple(y.name for y in self.step.outputs)
+
+    def gates(self, status: Array) -> tuple[GateShare, ...]:
+        """Return the share of the samples beyond each gate in calls with this status (N)."""
+        return gate_shares(self.step, status)
 
     @cached_property
     def innovations(self) -> Innovations:
