@@ -17,20 +17,34 @@ from hgogen.form import Form
 from hgogen.method import Method
 from hgogen.observer import Initial, Observer
 from hgogen.part import First, Guards, Prefer
-from hgogen.program import dangling
+from hgogen.program import Place, dangling
 from hgogen.reading.given import in_order
 from hgogen.reading.jumps import Course, JumpsByTurn, jumps_by_turns, unwrapped_outputs
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
 from hgogen.run.gates import RejectsMany, gate_shares
-from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, arriving, door, in_time, numbers, table
+from hgogen.run.samples import (
+    BadShape,
+    Engine,
+    Legend,
+    Run,
+    Sample,
+    Take,
+    arriving,
+    door,
+    in_time,
+    numbers,
+    table,
+    with_elapsed,
+)
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
+from hgogen.stepping.substeps import ELAPSED
 from hgogen.system import System
 
 
@@ -45,7 +59,7 @@ class CallableStep(Step):
     engine: Engine | None = None
     real: Annotated[Real, "working precision: float or double"] = "double"
     _kept: StepMemory = field(init=False)
-    _clock: list[int] = field(init=False)
+    _clock: list[Any] = field(init=False)
     _legend: Legend = field(init=False)
     _take_u: Take = field(init=False)
     _take_y: Take = field(init=False)
@@ -54,8 +68,8 @@ class CallableStep(Step):
     _courses: tuple[Course, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        memory, u = StepMemory(self, self.real), len(self.inputs)
-        signals = (*self.inputs, *self.samples)
+        memory, u, first = StepMemory(self, self.real), len(self.inputs), len(self.given)
+        signals = (*self.given, *self.samples)
 
         def to(name: str, first: int, last: int) -> Take:
             return door(name, signals[first:last], memory.signals, first)
@@ -63,34 +77,40 @@ class CallableStep(Step):
         states, bits = (tuple(each.name for each in named) for named in (self.states, self.layout.bits))
         vars(self).update(
             _kept=memory,
-            _clock=[0],
+            _clock=[0, 0.0],
             _legend=Legend(states, bits, self.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
-            _take_y=to("y", u, len(signals)),
-            _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.samples, u)},
+            _take_y=to("y", first, len(signals)),
+            _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(signals)},
             _output_bytes=memory.outputs.data.tobytes,
             _courses=unwrapped_outputs(self.observer.form.system),
         )
 
-    def __call__(self, u: Any = (), y: Any = ()) -> Sample:
+    def __call__(self, u: Any = (), y: Any = (), dt: float | None = None) -> Sample:
         """Return the estimate after a sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked:
         missing), scalars where there is one, or a mapping by the signals' names. For a step with late samples y has the
-        order of `samples`: the newest sample of each output, then the ages of those that may be late. The first call
-        compiles the C, unless it was compiled before.
+        order of `samples`: the newest sample of each output, then the ages of those that may be late. `dt`: the time
+        since the last call, for a step in which it varies. The first call compiles the C, unless it was compiled
+        before.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for the engine "c" without a compiler.
         """
         self._take_u(u)
         self._take_y(y)
+        if dt is not None or self.clock.varying:
+            self._take_dt(dt)
         status = self._step()
         self._clock[0] += 1
         return Sample(self._legend, self._output_bytes(), status)
 
-    def predict(self, u: Any = ()) -> Sample:
+    def predict(self, u: Any = (), dt: float | None = None) -> Sample:
         """Advance the estimate to now without a correction; then call `update` with the sensors that have a sample, and
-        `adapt`. Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the measurement."""
+        `adapt`. `dt`: as in a call. Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the
+        measurement."""
         self._demand_sections()
         self._take_u(u)
+        if dt is not None or self.clock.varying:
+            self._take_dt(dt)
         status = self._entries["predict"]()
         self._clock[0] += 1
         return Sample(self._legend, self._output_bytes(), status)
@@ -106,9 +126,10 @@ class CallableStep(Step):
         """
         self._demand_sections()
         samples = {age.name: 0.0 for age in self.ages} | y
+        known = [signal.name for signal in self.samples]
         for name, value in samples.items():
-            if name not in self._take:
-                raise BadShape(f"update({name}=)", f"names no output; the outputs are {', '.join(self._take)}")
+            if name not in known:
+                raise BadShape(f"update({name}=)", f"names no output; the outputs are {', '.join(known)}")
             self._take[name](value)
         for output, age in zip(self.late, self.ages, strict=True):
             if age.name in y and output.name not in y:
@@ -136,11 +157,12 @@ class CallableStep(Step):
         status = self._entries["adapt" if "adapt" in self._entries else "estimate"]()
         return Sample(self._legend, self._output_bytes(), status)
 
-    def run(self, u: Any = (), y: Any = (), engine: Engine | None = None) -> Run:
+    def run(self, u: Any = (), y: Any = (), engine: Engine | None = None, *, dt: Any = None) -> Run:
         """Return the estimates of a whole log from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a
         column (N) for each by name; NaN, or a masked entry, for a missing sample. For a step with late samples y has
         the columns of `samples`, (N, p + ages), and a row has the samples that arrived then; `arriving` makes such rows
-        from samples in the order of time.
+        from samples in the order of time. `dt`: for a step in which it varies, the time since the row before, a number
+        or an array (N), of which the first is not used in a first call; of times t it is numpy.diff(t, prepend=t[0]).
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
         there is a compiler, else Python with a `NoCompilerWarning`. An output without a period whose samples jump by a
@@ -150,7 +172,7 @@ class CallableStep(Step):
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
         """
         y = table("y", y, self.samples, None)
-        u = table("u", u, self.inputs, len(y))
+        u, spent = with_elapsed(self, table("u", u, self.inputs, len(y)), dt)
         for jump in jumps_by_turns(self._courses, y, self.dt, self.time):
             warnings.warn(jump, JumpsByTurn, stacklevel=2)
         engine = self._kept.ready(engine, self.engine)
@@ -159,10 +181,9 @@ class CallableStep(Step):
         for share in gate_shares(self, status):
             if share.excessive:
                 warnings.warn(str(share), RejectsMany, stacklevel=2)
-        first = self._clock[0]
-        self._clock[0] += len(y)
+        times = self._times(spent)
         return Run(
-            t=(first + np.arange(len(y))) * self.dt,
+            t=times,
             x=x,
             names=tuple(s.name for s in self.states),
             traces={name: traces[:, j] for j, name in enumerate(self.traces)},
@@ -183,11 +204,13 @@ class CallableStep(Step):
         each: Each | None = None,
         traces: bool = False,
         engine: Engine | None = None,
+        dt: Any = None,
     ) -> Batch:
         """Return the estimates of many logs, each from the present state, which does not change: the bits of `run`,
         several times as fast.
 
-        `u` (B, N, m) and `y` (B, N, p), or as for `run` where all logs have the same. `parameters`, by their names in
+        `u` (B, N, m) and `y` (B, N, p), or as for `run` where all logs have the same; `dt` as for `run`, or (B, N).
+        `parameters`, by their names in
         `tune`, are numbers, or one for each log (B). `starts`: the plant's state by name, as for `started`, with
         numbers or one for each log (B), or B states from `save`. A parameter beyond its range is limited to it, as
         `tuned` of the result says. `jobs`: threads, None for one for each core; `each(done, B)` is called as logs are
@@ -198,13 +221,13 @@ class CallableStep(Step):
         Raises: as `run`; `BadShape` for lengths that differ, `BadNames`, `BadGain` for a start.
         """
         engine = self._kept.ready(engine, self.engine)
-        records = Records.of(self._kept, u, y, parameters, starts, lambda start: self.started(start).save())
+        records = Records.of(self._kept, u, y, parameters, starts, lambda start: self.started(start).save(), dt)
         return self._many.run(records, bytes(self._kept.whole), engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:
         """Set the estimate and all other memory to their values before the first call; tuned parameters stay."""
         self._kept.reset()
-        self._clock[0] = 0
+        self._clock[:] = [0, 0.0]
 
     def tune(self, **values: Any) -> int:
         """Set gains or tunable plant parameters by name, limit them to their ranges, and return the status. A gain of
@@ -241,18 +264,18 @@ class CallableStep(Step):
         or those of another program.
         """
         self._kept.state[:] = self._kept.saved(saved)
-        self._clock[0] = 0
+        self._clock[:] = [0, 0.0]
 
     def started(self, initial: Initial) -> "CallableStep":
         """Return a step of an equal observer that starts from `initial`: the plant's state by name, or a function of
         the observer's form that returns it. Raises: `BadGain`."""
-        return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
+        return _quietly(self.observer.started(initial), self.method, self.limits, self._options)
 
     def rebuilt(
         self,
         form: Callable[[System], Form] | None = None,
         method: Method | None = None,
-        dt: float | None = None,
+        dt: float | tuple[float, float] | None = None,
         real: Real | None = None,
         guards: Guards | None = None,
         prefer: Prefer | None = None,
@@ -264,7 +287,8 @@ class CallableStep(Step):
         observer = self.observer.on(form) if form else self.observer
         requested = {"real": real, "guards": guards, "prefer": prefer, "report": report}
         options = self._options | {key: value for key, value in requested.items() if value is not None}
-        return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
+        options |= {} if dt is None or isinstance(dt, tuple) else {"substeps": None}
+        return sample(observer, method or self.method, self.limits if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:
         """Return the samples for `run` from samples y (N) or (N, p), or a column for each output by name, in the order
@@ -280,7 +304,7 @@ class CallableStep(Step):
     def undelayed(self) -> "CallableStep":
         """A step of an equal observer for samples without delay; the step itself if it has no delays."""
         plain = replace(self.observer, delays=())
-        return _quietly(plain, self.method, self.dt, self._options) if self.ages else self
+        return _quietly(plain, self.method, self.limits, self._options) if self.ages else self
 
     def flags(self, status: int) -> tuple[str, ...]:
         """Return the names of the bits that are set in `status`, the word that a call returns."""
@@ -296,7 +320,7 @@ class CallableStep(Step):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the data that rebuild the program, and the memory, since a pickle holds no graphs. Raises: `BadGain`
         for an observer that is not from `hg.observers`."""
-        return _unpickled, (self.observer, self.method, self.dt, self._options, self._memory)
+        return _unpickled, (self.observer, self.method, self.limits, self._options, self._memory)
 
     @property
     def _options(self) -> dict[str, Any]:
@@ -304,16 +328,43 @@ class CallableStep(Step):
         rated = self.code.timed or any(period != self.dt for period in self.periods)
         periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
         requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer", "first", "report")}
+        requested |= {"substeps": clock.varying.substeps} if clock.varying else {}
         return requested | {"engine": self.engine, "real": self.real, "periods": periods}
 
     @property
-    def _memory(self) -> tuple[bytes, int]:
-        return bytes(self._kept.whole), self._clock[0]
+    def limits(self) -> float | tuple[float, float]:
+        """The argument `dt` of `sample`: the sampling period, or the shortest and the longest where it varies."""
+        return (self.clock.varying.shortest, self.dt) if self.clock.varying else self.dt
 
-    def _resumed(self, memory: bytes, clock: int) -> "CallableStep":
+    @property
+    def _memory(self) -> tuple[bytes, list[Any]]:
+        return bytes(self._kept.whole), list(self._clock)
+
+    def _resumed(self, memory: bytes, clock: list[Any]) -> "CallableStep":
         self._kept.whole[:] = memory
-        self._clock[0] = clock
+        self._clock[:] = clock
         return self
+
+    def _take_dt(self, dt: Any) -> None:
+        """Write the time since the last call, the last of the inputs. Raises: `BadShape`."""
+        if not self.clock.varying:
+            raise BadShape(f"dt = {dt!r}", f"is for a step in which it varies; this one has dt = {self.dt:g}")
+        if dt is None:
+            raise BadShape("dt", f"is missing; give the time since the last call in {plural(self.time)}, as dt=")
+        self._take[ELAPSED](dt)
+        passed = self._kept.places[Place("input", ELAPSED)].item() if self._clock[0] else 0.0
+        self._clock[1] += passed if passed > 0 else 0.0
+
+    def _times(self, elapsed: np.ndarray) -> np.ndarray:
+        """Return the times of the samples of a run, and count them; `elapsed` (N): the time before each."""
+        count, time = self._clock
+        if self.clock.varying:
+            times = time + np.cumsum(np.where(np.arange(len(elapsed)) + count > 0, elapsed, 0.0))
+            self._clock[1] = float(times[-1]) if len(times) else time
+        else:
+            times = (count + np.arange(len(elapsed))) * self.dt
+        self._clock[0] += len(elapsed)
+        return np.asarray(times)
 
     @cached_property
     def _many(self) -> Many:
@@ -335,8 +386,9 @@ class CallableStep(Step):
 def sample(
     observer: Observer,
     method: Method = methods.continuous_discrete,
-    dt: float | None = None,
+    dt: float | tuple[float, float] | None = None,
     *,
+    substeps: int | None = None,
     between: str = "line",
     periods: Mapping[str, float] | None = None,
     guards: Guards = "all",
@@ -349,6 +401,11 @@ def sample(
     """Return the step of the observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
 
     Times are in the unit of the model's `time`.
+
+    `dt`: a number, or the shortest and the longest time between two calls. Such a step is given the time since the last
+    call in each call, and predicts over it: over 0 it only corrects; over a longer time than the longest in up to
+    `substeps` equal steps (8 by default), beyond which the status bit DT_LIMITED is set and the estimate lags; a
+    negative time, or none, is refused by the bit DT_REFUSED. A shorter time than the shortest is used as it is.
 
     `between`: the course of u between samples, "line" (from the last value to this one) or "hold" (the value given is
     the one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
@@ -384,21 +441,21 @@ def sample(
     demand_choice("guards", guards, ("all", "none"))
     demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
-        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report))
-    demand_motion(observer.form, dt, real)
+        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report, substeps))
+    demand_motion(observer.form, planned.shortest, real)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine, real=real)
 
 
-def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:
+def _quietly(observer: Observer, method: Method, dt: Any, options: Mapping[str, Any]) -> CallableStep:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
         return sample(observer, method, dt, **options)
 
 
 def _unpickled(
-    observer: Observer, method: Method, dt: float, options: Mapping[str, Any], memory: tuple[bytes, int]
+    observer: Observer, method: Method, dt: Any, options: Mapping[str, Any], memory: tuple[bytes, list[Any]]
 ) -> CallableStep:
     return _quietly(observer, method, dt, options)._resumed(*memory)

@@ -30,7 +30,7 @@ from hgogen.estimators.riccati_part import Riccati, riccati_ode, symmetric_covar
 from hgogen.estimators.step_lengths import first_unstable, lengths
 from hgogen.graph import Graph
 from hgogen.observer import Observer
-from hgogen.part import Clock, Ode, Pieces
+from hgogen.part import Clock, NeedsFixedStep, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Place, Program, Repeat, When, address, sym
 from hgogen.prove.inclusion import Inclusion, Uncertain
 from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
@@ -205,27 +205,29 @@ class Staged:
         title = f"{', '.join(start)}: one step of {self.prediction.name}"
         notes = ("its tableau:", *(f"  {row}" for row in self.prediction.rows))
         if not self.prediction.chained:
-            stages = advance(self.prediction, rate, start, clock.dt)
+            stages = advance(self.prediction, rate, start, clock.h)
             writes = {Place("state", name): value for name, value in stages.result.items()}
             yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names, notes=notes)
             return
 
-        plan = rounds(self.prediction, clock.dt)
+        h, scale = (1.0, clock.h) if clock.varying else (clock.dt, 1)  # the rows of a loop are constants
+        plan = rounds(self.prediction, h)
         fraction, share, ahead = numbers = [sym("work", name) for name in ("fraction", "share", "ahead")]
         at, total = ({n: sym("work", f"{n}_{kind}", v.numel()) for n, v in start.items()} for kind in ("at", "sum"))
         slopes = rate(at, fraction)
         sums = {f"{key}_sum": total[key] + share * slopes[key] for key in start}
-        sums |= {f"{key}_at": start[key] + ahead * slopes[key] for key in start}
+        sums |= {f"{key}_at": start[key] + scale * ahead * slopes[key] for key in start}
         names = {f"k_{key}": slope for key, slope in slopes.items()}
         stage = Block("a stage", {Place("work", key): value for key, value in sums.items()}, names)
         rows = zip(numbers, (plan.fractions, plan.shares, plan.ahead), strict=True)
         read = {place for place, _ in stage.reads}
         first = {Place("work", f"{key}_sum"): ca.SX.zeros(value.numel()) for key, value in start.items()}
-        note = "fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times dt"
+        note = "fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a"
+        note += " times dt" * (not clock.varying)
         begin = first | {Place("work", f"{key}_at"): value for key, value in start.items()}
         yield Block(title, begin, notes=(*notes, note))
         yield Repeat({place: row for number, row in rows if (place := address(number)[0]) in read}, (stage,))
-        ends = {Place("state", key): value + plan.last * total[key] for key, value in start.items()}
+        ends = {Place("state", key): value + scale * plan.last * total[key] for key, value in start.items()}
         yield Block("the slopes of all stages", ends)
 
 
@@ -258,7 +260,10 @@ class Explicit(Staged):
         return self.step(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Return the memory and statements that integrate z and S, or z and P, as one differential equation."""
+        """Return the memory and statements that integrate z and S, or z and P, as one differential equation. Raises:
+        `NeedsFixedStep`, as the density R is the noise of one sample at one dt only."""
+        if clock.varying:
+            raise NeedsFixedStep
         pieces, (covariance, limited) = (
             self.step(riccati_ode(part, self.view), clock),
             symmetric_covariance(part, self.view),

@@ -146,6 +146,11 @@ class Observer:
         return self if self.at_period is None or self.periods == periods else _sampled(self, periods)
 
     @property
+    def arguments(self) -> Mapping[str, Any]:
+        """The keyword arguments of the observer's function; empty for an observer that is not from `hg.observers`."""
+        return self.construction.keywords if self.construction else {}
+
+    @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")

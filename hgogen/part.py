@@ -7,11 +7,12 @@ under update.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
+from hgogen.errors import HgogenError
 from hgogen.graph import Graph, wrapped
 from hgogen.program import Bit, Field, Group, Program, Section, sym
 
@@ -28,6 +29,26 @@ def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | N
     return last + c * difference
 
 
+SUBSTEPS = 8  # the largest number of sub-steps in a call, by default
+
+
+@dataclass(frozen=True)
+class Varying:
+    """The time between two calls where it varies: at least `shortest`; a longer one than `longest`, dt of the `Clock`,
+    is divided into at most `substeps` equal steps, and what is left beyond them is not predicted."""
+
+    shortest: float
+    substeps: int = SUBSTEPS
+
+
+@dataclass(eq=False)
+class NeedsFixedStep(HgogenError):
+    """A request for the constant step length of a clock whose step length varies."""
+
+    def __str__(self) -> str:
+        return "dt varies, and this needs one step length: give hg.sample a number for dt"
+
+
 Guards = Literal["all", "none"]
 Prefer = Literal["speed", "flash"]
 First = Literal["update", "predict"]
@@ -35,14 +56,15 @@ First = Literal["update", "predict"]
 
 @dataclass(frozen=True)
 class Clock:
-    """The sampling of a step: the step length `dt`, 1 for a discrete plant, whose equations count samples; `between`:
-    the course of the input between samples; the numbers of inputs and outputs; `every`: the number of steps between two
-    samples of each output, empty where it is 1 for all; the `guards` of the step; `prefer`: the choice of a method,
-    "speed", or "flash" for a short program; `turns`: the period of each input that is an angle; `report`: the names of
-    the reports on the estimate; `sampling`: for a discrete plant the time between two samples, which no equation reads;
-    `first`: "update", or "predict" if the first call predicts before it corrects."""
+    """The sampling of a step: the step length dt, `longest`, 1 for a discrete plant, whose equations count samples;
+    `between`: the course of the input between samples; the numbers of inputs and outputs; `every`: the number of steps
+    between two samples of each output, empty where it is 1 for all; the `guards` of the step; `prefer`: the choice of a
+    method, "speed", or "flash" for a short program; `turns`: the period of each input that is an angle; `report`: the
+    names of the reports on the estimate; `sampling`: for a discrete plant the time between two samples, which no
+    equation reads; `first`: "update", or "predict" if the first call predicts before it corrects; `varying`: for a step
+    that is given the time since the last call, its limits."""
 
-    dt: float
+    longest: float
     between: str
     inputs: int
     outputs: int
@@ -53,6 +75,29 @@ class Clock:
     report: tuple[str, ...] = ()
     sampling: float | None = None
     first: First = "update"
+    varying: Varying | None = None
+
+    @property
+    def dt(self) -> float:
+        """The step length where it is a constant. Raises: `NeedsFixedStep`."""
+        if self.varying:
+            raise NeedsFixedStep
+        return self.longest
+
+    @property
+    def h(self) -> Any:
+        """The length of the step that the statements of a prediction make: a number, or an SX scalar."""
+        return sym("work", "h") if self.varying else self.longest
+
+    @property
+    def share(self) -> Any:
+        """The time since the last call over dt, at most 1: the constant 1, or an SX scalar."""
+        return ca.fmin(sym("state", "elapsed") * (1 / self.longest), 1) if self.varying else 1
+
+    @property
+    def evenness(self) -> float:
+        """The shortest time between two calls over the longest one."""
+        return self.varying.shortest / self.longest if self.varying else 1.0
 
     @property
     def guarded(self) -> bool:
@@ -65,8 +110,8 @@ class Clock:
         return tuple(map(self.period, range(self.outputs)))
 
     def period(self, output: int) -> float:
-        """Return the time (s) between two samples of an output: dt, or `every` times dt."""
-        return self.dt * self.every[output] if self.every else self.dt
+        """Return the longest time (s) between two samples of an output: dt, or `every` times dt."""
+        return self.longest * self.every[output] if self.every else self.longest
 
     def u(self, c: float | Graph) -> Graph:
         """Return the input (m) at the fraction c of the step: on the line from the last value, or constant."""

@@ -20,13 +20,14 @@ from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
-from hgogen.part import Clock, First, Guards, Pieces, Prefer
+from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, Prefer, Varying
 from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.reading.given import among
 from hgogen.rigor.definite import one_thread
-from hgogen.signal import TURNS, Signal, of_time, plural
+from hgogen.sentence import same
+from hgogen.signal import TURNS, Signal, of_time, pace, plural
 from hgogen.stepping import discretise
 from hgogen.stepping.guards import (
     MARK,
@@ -44,6 +45,7 @@ from hgogen.stepping.guards import (
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.reports import demand_reports
 from hgogen.stepping.sections import Assembly, flat, multiples
+from hgogen.stepping.substeps import ELAPSED, elapsed_bits, elapsed_signal
 
 
 class BadStep(BadArgument):
@@ -207,17 +209,28 @@ class Step:
     signed: Signed | None = None
 
     def __repr__(self) -> str:
-        return f"<step of {self.name}: {self.observer.name} by {self.code.rule}, dt = {self.dt:g}>"
+        varies = f"{self.shortest:g} .. " * bool(self.clock.varying)
+        return f"<step of {self.name}: {self.observer.name} by {self.code.rule}, dt = {varies}{self.dt:g}>"
 
     @property
     def dt(self) -> float:
-        """The sampling period."""
-        return self.clock.sampling or self.clock.dt
+        """The sampling period; where the time between two calls varies, the longest."""
+        return self.clock.sampling or self.clock.longest
 
     @property
     def periods(self) -> tuple[float, ...]:
         """The time between two samples of each output."""
         return tuple(self.dt * k for k in self.clock.every or (1,) * len(self.outputs))
+
+    @property
+    def shortest(self) -> float:
+        """The shortest time between two calls, for which the step is checked: the sampling period where it is fixed."""
+        return self.clock.varying.shortest if self.clock.varying else self.dt
+
+    @property
+    def pace(self) -> str:
+        """The sampling period as text, with its unit; where it varies, from the shortest to the longest."""
+        return f"{same(self.shortest)} to " * bool(self.clock.varying) + pace(self.dt, self.time)
 
     @property
     def choice(self) -> str:
@@ -228,6 +241,12 @@ class Step:
     def inputs(self) -> tuple[Signal, ...]:
         """The plant's inputs."""
         return self.observer.form.system.inputs
+
+    @cached_property
+    def given(self) -> tuple[Signal, ...]:
+        """The signals of the inputs in a call: the plant's inputs, then the time since the last call where it
+        varies."""
+        return (*self.inputs, *elapsed_signal(self.clock, self.time))
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
@@ -292,6 +311,24 @@ class Step:
 
 
 @dataclass(eq=False)
+class NoVaryingStep(HgogenError):
+    """A request for a varying dt, for an observer or a method with constants of one step length."""
+
+    observer: str
+    method: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.observer} by {self.method} has constants of one step length, so that dt cannot vary: give dt as a "
+            "number, or take riccati with a constant theta, ukf or iterated_ekf by continuous_discrete or cholesky, or "
+            "an observer without a covariance by rk4, heun or euler"
+        )
+
+
+MOST_SUBSTEPS, MOST_UNEVEN = 64, 1000
+
+
+@dataclass(eq=False)
 class CannotUpdate(HgogenError):
     """A request for prediction and correction in separate calls, from an observer that integrates with the
     measurement."""
@@ -309,25 +346,27 @@ class CannotUpdate(HgogenError):
 def plan(
     observer: Observer,
     method: Method,
-    dt: float,
+    dt: Any,
     between: str,
     periods: Any = None,
     guards: Guards = "all",
     prefer: Prefer = "speed",
     first: First = "update",
     report: Any = (),
+    substeps: int | None = None,
 ) -> Step:
     """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable. Raises: `BadStep`,
     `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`."""
-    if not isinstance(dt, int | float) or not float_info.min <= dt <= float_info.max:
-        raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
+    system = observer.form.system
+    dt, varying = _limits_of(dt, substeps, system.time)
     demand_choice("between", between, ("line", "hold"))
     demand_choice("first", first, ("update", "predict"))
-    system = observer.form.system
     if first == "predict" and not system.discrete:
         raise BadStep(
             'first = "predict"', "is for discrete plants: no time passes before the first sample; leave it out"
         )
+    if varying:
+        _demand_varying(observer, periods)
     every = () if periods is None else multiples(periods, system, float(dt))
     if first == "predict" and every:
         raise BadStep('first = "predict"', "is for sensors that all have the period dt; leave out periods")
@@ -340,10 +379,10 @@ def plan(
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     turns = tuple(u.period for u in system.inputs)
     wanted = demand_reports(report)
-    length, sampling = (1.0, float(dt)) if system.discrete else (float(dt), None)
+    length, sampling = (1.0, dt) if system.discrete else (dt, None)
     sizes = len(system.inputs), len(system.outputs)
-    clock = Clock(length, between, *sizes, every, guards, prefer, turns, wanted, sampling, first)
-    observer = observer.sampled(clock.dt, clock.periods)
+    clock = Clock(length, between, *sizes, every, guards, prefer, turns, wanted, sampling, first, varying)
+    observer = observer.sampled(clock.longest, clock.periods)
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
         way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
@@ -356,6 +395,56 @@ def plan(
     if every and not step.code.apart:
         raise CannotUpdate(observer.name, step.code.rule)
     return step
+
+
+def _limits_of(dt: Any, substeps: int | None, time: str) -> tuple[float, Varying | None]:
+    """Return the longest step of `dt`, a number or a pair, and the limits of a varying one. Raises: `BadStep`."""
+    pair = isinstance(dt, tuple | list)
+    ends = tuple(dt) if pair else (dt, dt)
+    if len(ends) != 2 or not all(isinstance(each, int | float) and _positive(each) for each in ends):
+        wanted = f"must be a positive time in {plural(time)}"
+        raise BadStep(f"dt = {dt!r}", f"{wanted}, or the pair of the shortest and the longest one" if pair else wanted)
+    shortest, longest = map(float, ends)
+    if not pair:
+        if substeps is not None:
+            raise BadStep(f"substeps = {substeps!r}", "is for a dt that varies; give dt as a pair, or no substeps")
+        return longest, None
+    if shortest >= longest:
+        raise BadStep(f"dt = {dt!r}", "must be a shorter and a longer time; give a number where both are equal")
+    if longest > MOST_UNEVEN * shortest:
+        few = f"may be at most {MOST_UNEVEN} times as long as the shortest; a shorter time is used all the same"
+        raise BadStep(f"dt = {dt!r}", f"is uneven: the longest {few}")
+    substeps = SUBSTEPS if substeps is None else substeps
+    if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
+        raise BadStep(f"substeps = {substeps!r}", f"must be a whole number from 1 to {MOST_SUBSTEPS}")
+    return longest, Varying(shortest, substeps)
+
+
+def _positive(value: float) -> bool:
+    return float_info.min <= value <= float_info.max
+
+
+def _demand_varying(observer: Observer, periods: Any) -> None:
+    """Raise `BadStep` for what a step with a varying dt does not have."""
+    what, form = "a dt that varies", observer.form
+    if form.system.discrete:
+        raise BadStep(what, "is not for discrete plants, whose equations count samples; give dt as a number")
+    if periods is not None or observer.delays:
+        other = "delays" if observer.delays else "periods"
+        raise BadStep(what, f"has no {other}, which count steps of one length; give dt as a number, or no {other}")
+    if ELAPSED in {signal.name for signal in form.system.signals}:
+        raise BadStep(what, f"is given in each call as {ELAPSED!r}, the name of a signal of the plant; rename that one")
+    declared = {key for key, value in observer.arguments.items() if value is not None}
+    has_R = any(gain.name == "R" for gain in observer.gains)
+    if has_R and ("R" in declared or not declared & {"noise", "R_per_sample"}):
+        way = "the standard deviation of one sample as noise={..}, or its variance as R_per_sample"
+        raise BadStep(what, f"needs the noise of one sample, which R, a density, gives for one dt only; give {way}")
+    if noisy := ", ".join(u.name for u in form.system.inputs if u.name in (observer.arguments.get("noise") or ())):
+        way = "give its density per unit of time as Q, or dt as a number"
+        raise BadStep(what, f"does not go with noise of inputs ({noisy}), which is held over one dt; {way}")
+    if "Q_per_sample" in declared:
+        way = "Q, the density per unit of time, Q_per_sample/dt"
+        raise BadStep(what, f"adds process noise by the time elapsed, and Q_per_sample is for one dt only; give {way}")
 
 
 def _demand_length(observer: Observer, method: Method, dt: float) -> None:
@@ -393,7 +482,10 @@ def _lengths(observer: Observer, method: Method, dt: float) -> tuple[Lengths, ..
 
 @lru_cache(maxsize=_LAST)
 def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, ...]:
-    return tuple(discretise.pieces(part, method, clock) for part in observer.parts)
+    try:
+        return tuple(discretise.pieces(part, method, clock) for part in observer.parts)
+    except NeedsFixedStep:
+        raise NoVaryingStep(observer.name, method.name) from None
 
 
 @lru_cache(maxsize=_LAST)
@@ -421,7 +513,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
         reports=assembly.reports,
     )
     step = Step(system.name, observer, method, clock, layout, code)
-    return with_bits(step, flat(piece.bits for piece in pieces))
+    return with_bits(step, (*flat(piece.bits for piece in pieces), *elapsed_bits(clock, system.time)))
 
 
 def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:

@@ -350,6 +350,21 @@ def noisy_inputs() -> hg.Step:
     return hg.sample(observer, dt=0.05, prefer="flash")
 
 
+def varying() -> hg.Step:
+    """A filter that is given the time since the last call, with an input on a line between two calls."""
+    a, b, y, v = signals("a b y v")
+    u = hg.Signal("u", low=-1, high=1)
+    plant = hg.System("varying", states=(a, b), inputs=(u,), outputs=(y, v), flow=[b, u - sp.sin(a) / 5], output=[a, b])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], noise={"y": 0.2, "v": 0.5})
+    return hg.sample(observer, dt=(0.01, 0.03), substeps=4)
+
+
+def varying_integrated() -> hg.Step:
+    """An observer that integrates with the measurement over the time since the last call, by loops in loops."""
+    observer = hg.observers.high_gain(hg.forms.triangular(plants.chain(3)), theta=3, poles=(-1, -1, -1))
+    return hg.sample(observer, hg.methods.rk4, dt=(0.01, 0.02))
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -388,12 +403,19 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "gated_columns": gated_columns,
     "sure": sure,
     "noisy_inputs": noisy_inputs,
+    "varying": varying,
+    "varying_integrated": varying_integrated,
 }
 
 
 @cache
 def step(name: str) -> hg.Step:
     return STEPS[name]()
+
+
+def elapsed(step: hg.Step) -> dict[str, float]:
+    """What a call of a step is given besides its samples: the time since the last, where it varies."""
+    return {"dt": step.dt} if step.clock.varying else {}
 
 
 def files(name: str, real: str = "float") -> Mapping[str, str]:

@@ -75,13 +75,13 @@ class NativeStep:
     def step_by_step(self, u: np.ndarray, y: np.ndarray) -> Record:
         """As `run`, by a call of NAME_step and of NAME_estimate for each sample."""
         step = self.step
-        kinds = {"input": step.inputs, "output": step.samples, "plant": step.states}
+        kinds = {"input": step.given, "output": step.samples, "plant": step.states}
         records = {k: np.zeros(1, [(s.name, self.number) for s in group]) for k, group in kinds.items()}
         inputs, out, plant = (ctypes.c_void_p(array.ctypes.data) for array in records.values())
         rows = {kind: [] for kind in ("x", "traces", "status")}
         for row_u, row_y in zip(u, y, strict=True):
             records["input"][0], records["output"][0] = tuple(row_u), tuple(row_y)
-            samples = (inputs, out) if step.inputs else (out,)
+            samples = (inputs, out) if step.given else (out,)
             rows["status"].append(self._function("step")(*self._pointers, *samples) & 0xFFFFFFFF)
             self._function("estimate")(*self._pointers, plant)
             rows["x"].append(tuple(records["plant"][0]))

@@ -108,16 +108,16 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
         for sign, end in ((">=", e.low), ("<=", e.high))
         if (e.field.kind, sign) != ("index", ">=")
     ]
-    members = [*(f"in.{s.name}" for s in made.inputs), *(f"measurement.{s.name}" for s in made.samples)]
+    members = [*(f"in.{s.name}" for s in made.given), *(f"measurement.{s.name}" for s in made.samples)]
     text = _NASTY.substitute(
         name=made.name,
         upper=made.name.upper(),
         real=real,
         rounds=rounds,
         values=", ".join(f"({real}){value!r}" for value in NASTY if np.isfinite(value)),
-        input=f"        {made.name}_input in;" if made.inputs else "",
+        input=f"        {made.name}_input in;" if made.given else "",
         fill="\n".join(f"            {member} = nasty();" for member in members),
-        call="&s, &p, &in, &measurement" if made.inputs else "&s, &p, &measurement",
+        call="&s, &p, &in, &measurement" if made.given else "&s, &p, &measurement",
         box="\n                && ".join(sides),
         finite=" && ".join(f"isfinite(x.{s.name})" for s in made.states),
     )
@@ -220,12 +220,12 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
     for _ in range(12 if name in ("functions", "many_states", "wide", "wider") else 60):
         state = np.zeros(1, kind)
         random_state(made, state, draw)
-        u, y = (random_samples(signals, draw).astype(np.float32) for signals in (made.inputs, made.samples))
+        u, y = (random_samples(signals, draw).astype(np.float32) for signals in (made.given, made.samples))
         unpack_state(made, state, reader.memory)
         compiled.state[:] = state
         compiled.state["ready"] = mark(made, "float")
         for place, row in (
-            ("input", zip(made.inputs, u[0], strict=True)),
+            ("input", zip(made.given, u[0], strict=True)),
             ("output", zip(made.samples, y[0], strict=True)),
         ):
             for signal, value in row:

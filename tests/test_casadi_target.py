@@ -73,7 +73,8 @@ def demand_same_as_run(made: CallableStep) -> None:
     u, y = faulty(made)
     f = hg.targets.casadi(made, bundled=True)
     made.reset()
-    run = made.run(u=u, y=y, engine="python")
+    run = made.run(u=u, y=y, engine="python", **emitted.elapsed(made))
+    u = np.hstack([u, np.full((len(u), 1), made.dt)]) if made.clock.varying else u
     memory, x, status = called(f, u, y)
     assert np.array_equal(status, run.status)
     assert np.array_equal(x, run.x)
@@ -399,7 +400,8 @@ def test_casadis_own_c_has_the_bits_of_run(name: str, tmp_path: Path, monkeypatc
     compiled = ca.external(f.step.name(), f"./{name}.so")
     u, y = faulty(made)
     made.reset()
-    run = made.run(u=u, y=y, engine="python")
+    run = made.run(u=u, y=y, engine="python", **emitted.elapsed(made))
+    u = np.hstack([u, np.full((len(u), 1), made.dt)]) if made.clock.varying else u
     memory = f.memory.initial
     for k in range(N):
         memory, x, status = compiled(memory, u[k], y[k], f.p.initial)

@@ -31,7 +31,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "coupled",
         "for_flash",
     ),
-    *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable", "unit_vector", "hyperbola"),
+    *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable", "unit_vector", "hyperbola", "varying"),
 )
 
 
@@ -42,8 +42,8 @@ def bits(step: hg.Step) -> list[str]:
 def fresh(name: str, engine: str | None = None) -> hg.Step:
     """A step of its own memory, and one period on."""
     made = emitted.step(name)
-    step = hg.sample(made.observer, made.method, dt=made.dt, engine=engine)
-    step.predict(*[np.zeros(len(step.inputs))] * bool(step.inputs))
+    step = hg.sample(made.observer, made.method, dt=made.limits, engine=engine)
+    step.predict(*[np.zeros(len(step.inputs))] * bool(step.inputs), **emitted.elapsed(step))
     return step
 
 
@@ -69,7 +69,7 @@ def test_a_whole_step_never_says_it(name: str) -> None:
     step, draw = emitted.step(name), np.random.default_rng(3)
     u, y = draw.normal(size=(50, len(step.inputs))), draw.normal(size=(50, len(step.samples)))
     y[draw.random(y.shape) < 0.3] = NAN
-    run = step.run(u, y)
+    run = step.run(u, y, **emitted.elapsed(step))
     assert not any(BIT in step.flags(status) for status in run.status)
 
 

@@ -62,7 +62,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.arguments)
     point = Point(observer, gain, rate, gain.rate, gain.bounds, None, {})
-    dt = Fraction(like.dt)
+    dt = Fraction(like.clock.dt)
     for _ in range(_HALVINGS):
         try:
             with warnings.catch_warnings():

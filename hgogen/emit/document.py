@@ -55,7 +55,7 @@ from hgogen.program import INF, Field, Place, Section, lines_of
 from hgogen.program import address as place_of
 from hgogen.registry import version
 from hgogen.sentence import same
-from hgogen.signal import TURNS, Signal, pace
+from hgogen.signal import TURNS, Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import MARK, OF_PARAMETERS
 from hgogen.stepping.machine import Reading
@@ -136,7 +136,7 @@ _TIMED = (
 
 
 def _use(step: Step) -> list[str]:
-    name, every = step.name, pace(step.dt, step.time)
+    name, every = step.name, step.pace
     what = "predict, and update where a sample came," if step.code.timed else "one step"
     lines = [f"One init, then {what} a sampling period of {every}.", "", "```c"]
     lines += [each.local for each in (*structs(step), *reported(step))]
@@ -153,7 +153,7 @@ def _use(step: Step) -> list[str]:
 
 
 def _body(step: Step) -> list[str]:
-    assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
+    assigned = [f"in.{c_name(s.name)} = ...;" for s in step.given]
     status = f"{status_type(step)} status"
     if not step.code.timed:
         assigned += [f"measurement.{c_name(s.name)} = ...;" for s in step.samples]
@@ -188,7 +188,7 @@ _RESOLUTION = (
 def _signals(step: Step, real: Real) -> list[str]:
     lines = list[str]()
     head = ("member", "meaning", "unit", "range")
-    for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
+    for title_, struct, signals in (("Inputs", "in", step.given), ("Outputs", "measurement", step.samples)):
         if signals:
             lines += [f"### {title_}", "", *table(head, (_signal(struct, s) for s in signals)), ""]
     lines += [*_list(_angles(step, real)), ""] if _angles(step, real) else []
@@ -401,7 +401,7 @@ def _gains(step: Step) -> list[str]:
 
 def _method(step: Step) -> list[str]:
     between, h = between_calls(step), "" if step.observer.form.system.discrete else ", which is h"
-    period = f"A step every {pace(step.dt, step.time)}{h}.{f' {between}.' * bool(between)}"
+    period = f"A step every {step.pace}{h}.{f' {between}.' * bool(between)}"
     purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
     preference = [purpose, ""] * names_preference(step)
     equations_ = _displayed(equations(step.method, step.code.rule))

@@ -34,7 +34,7 @@ from hgogen.emit.structs import doc, structs, typedefs
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import RUST, TRAILING_DOC, C, documented, harmless, line, spoken, trailing_doc
 from hgogen.registry import version
-from hgogen.signal import pace, plural
+from hgogen.signal import plural
 from hgogen.step import Step
 from hgogen.stepping.sections import ROUND
 
@@ -47,7 +47,7 @@ _LISTED = ("OUTSIDE_BOX", "STATE_LIMITED")  # bits whose ranges are in the manua
 def header(step: Step, real: Real, command: str) -> list[str]:
     """Return the lines of a step's C header: includes, period and structs, functions, status bits, constants,
     mathematics. `command`: the command line that generated it."""
-    guard, every = f"{step.name.upper()}_H", pace(step.dt, step.time)
+    guard, every = f"{step.name.upper()}_H", step.pace
     first, *others = map(spoken, title(step, command))
     lines = _block(
         [
@@ -110,7 +110,8 @@ def _status(step: Step) -> list[str]:
 
 
 def _constants(step: Step, real: Real) -> list[str]:
-    rows = [("DT", C.literal(step.dt, real), f"sampling period in {plural(step.time)}")]
+    length = "longest time between two calls" if step.clock.varying else "sampling period"
+    rows = [("DT", C.literal(step.dt, real), f"{length} in {plural(step.time)}")]
     rows += [("VERSION", f'"{version()}"', "of hgogen, which generated this file")]
     digest = model_digest(step.observer)
     rows += [("MODEL", f'"{digest}"', "digest of the model, as in its certificate")] if digest else []
@@ -157,7 +158,7 @@ _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C o
 def documentation(step: Step, real: Real, command: str) -> list[str]:
     """Return the documentation at the head of a step's Rust crate, as lines."""
     first, *others = title(step, command)
-    every = pace(step.dt, step.time)
+    every = step.pace
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
     timed = [_TIMED.format(rates=rates(step), function=step.code.timed[-1].name)] if step.code.timed else []
     lists = [
@@ -181,7 +182,7 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 def arguments(step: Step) -> str:
     """Return the argument list of a C call of a step, whose caller has variables with the parameters' names."""
-    return ", ".join(["&p", *(["&input"] if step.inputs else []), "&measurement"])
+    return ", ".join(["&p", *(["&input"] if step.given else []), "&measurement"])
 
 
 def rust_status_type(step: Step) -> str:

@@ -108,7 +108,7 @@ def direction(entry: Entry, name: str) -> str:
 
 
 def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
-    others = (*(["in"] if step.inputs else []), "measurement", "at")
+    others = (*(["in"] if step.given else []), "measurement", "at")
     return ("s", "p", *(name for name in others if name in used))
 
 
@@ -189,7 +189,7 @@ def status_type(step: Step) -> str:
 def structs(step: Step) -> tuple[Parameter, ...]:
     """Return the structs of a step as C parameters, in the order state, parameters, input, output, estimate."""
     kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "measurement"), ("plant", "x")]
-    return tuple(Parameter(f"{step.name}_{kind}", name) for kind, name in kinds if kind != "input" or step.inputs)
+    return tuple(Parameter(f"{step.name}_{kind}", name) for kind, name in kinds if kind != "input" or step.given)
 
 
 def reported(step: Step) -> tuple[Parameter, ...]:
@@ -199,7 +199,7 @@ def reported(step: Step) -> tuple[Parameter, ...]:
 
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
     """Return the signals that a caller assigns before a call of a step, each with the name of its struct (u or y)."""
-    return (*(("in", s) for s in step.inputs), *(("measurement", s) for s in step.samples))
+    return (*(("in", s) for s in step.given), *(("measurement", s) for s in step.samples))
 
 
 def prototypes(step: Step) -> dict[str, Prototype]:

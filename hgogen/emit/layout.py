@@ -31,7 +31,7 @@ def params_type(step: Step, real: Real = "double") -> np.dtype:
 def kept_type(step: Step, real: Real = "double") -> np.dtype:
     """Return the numpy dtype of the C struct NAME_kept (`targets.record`): state, parameters, reports, signals,
     estimate and traces."""
-    signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
+    signals = {"input": step.given, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.code.timed else []
     members += [(each.name, np.dtype(_members(each.fields, real), align=True)) for each in step.code.reports]
@@ -47,7 +47,7 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
     views = _stored(step, record["state"])
     for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
-    for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
+    for kind, signals in (("input", step.given), ("output", step.samples), ("estimate", step.states)):
         views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
     for report in step.code.reports:
         views |= {Place(report.struct, field.name): _flat(record[report.name], field) for field in report.fields}

@@ -35,6 +35,7 @@ from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.guards import NO_PARAMETERS, STEP_BITS, UNINITIALISED
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.sections import OLDEST
+from hgogen.stepping.substeps import ELAPSED
 
 # --- title, mathematics and claims
 
@@ -118,7 +119,7 @@ def title(step: Step, command: str) -> list[str]:
     none = "no certificate is made of a discrete plant" if step.observer.form.system.discrete else _NO_CERTIFICATE
     lines.append(f"Model: {certificate if digest else none}")
     if step.time != "s":
-        lines.append(f"Time is counted in {step.time}: call it every {pace(step.dt, step.time)}")
+        lines.append(f"Time is counted in {step.time}: call it every {step.pace}")
     return lines
 
 
@@ -187,7 +188,7 @@ def sample_noise(step: Step) -> tuple[str, ...]:
 
 
 def _method(step: Step) -> list[str]:
-    lines = [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
+    lines = [f"Method: {step.code.rule}, dt = {step.pace}"]
     if step.observer.form.system.discrete:  # libraries differ in both
         lines += [*filter(None, [between_calls(step)]), f"The first call {FIRST_CALL[step.clock.first]}"]
     lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * names_preference(step)
@@ -232,7 +233,22 @@ def calls(step: Step, by_parts: bool = False) -> list[str]:
     return [
         f"The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call "
         f"{FIRST_CALL[step.clock.first]}.",
-        f"The period is compiled in: one {once}.",
+        *([f"The period is compiled in: one {once}."] if step.clock.varying is None else _elapsed(step)),
+    ]
+
+
+def _elapsed(step: Step) -> list[str]:
+    """Return the sentences on the time since the last call that each call is given."""
+    assert step.clock.varying
+    count = step.clock.varying.substeps
+    longest, most = pace(step.dt, step.time), pace(count * step.dt, step.time)
+    return [
+        f"Each call is given the time since the last call as {ELAPSED}, a member of the input, and predicts over it: "
+        f"over 0 it only corrects, over more than {longest} it predicts in up to {count} equal steps.",
+        f"Beyond {most} it stops: the estimate lags by {ELAPSED} - {most}, and the status bit DT_LIMITED is set. A "
+        "negative time, or one that is not a number, counts as 0, and DT_REFUSED is set.",
+        f"A time below {same(step.shortest)} {step.time} is used as it is: that end is for the checks of the step "
+        "length, and for the resolution of fault counts, which count times in place of calls.",
     ]
 
 
@@ -255,7 +271,7 @@ def recovery(step: Step) -> list[str]:
     if not signs:
         return ["No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."]
     counts = ", and ".join(f"samples at which {sign.meaning} in `s.{sign.count}`" for sign in signs)
-    unit = step.dt / step.clock.dt  # 1 but for a discrete plant, whose signs count samples
+    unit = step.dt / step.clock.longest  # 1 but for a discrete plant, whose signs count samples
     times = " or ".join(dict.fromkeys(pace(float(f"{unit * sign.time:.3g}"), step.time) for sign in signs))
     longest = pace(float(f"{unit * max(sign.longest for sign in signs):.2g}"), step.time)
     of_output = any(sign.output is not None for sign in signs)
@@ -490,7 +506,7 @@ def _with_unit(value: str, signal: Signal, over: str = "") -> str:
 
 def _assumptions(step: Step, known: Signed) -> Iterator[str]:
     read = "samples and the exact inputs" if step.inputs else "samples"
-    yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
+    yield f"a call comes every {step.pace}, with the {read} of that time"
     yield "gains and parameters are the nominal ones of this file"
     raised = any(bit.place == Place("status", _EXPECTED) for bit in step.layout.bits)
     expected = f" but {_EXPECTED}" * (raised and _EXPECTED in STEP_BITS)

@@ -268,6 +268,7 @@ class _Writer(Reader[list[str]]):
 SAMPLES = 64
 MISSING, INFINITE, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 25, 30, 35, 40, 45  # samples that trigger a guard
 FAR = 60  # a sample that is hardly plausible
+AT_ONCE, LONG, BACKWARD = 10, 15, 18  # samples after no time, after a long one, and after a negative one
 FARTHEST = 1e37  # a float, far beyond `LOST`
 SAVED = 32  # the sample before which the state is saved, reset and restored
 # samples before which the estimate is put at a multiple of its ranges, and fault counts of the ranges and the outputs
@@ -301,13 +302,14 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     begins, y = _motion(step, u)
+    u = np.hstack([u, _elapsed(step)])
     if step.clock.guarded:
         sensors = zip(step.outputs, readings(step.observer.form), strict=True)
         low, high = np.array([plausible_range(*each) for each in sensors]).T
         edge = np.where(np.isfinite(high - low), 0.01 * (high - low), np.nan)
         y[MISSING], y[INFINITE], y[ABSURD], u[LOST_INPUT] = np.nan, 3.2e38, np.nan_to_num(high + edge, nan=1e30), np.nan
         y[FAR] = np.where(np.isfinite(edge), low + edge, y[FAR])
-        u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
+        u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.given]
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     low, high = np.array([s.interval for s in step.states]).T
@@ -417,7 +419,7 @@ def _run(
     memory = layout.initial_record(step, real)
     views, calls = layout.places(step, memory), entries(step, memory, real)
     calls["tune"]()
-    kinds = (("input", step.inputs), ("output", step.samples))
+    kinds = (("input", step.given), ("output", step.samples))
     signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
     results = [(views[each.place], each.index) for each in compared(step)]
     values, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
@@ -437,6 +439,17 @@ def _ages(step: Step) -> np.ndarray:
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)
+
+
+def _elapsed(step: Step) -> np.ndarray:
+    """Return the times since the last call (N, 1) in a self-check, 0, a long and a negative one among them; (N, 0)
+    where dt is a constant."""
+    if step.clock.varying is None:
+        return np.zeros((SAMPLES, 0))
+    shortest, longest = step.clock.varying.shortest, step.dt
+    elapsed = shortest + (longest - shortest) * (np.arange(SAMPLES) * 7 % 11 / 10)
+    elapsed[AT_ONCE], elapsed[LONG], elapsed[BACKWARD] = 0.0, 2.5 * longest, -longest
+    return elapsed[:, None]
 
 
 def _wave(cycles: float, signal: Signal) -> float:

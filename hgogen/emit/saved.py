@@ -57,6 +57,7 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     clock = step.clock
     lines += [f"dt {step.dt!r}, {step.periods}, {clock.between}, {clock.guards}, {clock.prefer}"]
     lines += [f"first {clock.first}"] * (clock.first != "update")
+    lines += [f"varying dt, at most {clock.varying.substeps} sub-steps"] if clock.varying else []
     lines += [str(observer.delays)]
     lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
     guards = f"{form.clamped} {form.limits} {form.free} {form.fallback}"

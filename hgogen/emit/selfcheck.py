@@ -94,7 +94,7 @@ def block(lines: Iterable[str], by: int = 4) -> str:
 
 def _signals(step: Step) -> list[tuple[Place, int]]:
     no_input, no_output = lost_samples(step)
-    inputs = [(Place("input", signal.name), no_input) for signal in step.inputs]
+    inputs = [(Place("input", signal.name), no_input) for signal in step.given]
     return inputs + [(Place("output", signal.name), no_output) for signal in step.samples]
 
 
@@ -282,7 +282,7 @@ fn main() {
 
 def rust_check(step: Step, real: Real) -> list[str]:
     """Return the lines of a step's self-check in Rust, whose test vectors take a while to compute."""
-    here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.inputs)
+    here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.given)
     fill = filled(here, f"{{name}}: if k == {{missing}} {{{{ {kind}::NAN }}}} else {{{{ GIVEN[k][{{column}}] }}}},")
     inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []
     text = _RUST_TEXT.substitute(
@@ -290,7 +290,7 @@ def rust_check(step: Step, real: Real) -> list[str]:
         status=rust_status_type(step),
         restored=SAVED,
         structs="Inputs, " if many else "",
-        signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
+        signals=", ".join(signal.name for signal in (*step.given, *step.samples)),
         fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),
         arguments=arguments(step),
         have=", ".join(_results(here)),

@@ -245,7 +245,7 @@ class Writer(Reader[Code]):
         return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
 
     def _repeat(self, repeat: Repeat, reserved: frozenset[str]) -> Code:
-        fixed, k = code(), "r"
+        fixed, k = code(), next(name for name in ("r", "q") if name not in reserved)
         for place, row in repeat.given.items():
             values = ", ".join(self.syntax.literal(number, self.real) for number in row)
             named = {"type": self.syntax.types[self.real], "name": f"each_{place.name}", "size": repeat.count}

@@ -57,7 +57,7 @@ class _Structs:
 
     def every(self, marked: bool) -> Iterator[Struct]:
         step, marks = self.step, [self.step.layout.mark] if marked and self.step.layout.mark else []
-        for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
+        for kind, signals in (("input", step.given), ("output", step.samples), ("estimate", step.states)):
             if signals:
                 counted = kind != "estimate" and self.real == "float" and any(s.period for s in signals)
                 comment = f"{SIGNALS[kind]}; {ONE_TURN}" if counted else SIGNALS[kind]

@@ -78,7 +78,7 @@ class FilterStep:
     def stages(self, z: Graph | None = None) -> Stages:
         """Return the stages and the result of a step of the model from `z` (n)."""
         start = {"z": self.z if z is None else z}
-        return advance(self.motion, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
+        return advance(self.motion, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.h)
 
     @cached_property
     def _flow(self) -> Callable[[Graph, float], dict[str, Graph]]:
@@ -103,7 +103,7 @@ class FilterStep:
         """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX; F of a map."""
         if self.motion.map:
             return ca.sparsify(F)
-        h = self.clock.dt
+        h = self.clock.h
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def noise(self, stages: Stages) -> tuple[Graph, Graph]:
@@ -111,7 +111,7 @@ class FilterStep:
         h."""
         z, c = self._middle(stages)
         W = self.part.scaled_factor(z, self.clock.u(c))
-        return W, self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.densities
+        return W, self.clock.h * self.part.scaling.process(self.part.theta.value) * self.part.densities
 
     def row(self, output: int) -> Graph:
         """The row c = dh/dz (1, n) of an output, sparse."""
@@ -149,7 +149,7 @@ class FilterStep:
         process noise."""
         part, clock = self.part, self.clock
         noise, variances = part.typical
-        process = clock.dt * factor(noise)[1] if part.factor.size else values
+        process = clock.longest * factor(noise)[1] if part.factor.size else values
         natural = np.minimum(values, np.where(process > 0, process, SMALLEST * values))
         least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
         natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
@@ -470,7 +470,7 @@ class Looped(FactoredStep):
 
     def prediction(self) -> Program:
         """Return the statements that advance z, and L, D to the factors of Phi P Phi' + h Q_theta."""
-        part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.dt
+        part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.h
         stages = self.stages()
         F = ca.sparsify(self.jacobian(stages))
         Phi = self.transition(F)

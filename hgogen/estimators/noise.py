@@ -214,7 +214,7 @@ def sample_deviations(step: "Step") -> dict[str, float]:
     of a step at theta = 1, in the signal's unit; empty for an observer without R."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     return {
-        name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.dt))
+        name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
         for field in step.layout.gains
         if field.unit in _DEVIATIONS
         for name, density in zip(field.labels, field.initial, strict=True)

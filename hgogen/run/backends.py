@@ -31,7 +31,7 @@ from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Place
 from hgogen.reading.given import BadGain, among, count, requires_switches, unmasked
 from hgogen.run import native
-from hgogen.run.samples import BadShape, Engine, listed, reals, table
+from hgogen.run.samples import BadShape, Engine, listed, reals, table, with_elapsed
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import UNINITIALISED
@@ -49,7 +49,7 @@ class StepMemory:
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
-        views, signals = len(step.states) + len(step.traces), len(step.inputs) + len(step.samples)
+        views, signals = len(step.states) + len(step.traces), len(step.given) + len(step.samples)
         self.signals, self.outputs = np.split(self.record.view(DTYPE[real])[-signals - views :], [signals])
         self._new = bytes(self.state)
 
@@ -175,12 +175,14 @@ class Records:
     states: Sequence[bytes]
 
     @classmethod
-    def of(cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started) -> "Records":
+    def of(
+        cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started, dt: Any
+    ) -> "Records":
         """Return the logs from a caller's arguments; `starts`: initial states, saved or not. Raises: `BadShape`,
         `BadNames`; `NotSaved`; errors of `started`."""
         step = memory.step
         y = _signals("y", y, step.samples, None)
-        u = _signals("u", u, step.inputs, y.shape[-2])
+        u, _ = with_elapsed(step, _signals("u", u, step.inputs, y.shape[-2]), dt)
         varied = _parameters(step, {} if parameters is None else parameters)
         starts = () if starts is None else starts
         named = isinstance(starts, Mapping)

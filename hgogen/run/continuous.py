@@ -74,7 +74,7 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
     observer = source.observer if isinstance(source, Step) else source
     demand_continuous(observer.form.system, "reference", "; run the step itself")
     if isinstance(source, Step):
-        dt, between = source.dt, source.clock.between
+        dt, between = source.clock.dt, source.clock.between
     elif isinstance(dt, int | float) and 0 < dt < INF:
         observer = observer.sampled(float(dt), (float(dt),) * len(observer.form.output))
     fine = [
@@ -275,7 +275,7 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     z+ = Phi z + Gamma_0 y + Gamma_1 y+, computed from unit vectors."""
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
-    pieces = step.method.ode(linear, Clock(step.dt, step.clock.between, m, p))
+    pieces = step.method.ode(linear, Clock(step.clock.dt, step.clock.between, m, p))
     reading = Reading((*pieces.tune, *pieces.predict))
     reading.give({**values, Place("work", "valid"): np.ones(p)})
     reading.action(pieces.tune)()

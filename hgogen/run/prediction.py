@@ -95,7 +95,7 @@ def forecasts(
     """Yield the errors (N, p) of predictions of y (N, p) from the estimates of a run with inputs u (N, m), for each
     number of samples in `ahead`, then in open loop."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.fallback)
+    model, holding = open_loop(step.observer.form, step.clock.dt, step.clock.between), bool(step.observer.form.fallback)
     u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)

@@ -16,7 +16,7 @@ from hgogen.program import lines_of
 from hgogen.reading.given import count, in_order, names_of, unmasked
 from hgogen.registry import library
 from hgogen.run.gates import GateShare
-from hgogen.signal import Signal
+from hgogen.signal import Signal, plural
 from hgogen.step import Step
 from hgogen.stepping.delays import AT, MEMORY
 
@@ -271,6 +271,27 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         wanted = f"({length}, {width})" + f" or ({length},)" * (width == 1)
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
     return np.ascontiguousarray(array)
+
+
+def with_elapsed(step: Step, u: np.ndarray, dt: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the inputs u (.., N, m) with a last column of the time since the row before, where it varies, and that
+    time (.., N) as it passes, without those that are negative or not numbers; `dt`: a number, or (N) or (.., N).
+
+    Raises: `BadShape`.
+    """
+    if not step.clock.varying:
+        if dt is not None:
+            raise BadShape("dt", f"is for a step in which it varies; this one has dt = {step.dt:g}")
+        return u, np.zeros(u.shape[:-1])
+    if dt is None:
+        raise BadShape("dt", f"is missing; give the time since the row before in {plural(step.time)}, as dt=")
+    elapsed = reals("dt", dt)
+    if elapsed.ndim > 2 or (elapsed.ndim and elapsed.shape[-1] != u.shape[-2]):
+        raise BadShape(f"dt of shape {elapsed.shape}", f"must be a number, or have {u.shape[-2]} for each log")
+    lead = np.broadcast_shapes(elapsed.shape[:-1], u.shape[:-2])
+    elapsed = np.broadcast_to(elapsed, (*lead, u.shape[-2]))
+    wide = np.concatenate([np.broadcast_to(u, (*lead, *u.shape[-2:])), elapsed[..., None]], axis=-1)
+    return np.ascontiguousarray(wide), np.where(elapsed > 0, elapsed, 0.0)
 
 
 def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:

@@ -286,6 +286,7 @@ class Replay:
     def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
         fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
+        pairs += [("h", "elapsed", after)]
         signals = {
             Place("work", name): values_at(self.step, records, Place("state", field))
             for name, field, records in pairs
@@ -331,7 +332,7 @@ class Replay:
             stages = FilterStep(self._uncertainty.part, clock).stages()
         else:
             flow = dynamics.flow
-            stages = advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, self.step.dt)
+            stages = advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, clock.h)
         read = dynamics.output(z, clock.u_now), dynamics.output_jacobian(z, clock.u_now)
         return tuple(Evaluated(self.step, graph) for graph in (observer.z, stages.result["z"], *read))
 

@@ -326,7 +326,7 @@ class Graphs:
         layout = step.layout
         gains = [entry for field in layout.gains for entry in self._of(field)]
         plant = distinct((e for f in layout.plant for e in self._of(f)), (g.name for g in layout.gains), "plant")
-        signals = of_signals("inputs", step.inputs), of_signals("outputs", step.samples)
+        signals = of_signals("inputs", step.given), of_signals("outputs", step.samples)
         return *signals, Vector("parameters", (*gains, *plant))
 
     @cached_property
@@ -352,7 +352,7 @@ class Graphs:
             shapes(self.source.layout.state, self.source.layout.groups),
         )
         (u, y, p), memory = self._symbols, {**self._tuned(step.code.tuning), **_parts(state, lies)}
-        memory |= _scalars("input", step.inputs, u) | _scalars("output", step.samples, y)
+        memory |= _scalars("input", step.given, u) | _scalars("output", step.samples, y)
         for section in step.code.sections:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
@@ -380,7 +380,8 @@ class Graphs:
         derived = chain.from_iterable(tuned(part, self._clock) for part in self.source.observer.parts)
         tuning = limit_parameters(*self.source.layout.limited, tuple(derived))
         memory = {**self._tuned(tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
-        memory |= {Place("state", "u"): u, Place("work", "u"): u} if u.numel() else {}
+        inputs = len(self.source.inputs)
+        memory |= {Place("state", "u"): u[:inputs], Place("work", "u"): u[:inputs]} if inputs else {}
         memory[Place("work", "valid")] = valid = ca.fabs(y) <= LARGEST_NUMBER
         memory[Place("work", "y")] = ca.if_else(valid, y, 0)  # without an effect, see `Ode`
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]

@@ -234,7 +234,7 @@ class Machine(Reading):
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return estimates (N, n), traces (N, traces) and statuses (N) of a call for each sample u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
-        kinds = (("input", step.inputs), ("output", step.samples))
+        kinds = (("input", step.given), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
         results = [memory[Place("estimate", s.name)] for s in step.states]
         scalars = [(memory[each.place], each.index) for each in step.traced]

@@ -21,6 +21,9 @@ counter c of y_j has the sign of the last error that raised it:
     W = T/(period of y_j), of range p T/dt of p outputs judged;   m = 1/(lambda period of y_j), at least 2
                                                                   T, lambda: see below
 
+Where the time between two calls varies, 1 and p are multiplied by min(that time/dt, 1), dt the longest step: a count
+that has risen by w has lasted for at least w dt and w samples.
+
 The guard of y_j is a restart. The guard of range is a projection (stepping/projection.py). It is a restart where the
 estimate is outside by more than FAR of a width, at a false equilibrium or in a corner of its outer box, and where w is
 above W: since the last guard there was no fault-free period as long as its waiting time, so the projection did not
@@ -127,7 +130,7 @@ def _typical(decays: np.ndarray) -> float | None:
 def rate(observer: Observer, clock: Clock) -> float:
     """Return the slowest rate mu at which errors of the observer decay; that of ten samples where none is known."""
     mu = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
-    return min(mu, default=1 / (SAMPLES * clock.dt))
+    return min(mu, default=1 / (SAMPLES * clock.longest))
 
 
 def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
@@ -291,13 +294,14 @@ class Recovery:
         """The signs of a fault that this observer counts; empty for a step without guards."""
         outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not self._outside.is_constant()
-        longest = LONGEST // max(1, len(outputs) + ranges)
+        most = int(LONGEST * self.clock.evenness)  # a smaller part of a sample is not lost in such a count
+        longest = most // max(1, len(outputs) + ranges)
         if not self.clock.guarded or not (outputs or ranges):
             return ()
-        time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
+        time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.longest
         signs, rate = [], plant_rate(self.observer)
         if not self.observer.form.system.discrete:
-            demand_countable(self.observer.form, dt, LONGEST // 2, SHARE)
+            demand_countable(self.observer.form, dt, most // 2, SHARE)
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = max(FEWEST, ceil(min(time / period, longest // 2)))
@@ -366,6 +370,7 @@ class Recovery:
             part="counts_spoiled",
         )
         program: list[Statement] = [spoiled, When(Place("work", "spoiled"), self.cleared)]
+        weight *= self.clock.share
         change = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
         for sign in self.signs:
             if sign.output is None:
@@ -436,7 +441,8 @@ class Recovery:
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
-        change = ca.if_else(deviates, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
+        one = self.clock.share
+        change = ca.if_else(deviates, ca.if_else(count * sample.error < 0, -sign.change, one), -one)
         if len(samples) > 1:
             deviates = ca.logic_and(deviates, self._plausible(sign.output, sample))
             change = ca.if_else(self._plausible(sign.output, sample), change, 0)

@@ -68,6 +68,7 @@ from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.reports import age_fields, aged, renewed, renewed_where, reports
+from hgogen.stepping.substeps import elapsed_fields, in_substeps, since_last_call
 from hgogen.system import System
 
 ROUND = 1 << 16  # periods after which the count wraps: the range of the smallest `unsigned` of C
@@ -276,6 +277,7 @@ class Assembly:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.limits[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
             fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
+        fields += elapsed_fields(self.clock, system.time)
         if self.uses_output:
             zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
             meaning = "last sample" + ", or its estimate" * self.clock.guarded
@@ -361,6 +363,9 @@ class Assembly:
         known = "the first call predicts" if clock.first == "predict" else "the first call advances no time"
         program.append(Block(known, running))
         advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
+        if clock.varying:
+            program.append(since_last_call(clock))
+            advance = in_substeps(advance, clock, self.uses_output, tuple(map(Call, self._keep)))
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)

@@ -43,7 +43,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     demand_step(step, "c99")
     demand_switch("c99, check=", check)
     demand_real(real)
-    demand_motion(step.observer.form, step.dt, real)
+    demand_motion(step.observer.form, step.shortest, real)
     demand_file(step.name)
     demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}

@@ -33,7 +33,7 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     """
     demand_step(step, "lanes")
     demand_real(real)
-    demand_motion(step.observer.form, step.dt, real)
+    demand_motion(step.observer.form, step.shortest, real)
     demand_file(step.name)
     demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
@@ -102,7 +102,7 @@ def _many(writer: LaneWriter) -> list[str]:
     """Return the lines of the C function that calls the step for each row of a log in
     all lanes (one log in each vector element), and the sizes that a caller needs."""
     step, p, real = writer.step, writer.prefix, writer.real
-    inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
+    inputs = [_loaded(p, "u", len(step.given), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.given)]
     outputs = [
         _loaded(p, "y", len(step.samples), j, f"measurement.{c_name(each.name)}") for j, each in enumerate(step.samples)
     ]

@@ -48,11 +48,11 @@ def _runner(step: Step, real: Real) -> Prototype:
 
 
 def _run(step: Step, traces: list[str]) -> list[str]:
-    name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.samples), len(step.states)
+    name, declared, m, p, n = step.name, prototypes(step), len(step.given), len(step.samples), len(step.states)
     arguments = {"s": "s", "p": "p", "in": "&in", "measurement": "&measurement", "x": "&plant"}
     arguments |= {report.name: f"&{report.name}" for report in step.code.reports}
     steps, estimates = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
-    inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
+    inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.given)]
     inner += [f"measurement.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.samples)]
     reports = [f"{declared[each.name].call(lambda to: arguments[to.name])};" for each in step.code.reports]
     inner += [f"status[k] = {steps};", f"{estimates};", *reports]

@@ -59,7 +59,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     demand_step(step, "rust")
     demand_switch("rust, check=", check)
     demand_real(real)
-    demand_motion(step.observer.form, step.dt, real)
+    demand_motion(step.observer.form, step.shortest, real)
     if step.name in _CRATES | KEYWORDS:
         raise NoCrate(step.name)
     demand_distinct(step, RUST)
