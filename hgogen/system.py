@@ -6,22 +6,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import sympy as sp
 
-from hgogen.analysis.manifold import onto
+from hgogen.analysis.manifold import fault
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
 from hgogen.rigor.box import End, box
-from hgogen.rigor.invariant import opposites, remainder
+from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal, check_name, is_unit, spread
-
-_STARTS = 16  # random states from which one on the invariants is searched
+from hgogen.signal import Signal, check_name, is_unit
 
 
 class BadSystem(BadArgument):
@@ -175,6 +172,11 @@ class System:
         return "the estimate is projected onto invariants, which no proof here covers" if self.invariants else ""
 
     @cached_property
+    def constraints(self) -> tuple[sp.Expr, ...]:
+        """The invariants without denominators and factors that are not 0: x of p x or x/y, with the same zeros."""
+        return tuple(row for c in self.invariants for row, _ in factors(c, self.states, self.box))
+
+    @cached_property
     def opposites(self) -> tuple[tuple[int, ...], ...]:
         """The sets of states in invariants, by index, of which both signs together are the same state, as q and -q."""
         return opposites(self.invariants, dict(zip(self.states, self.flow, strict=True)), self.output)
@@ -310,26 +312,17 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
 
 
 def _validate_invariants(system: System) -> None:
-    """Refuse as many invariants as states, an invariant without a state, with an input, one that the flow is not proved
-    to keep at 0, and invariants that no state is found to meet."""
-    if not system.invariants:
-        return
-    flow = dict(zip(system.states, system.flow, strict=True))
-    if len(system.invariants) >= len(flow):
-        reason = f"has {len(system.invariants)} invariants of {len(flow)} states, which leave nothing to estimate"
+    """Refuse as many invariants as states, an invariant with an input, and what `manifold.fault` finds."""
+    k, n = len(system.invariants), len(system.states)
+    if k >= n:
+        reason = f"has {k} invariants of {n} states, which leave nothing to estimate"
         raise BadSystem(system.name, f"{reason}; leave out those that follow from others")
     for k, row in enumerate(system.invariants, 1):
-        for symbol in sorted(row.free_symbols - {*flow, *system.parameters}, key=str):
+        for symbol in sorted(row.free_symbols - {*system.states, *system.parameters}, key=str):
             raise BadSystem(system.name, f"invariant {k} uses the input {symbol}; write it in states and parameters")
-        if not row.free_symbols & flow.keys():
-            raise BadSystem(system.name, f"invariant {k}, {row}, has no state; write what the states keep at 0")
-        if rate := remainder(row, system.invariants, flow):
-            why = f"is not kept by the flow, which changes it by {rate} in a unit of time"
-            raise BadSystem(system.name, f"invariant {k}, {row} = 0, {why}; correct the flow, or leave it out")
-    low, high = np.array([*map(spread, system.states)]).T
-    shares = np.vstack((np.full(len(flow), 0.5), np.random.default_rng(1).uniform(size=(_STARTS, len(flow)))))
-    if not len(onto(system.invariants, system.states, system.nominal, low + shares * (high - low))):
-        raise BadSystem(system.name, "no state is found on its invariants; correct them, or declare ranges around some")
+    around = tuple(system.nominal.items())
+    if system.invariants and (reason := fault(system.invariants, system.states, system.inputs, around, system.flow)):
+        raise BadSystem(system.name, reason)
 
 
 def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None) -> str:

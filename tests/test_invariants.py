@@ -4,17 +4,24 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
+import flint
 import numpy as np
 import pytest
 import sympy as sp
 from emitted import step as emitted
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.analysis.manifold import onto
+from hgogen.analysis.singularity import of_plant
 from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile, from_table, to_text
-from hgogen.rigor.invariant import modulo, remainder
+from hgogen.rigor.invariant import Division, divided, rate, restricted
+from hgogen.rigor.rank import NowhereDefined
+from hgogen.rigor.series import Undecided
+from hgogen.rigor.zero_point import zero_near
 from hgogen.run.gramian import sight
 from hgogen.stepping.invariants import sphere
 from hgogen.system import BadSystem, valued
@@ -59,9 +66,9 @@ def attitude(vectors: Sequence[str] = "xz", bias: bool = True) -> hg.System:
 @pytest.mark.parametrize(
     ("invariant", "said"),
     [
-        ("q0**2 - 1", "invariant 1, q0\\*\\*2 - 1 = 0, is not kept by the flow, which changes it by"),
+        ("q0**2 - q1", "invariant 1, q0\\*\\*2 - q1 = 0, is not kept by the flow, which changes it by"),
         ("w0", "uses the input w0"),
-        ("2", "has no state"),
+        ("2", "has no zero that depends on states"),
         ("q0*nowhere", "unknown symbol nowhere"),
         ("I*q0", "is not finite and real"),
     ],
@@ -97,12 +104,86 @@ x, y, k = sp.symbols("x y k", real=True)
     ],
 )
 def test_what_a_flow_keeps_is_proved(constraint: sp.Expr, flow: dict[sp.Symbol, sp.Expr], invariant: bool) -> None:
-    assert (remainder(constraint, [constraint], flow) == 0) is invariant
+    assert (divided(rate(constraint, flow), [constraint]).remainder == 0) is invariant
 
 
-def test_an_expression_modulo_constraints_is_equal_on_them() -> None:
-    assert modulo(x * (x**2 + y**2 - 1) + y, [x**2 + y**2 - 1]) == y
-    assert modulo(sp.Abs(x), []) == sp.Abs(x)
+CIRCLE = x**2 + y**2 - 1
+
+
+def test_an_expression_is_divided_by_constraints() -> None:
+    assert divided(x * CIRCLE + y, [CIRCLE]) == Division((x,), y)
+    assert divided(x**2 * y + y**3 - y, [x**2 - y, CIRCLE]).remainder == 0
+    assert divided(x**2 * y + y**3 - y + k, [x**2 - y, CIRCLE]).remainder != 0
+    assert divided(sp.sin(x) - sp.sin(y), [x - y]) == Division((sp.cos(x),), 0)
+    assert divided(sp.Abs(x), []).remainder == sp.Abs(x)
+
+
+@pytest.mark.parametrize(
+    ("row", "there"),
+    [
+        (y * sp.Abs(CIRCLE) + x, x),
+        (y * sp.sin(CIRCLE) + x, x),
+        (y * (sp.exp(CIRCLE) - 1) + x, x),
+        (y * sp.sqrt(sp.Abs(CIRCLE)) + x, x),
+        (sp.Max(x, x + y * CIRCLE), x),
+        (sp.Piecewise((y, CIRCLE > 0), (x, True)), x),
+        (sp.Piecewise((y, CIRCLE >= 0), (x, True)), y),
+        (sp.Piecewise((y, sp.exp(CIRCLE) > 1), (x, True)), x),
+        (y * CIRCLE + x, y * CIRCLE + x),  # smooth: ranks are taken along the constraint
+        (y / sp.Abs(CIRCLE), y / sp.Abs(CIRCLE)),  # has no value there
+    ],
+)
+def test_functions_of_what_is_0_on_constraints_have_their_value_at_0(row: sp.Expr, there: sp.Expr) -> None:
+    assert sp.expand(restricted(row, [CIRCLE]) - there) == 0
+
+
+def on(invariants: Sequence[Any], flow: dict[hg.Signal, Any], parameters: Sequence[hg.Signal] = (), **more: Any) -> Any:
+    rows: dict[str, Any] = {"outputs": (hg.Signal("out"),), "output": [list(flow)[-1]], "invariants": invariants}
+    return hg.System("on", states=tuple(flow), flow=list(flow.values()), parameters=tuple(parameters), **rows | more)
+
+
+a, b, z = signals("a b z", -2, 2)
+RING = a**2 + b**2 - 1
+SLOW = hg.Signal("slow", nominal=2.0)
+
+
+@pytest.mark.parametrize(
+    ("invariant", "flow"),
+    [
+        (RING, {a: -b * sp.Max(z, 0), b: a * sp.Max(z, 0), z: 0}),
+        (RING, {a: -b * sp.Piecewise((z, z > 0), (0, True)), b: a * sp.Piecewise((z, z > 0), (0, True)), z: 0}),
+        (RING, {a: -b * sp.sign(z), b: a * sp.sign(z), z: 0}),
+        (sp.sqrt(a**2 + b**2) - 1, {a: -b, b: a, z: 0}),
+        (sp.exp(a) - 1, {a: a * b, b: -b}),
+        (sp.sin(a), {a: sp.sin(2 * a), b: -b}),
+        (b / a, {a: -a, b: -a * b, z: 0}),
+        (SLOW * a, {a: a * b, b: -b}),
+        (a - b, {a: sp.sin(a), b: sp.sin(b), z: 0}),
+        (a, {a: -sp.Max(a, 0), b: -b}),
+        (a, {a: -a * sp.Abs(a), b: -b}),
+    ],
+)
+def test_what_is_kept_is_admitted(invariant: sp.Expr, flow: dict[hg.Signal, Any]) -> None:
+    plant = on([invariant], flow, parameters=[SLOW] if invariant.has(SLOW) else [])
+    assert hg.observability(plant).rank <= len(flow)
+
+
+@pytest.mark.parametrize(
+    ("invariant", "flow", "said"),
+    [
+        (RING, {a: -b + a * RING / sp.Abs(RING), b: a + b * RING / sp.Abs(RING), z: 0}, "not known to be kept"),
+        (a, {a: a * sp.log(a) ** 2, b: -b}, "not known to be kept"),
+        (a, {a: sp.sqrt(sp.Abs(a)), b: -b}, "not known to be kept"),
+        (a, {a: sp.Piecewise((1, a > 0), (0, True)), b: -b}, "not kept by the flow"),
+        (RING**2, {a: -b, b: a, z: 0}, r"no slope where it is 0; write a\*\*2 \+ b\*\*2 - 1"),
+        (a * z, {a: a * b, b: 0, z: z * b}, "is 0 where a = 0 or z = 0; write the one where the plant is"),
+        (a**2 - 9, {a: a**2 - 9, b: 0}, "has no zero that depends on states in their ranges"),
+        (SLOW - 2, {a: a, b: 0}, "has no zero that depends on states in their ranges"),
+    ],
+)
+def test_what_may_be_left_is_refused(invariant: sp.Expr, flow: dict[hg.Signal, Any], said: str) -> None:
+    with pytest.raises(BadSystem, match=said):
+        on([invariant], flow, parameters=[SLOW])
 
 
 def test_a_text_model_declares_them_and_is_written_with_them() -> None:
@@ -222,6 +303,119 @@ def test_an_output_that_is_0_on_them_sees_nothing() -> None:
         invariants=[c**2 + s**2 - 1],
     )
     assert [str(one) for one in hg.observability(plant).unobservable] == ["b"]
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        a + z * sp.sin(RING),
+        a + z * (sp.exp(RING) - 1),
+        (a + z * RING) / (2 + z * RING),
+        sp.Piecewise((a + z, RING > 0), (a, True)),
+        sp.Piecewise((a + z, sp.exp(RING) > 1), (a, True)),
+        a + z * RING,
+        a + z * sp.Abs(RING),
+        a + z * sp.sqrt(sp.Abs(RING)),
+    ],
+)
+def test_what_an_output_reads_off_them_only_is_not_observable(shown: sp.Expr) -> None:
+    answer = hg.observability(on([RING], {a: -b, b: a, z: 0}, output=[shown]))
+    assert answer.known.hidden == (z,)
+    assert answer.checks[0].verdict is hg.Verdict.REFUTED
+    assert "at a random point on the invariants" in str(answer.checks[0].reason)
+
+
+@pytest.mark.parametrize(
+    "shown", [a + z, a * z, sp.Piecewise((a + z, b > 0), (a + 2 * z, True)), a + sp.sin(z) + RING * z]
+)
+def test_what_an_output_reads_on_them_is_observable(shown: sp.Expr) -> None:
+    assert hg.observability(on([RING], {a: -b, b: a, z: -z}, output=[shown])).unobservable == ()
+
+
+def test_parts_of_an_invariant_have_their_own_answers() -> None:
+    """sin(x) is 0 at 0 and at pi: with y = z (1 + cos x) + .. z is observable at 0 only."""
+    wide = hg.Signal("wide", low=-4, high=4)
+    flow = {wide: sp.sin(wide), b: -b, z: 0}
+    answer = hg.observability(on([sp.sin(wide)], flow, output=[z * sp.cos(wide) + z + b]))
+    assert answer.checks[0].verdict is hg.Verdict.WHERE
+    assert "whether z can be observed where wide is near" in str(answer)
+    narrow = hg.Signal("narrow", low=-1, high=1)
+    flow = {narrow: sp.sin(narrow), b: -b, z: 0}
+    answer = hg.observability(on([sp.sin(narrow)], flow, output=[z * sp.cos(narrow) + z + b]))
+    assert answer.checks[0].verdict is hg.Verdict.GENERIC
+
+
+def test_an_invariant_with_a_parameter_holds_at_its_value() -> None:
+    for radius in (SLOW, hg.Signal("slow", nominal=2.0, low=1, high=3)):
+        plant = on([a**2 + b**2 - radius], {a: -b, b: a, z: -z}, [radius], output=[a / b + z * (a**2 + b**2 - radius)])
+        assert hg.observability(plant).unobservable == (z,)
+
+
+def test_repeated_invariants_are_as_one() -> None:
+    flow = {a: -b, b: a, z: 0}
+    assert (
+        hg.observability(on([RING, 3 * RING], flow, output=[a])).known
+        == hg.observability(on([RING], flow, output=[a])).known
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(*[st.integers(0, 2)] * 3, st.integers(-2, 2)), min_size=1, max_size=4), st.integers(-1, 1))
+def test_ranks_are_those_of_coordinates_on_the_circle(terms: list[tuple[int, ...]], growth: int) -> None:
+    """The plant in an angle instead of a point on the circle has the same observable and unobservable states."""
+    angle = hg.Signal("angle", low=-3, high=3)
+    shown = sum(c * a**i * b**j * z**k for i, j, k, c in terms)
+    rows: dict[str, Any] = {"outputs": (hg.Signal("out"),)}
+    turned = shown.subs({a: sp.cos(angle), b: sp.sin(angle)}) if sp.sympify(shown).free_symbols else sp.sympify(shown)
+    plain = hg.System("angle", states=(angle, z), flow=[1 + z, growth * z], output=[turned], **rows)
+    circle = on([RING], {a: -b * (1 + z), b: a * (1 + z), z: growth * z}, output=[shown], **rows)
+    assert hg.observability(circle).rank == hg.observability(plain).rank + 1
+
+
+def test_what_is_not_decided_on_them_is_no_branch() -> None:
+    """On the circle sqrt(a^2 + b^2) - 1 is 0, which is not proved: no sign is taken from its rounding."""
+    shown = sp.Piecewise((a + z, sp.sqrt(a**2 + b**2) > 1), (a, True))
+    with pytest.raises(NowhereDefined):
+        hg.observability(on([RING], {a: -b, b: a, z: 0}, output=[shown]))
+
+
+def test_uniform_observability_is_not_claimed_on_them() -> None:
+    force = hg.Signal("force", low=-1, high=1)
+    plant = on([RING], {a: -b, b: a, z: force}, inputs=(force,), output=[a + z])
+    assert of_plant(plant).verdict is hg.Verdict.UNKNOWN
+
+
+# --- a zero -------------------------------------------------------------------------------------------------
+
+
+def zero(rows: Sequence[sp.Expr], start: Sequence[float]) -> list[Any]:
+    names = (x, y)
+
+    def at(point: Sequence[Any]) -> tuple[list[Any], list[list[Any]]]:
+        value = sp.lambdify(names, list(rows))(*point)
+        slope = sp.lambdify(names, sp.Matrix(list(rows)).jacobian(names).tolist())(*point)
+        return [flint.arb(v) for v in value], [[flint.arb(v) for v in row] for row in slope]
+
+    return zero_near(at, [flint.arb(v) for v in start])
+
+
+def test_a_zero_is_enclosed_in_a_ball() -> None:
+    with flint.ctx.workprec(400):
+        first, second = zero([x**2 + y**2 - 2, x - y], [1.1, 0.8])
+        assert first.contains(1)
+        assert second.contains(1)
+        assert 0 < first.rad() < flint.arb(2) ** -350
+        first, second = zero([x**2 - 2], [1.5, 7])
+        assert (first**2).contains(2)
+        assert second == 7
+        first, _ = zero([x**2 - 2, 3 * x**2 - 6], [1.5, 7])
+        assert (first**2).contains(2)
+
+
+@pytest.mark.parametrize("rows", [[x**2], [(x**2 - 2) ** 2], [x**2 + 1], [x - 1, 2 * x - 3]])
+def test_where_none_is_proved_there_is_no_zero(rows: Sequence[sp.Expr]) -> None:
+    with flint.ctx.workprec(200), pytest.raises(Undecided):
+        zero(rows, [1.4, 0])
 
 
 def test_the_measure_is_taken_along_them() -> None:
@@ -427,8 +621,11 @@ def test_invariants_that_no_state_meets_are_refused() -> None:
     rows: dict[str, Any] = {"states": (c, s), "outputs": (hg.Signal("y"),), "flow": [-s, c], "output": [c]}
     with pytest.raises(BadSystem, match="2 invariants of 2 states, which leave nothing to estimate"):
         hg.System("fixed", **rows, invariants=[c**2 + s**2 - 1, c**2 + s**2 - 1])
-    with pytest.raises(BadSystem, match="no state is found on its invariants"):
+    with pytest.raises(BadSystem, match="has no zero that depends on states in their ranges"):
         hg.System("nowhere", **rows, invariants=[c**2 + s**2 + 1])
+    k = hg.Signal("k", nominal=1.0, low=-1, high=2)  # at its value there is none
+    with pytest.raises(BadSystem, match="no state is found on its invariants"):
+        hg.System("nowhere", **rows, invariants=[c**2 + s**2 + k], parameters=(k,))
 
 
 @pytest.mark.parametrize("data", [{"period": 2 * np.pi}, {}])

@@ -5,7 +5,9 @@
 A point without a direction, such as q = 0 of a unit quaternion, is first moved by half the range of one state.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -13,9 +15,41 @@ import numpy as np
 import sympy as sp
 
 from hgogen.graph import to_casadi
+from hgogen.rigor.box import box
+from hgogen.rigor.invariant import divided, factors, finite_on, rate, restricted
 from hgogen.signal import Signal, spread
 
 PASSES, CLOSE = 40, 1e-12
+_STARTS = 16  # random states from which one on the invariants is searched
+
+
+def projection(
+    constraints: Sequence[sp.Expr], states: Sequence[Signal], parameters: Sequence[sp.Symbol] = ()
+) -> Callable[[np.ndarray, Sequence[float]], np.ndarray | None]:
+    """Return a function from a point (n) and values of the parameters to a point with c(x) = 0 near it, or None where
+    the search does not converge."""
+    x, p = ca.SX.sym("x", len(states)), ca.SX.sym("p", len(parameters))
+    symbols = dict(zip((*states, *parameters), (*ca.vertsplit(x), *ca.vertsplit(p)), strict=True))
+    c = ca.densify(ca.vertcat(*to_casadi(constraints, symbols)))
+    evaluate = ca.Function("c", [x, p], [c, ca.densify(ca.jacobian(c, x))])
+    low, high = np.array([*map(spread, states)]).T
+    half = np.where(high > low, (high - low) / 2, 1.0)
+
+    def nearest(point: np.ndarray, values: Sequence[float]) -> np.ndarray | None:
+        for shift in (np.zeros(len(half)), *np.diag(half)):
+            at = point + shift
+            for _ in range(PASSES):
+                value, slope = (np.array(part) for part in evaluate(at, values))
+                scaled = slope * half
+                size = np.abs(scaled).max()
+                if not (np.isfinite(value).all() and size > CLOSE):
+                    break
+                if np.abs(value).max() <= CLOSE * size:
+                    return np.asarray(at)
+                at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
+        return None
+
+    return nearest
 
 
 def onto(
@@ -25,29 +59,51 @@ def onto(
     `values`: of the parameters."""
     if not constraints:
         return points
-    x = ca.SX.sym("x", len(states))
-    symbols = dict(zip(states, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in values.items()}
-    c = ca.densify(ca.vertcat(*to_casadi(constraints, symbols)))
-    evaluate = ca.Function("c", [x], [c, ca.densify(ca.jacobian(c, x))])
-    low, high = np.array([*map(spread, states)]).T
-    half = np.where(high > low, (high - low) / 2, 1.0)
-
-    def nearest(point: np.ndarray) -> Any:
-        for shift in (np.zeros(len(half)), *np.diag(half)):
-            at = point + shift
-            for _ in range(PASSES):
-                value, slope = (np.array(part) for part in evaluate(at))
-                scaled = slope * half
-                size = np.abs(scaled).max()
-                if not (np.isfinite(value).all() and size > CLOSE):
-                    break
-                if np.abs(value).max() <= CLOSE * size:
-                    return at
-                at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
-        return None
-
-    reached = [at for at in map(nearest, points) if at is not None]
+    nearest = projection(constraints, states, tuple(values))
+    reached = [at for point in points if (at := nearest(point, [*map(float, values.values())])) is not None]
     return np.array(reached).reshape(-1, len(states))
+
+
+@lru_cache(maxsize=64)
+def fault(
+    invariants: tuple[sp.Expr, ...],
+    states: tuple[Signal, ...],
+    inputs: tuple[Signal, ...],
+    nominal: tuple[tuple[Signal, sp.Rational], ...],
+    flow: tuple[sp.Expr, ...],
+) -> str:
+    """Return what is wrong with invariants c and what to write instead, or "" where the flow is proved to keep c = 0;
+    `nominal`: the values of the parameters. One factor of each may be 0 on the ranges, and has a slope there."""
+    values, rates = dict(nominal), dict(zip(states, flow, strict=True))
+    around = box((*states, *inputs, *values), values)
+    named = {f"invariant {k}, {row}": factors(row, states, around) for k, row in enumerate(invariants, 1)}
+    for name, parts in named.items():
+        if not parts:
+            return f"{name}, has no zero that depends on states in their ranges; write what they keep at 0"
+        if len(parts) > 1:
+            zeros = " or ".join(f"{part} = 0" for part, _ in parts)
+            return f"{name}, is 0 where {zeros}; write the one where the plant is"
+        if parts[0][1] > 1:
+            return f"{name}, has no slope where it is 0; write {parts[0][0]}"
+    constraints = [part for parts in named.values() for part, _ in parts]
+    divisions = [divided(rate(c, rates), constraints) for c in constraints]
+    for name, division in zip(named, divisions, strict=True):
+        if division.remainder != 0:
+            changes = f"is not kept by the flow, which changes it by {division.remainder} in a unit of time"
+            return f"{name} = 0, {changes}; correct the flow, or leave it out"
+    low, high = np.array([*map(spread, states)]).T
+    shares = np.vstack((np.full(len(states), 0.5), np.random.default_rng(1).uniform(size=(_STARTS, len(states)))))
+    points = onto(constraints, states, values, low + shares * (high - low))
+    if not len(points):
+        return "no state is found on its invariants; correct them, or declare ranges around some"
+    fixed = {s: Fraction(float(v)) for s, v in (*values.items(), *((u, sum(spread(u)) / 2) for u in inputs))}
+    places = [fixed | dict(zip(states, map(Fraction, map(float, point)), strict=True)) for point in points]
+    on_them = [restricted(f, constraints) for f in flow]
+    for name, division in zip(named, divisions, strict=True):
+        if not finite_on((*on_them, *division.quotients), constraints, states, tuple(fixed), places):
+            quotient = "where it is 0 the flow, or the flow's rate of it over it, is not finite, or it has no slope"
+            return f"{name}, is not known to be kept: {quotient}; correct the flow, or leave it out"
+    return ""
 
 
 def tangents(slopes: np.ndarray) -> np.ndarray:

@@ -36,12 +36,13 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import BadGain, cached, requires_any_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
-from hgogen.rigor.invariant import modulo
+from hgogen.rigor.invariant import divided
 from hgogen.rigor.rank import (
     FEW_BITS,
     Blurred,
     Branch,
     NowhereDefined,
+    Place,
     Places,
     Rank,
     Ranks,
@@ -104,16 +105,18 @@ def symmetries(
     order: int,
     places: Places = (),
     discrete: bool = False,
+    constraints: Sequence[sp.Expr] = (),
 ) -> tuple[Symmetry, ...]:
     """Return independent vector fields that change no output and move `hidden` unknowns, with components of degree 1,
     else 2.
 
-    `order`: the order of the outputs' derivatives that attains the rank; `places`: real points are drawn near them.
-    There may be fewer symmetries than the deficiency of the rank, where the search finds no more. `discrete`: of x+ =
-    flow, the outputs at later samples in place of their derivatives.
+    `order`: the order of the outputs' derivatives that attains the rank; `places`: real points are drawn near them;
+    `discrete`: of x+ = flow, the outputs at later samples in place of their derivatives; `constraints`: the fields are
+    along them, and all is asked where they are 0. There may be fewer symmetries than the deficiency of the rank, where
+    the search finds no more.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places, discrete)
+    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places, discrete, constraints)
     first = _sample(plant, order, 0)
     missing = len(unknowns) - len(first.rows)
     samples = [first]
@@ -122,13 +125,13 @@ def symmetries(
         if len(terms) > TERMS or not first.rows:
             break
         samples = _enough(plant, order, samples, len(hidden), len(terms))
-        independent = _independent(_fields(samples, terms, unknowns), unknowns)
+        independent = _independent(_fields(samples, terms, unknowns), unknowns, first)
         best = independent if len(independent) > len(best) else best
         if len(best) >= missing:
             break
     parameters = unknowns[plant.n :]
     rates = (*flow, *(parameters if discrete else (sp.S.Zero for _ in parameters)))
-    proved = _proved(best, rates, output, unknowns, discrete)
+    proved = _proved(best, rates, (*output, *constraints), unknowns, discrete, constraints)
     return tuple(
         Symmetry(tuple((s, v) for s, v in zip(unknowns, field, strict=True) if v != 0), proof)
         for field, proof in zip(best, proved, strict=True)
@@ -222,18 +225,19 @@ def _number(a: Any) -> Fraction | None:
     return fraction if close and abs(fraction) <= _LARGEST else None
 
 
-def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
+def _independent(
+    fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol], sample: _Sample
+) -> list[list[sp.Expr]]:
+    """Return the simplest fields that are independent at a sample's point."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
-    draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
-    point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
-    rows = [list(sp.Matrix([field]).xreplace(point)) for field in ordered]
-    chosen: list[list[sp.Expr]] = []
-    values: list[list[sp.Expr]] = []
-    for field, row in zip(ordered, rows, strict=True):
-        if sp.Matrix([*values, row]).rank() > len(values):
-            chosen.append(list(field))
-            values.append(row)
-    return chosen
+
+    def value(component: sp.Expr) -> Any:
+        terms = sp.Poly(component, *unknowns).terms()
+        factors = ((v**k for v, k in zip(sample.values, powers, strict=True)) for powers, _ in terms)
+        return sum((int(c) * prod(part) for (_, c), part in zip(terms, factors, strict=True)), 0 * sample.values[0])
+
+    with flint.ctx.workprec(FEW_BITS):
+        return [list(ordered[i]) for i in new_rows([list(map(value, field)) for field in ordered], sample.prime)]
 
 
 def _proved(
@@ -242,10 +246,11 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
     discrete: bool,
+    constraints: Sequence[sp.Expr],
 ) -> list[bool]:
-    """Return for each vector field v whether L_v h = 0 and [f, v] in the span of such fields are
-    proved, f = `rates`, h = `output`: moving the unknowns along v then changes no output. Of a
-    map f, (df/dx) v in the span of such fields at f(x) in place of [f, v]."""
+    """Return for each vector field v whether L_v h = 0 and [f, v] in the span of such fields are proved where the
+    `constraints` are 0, f = `rates`, h = `output`: moving the unknowns along v then changes no output. Of a map f, (df/
+    dx) v in the span of such fields at f(x) in place of [f, v]."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -257,7 +262,11 @@ def _proved(
     def commutator(field: Sequence[sp.Expr]) -> list[sp.Expr]:
         if discrete:
             return [_together(along(f, field)) for f in rates]
-        return [_together(along(v, rates) - along(f, field)) for v, f in zip(field, rates, strict=True)]
+        rows = (along(v, rates) - along(f, field) for v, f in zip(field, rates, strict=True))
+        return [sp.S.Zero if vanishes(e) else _together(e) for e in rows]
+
+    def vanishes(e: sp.Expr) -> bool:
+        return _vanishes(e) or bool(constraints and divided(e, constraints).remainder == 0)
 
     def there(field: Sequence[sp.Expr]) -> Sequence[sp.Expr]:
         return [_together(v.xreplace(after)) for v in field] if discrete else field
@@ -272,7 +281,7 @@ def _proved(
 
         return rank([*known, bracket]) == (rank(known) if discrete else len(family))
 
-    invisible = [all(_vanishes(along(h, field)) for h in output) for field in fields]
+    invisible = [all(vanishes(along(h, field)) for h in output) for field in fields]
     brackets = [commutator(field) if ok else [] for field, ok in zip(fields, invisible, strict=True)]
     closed = list(invisible)
     while True:  # the largest family that f maps into itself
@@ -336,6 +345,7 @@ def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
 
 Exprs = Sequence[sp.Expr]
 _PROVED_BRANCHES = 8  # with a search for symmetries, which may take a second each
+_PARTS = 8  # places on constraints, where ranks may differ
 _CONDITIONS, _BRANCHES = 4, 3  # conditions of a branch, and branches, in a sentence
 
 
@@ -410,7 +420,8 @@ class Answer(Encoded):
         if not self.where:
             return NONE
         first_conditions, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
-        first = because("{shown: and }", shown=first_conditions)
+        shown = [because("{x} is near {value}", x=c.lhs, value=c.rhs) if c.is_Equality else c for c in first_conditions]
+        first = because("{shown: and }", shown=shown)
         return because("{first} and {more} more conditions", first=first, more=more) if more else first
 
     @property
@@ -519,10 +530,10 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
             lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
         )
     reached = on_branches(plant, unknowns)
-    questions = [_Question(plant, branch, unknowns) for branch in reached.branches]
-    first = {one.branch.rows: one for one in reversed(questions)}  # branches with the same rows have the same ranks
-    generic = {rows: one.ranks() for rows, one in first.items()}
-    ranked = [(one, ranks_of_branch) for one in questions if (ranks_of_branch := generic[one.branch.rows]) is not None]
+    questions = [part for branch in reached.branches for part in _Question(plant, branch, unknowns).parts()]
+    first = {one.key: one for one in reversed(questions)}  # branches with the same rows have the same ranks
+    generic = {key: one.ranks() for key, one in first.items()}
+    ranked = [(one, ranks_of_branch) for one in questions if (ranks_of_branch := generic[one.key]) is not None]
     if not ranked:
         raise NowhereDefined(reached.points)
     known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked])
@@ -550,31 +561,67 @@ class _Question:
 
     @property
     def rows(self) -> tuple[Exprs, Exprs, Exprs, Exprs, Exprs]:
-        """Flow, output with invariants, states, inputs and unknown parameters."""
-        n, invariants = len(self.plant.states), self.plant.invariants  # known to be 0, as an output would show it
-        outputs = (*(modulo(row, invariants) for row in self.branch.rows[n:]), *invariants)
-        flow = tuple(modulo(row, invariants) for row in self.branch.rows[:n])
-        return flow, outputs, self.plant.states, self.plant.inputs, self.parameters
+        """Flow, output, states, inputs and unknown parameters."""
+        n, p = len(self.plant.states), len(self.plant.outputs)
+        flow, output = self.branch.rows[:n], self.branch.rows[n : n + p]
+        return flow, output, self.plant.states, self.plant.inputs, self.parameters
+
+    @property
+    def constraints(self) -> Exprs:
+        """The plant's constraints on the branch."""
+        return self.branch.rows[len(self.plant.states) + len(self.plant.outputs) :]
+
+    @property
+    def setting(self) -> dict[str, Any]:
+        """The places of the branch, whether the plant is discrete, and its constraints, as keyword arguments."""
+        return {"places": self.branch.places, "discrete": self.plant.discrete, "constraints": self.constraints}
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """The rows, and on constraints the conditions, on which the ranks depend."""
+        return self.branch.rows, self.branch.where if self.constraints else ()
+
+    def parts(self) -> list["_Question"]:
+        """Return the question itself; of a plant with constraints one for each result that is found at places of the
+        branch: what is 0 where they are may have several parts, as sin(x) at 0 and at pi."""
+        if not self.constraints:
+            return [self]
+        places_by_ranks: dict[Ranks | None, list[Place]] = {}
+        for place in self.branch.places[:_PARTS]:
+            places_by_ranks.setdefault(self.at((place,)).ranks(), []).append(place)
+        places_by_ranks.pop(None, None)
+        parts = [self.at(tuple(places)) for places in places_by_ranks.values()]
+        return [part.near() for part in parts] if len(parts) > 1 else parts
+
+    def at(self, places: tuple[Place, ...]) -> "_Question":
+        """Return the question at these places of its branch."""
+        return replace(self, branch=replace(self.branch, places=places))
+
+    def near(self) -> "_Question":
+        """Return the question with its first place as a condition, for the states that the constraints read."""
+        place, read = self.branch.places[0], sp.Tuple(*self.constraints).free_symbols
+        here = (sp.Eq(x, sp.Float(float(place[x]), 3)) for x in self.plant.states if x in read)
+        return replace(self, branch=replace(self.branch, where=(*self.branch.where, *here)))
 
     def ranks(self) -> Ranks | None:
         """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""
         try:
-            return ranks(*self.rows, places=self.branch.places, discrete=self.plant.discrete)
+            return ranks(*self.rows, **self.setting)
         except NowhereDefined:
             return None
 
     @property
     def where(self) -> tuple[sp.Basic, ...]:
-        around = self.plant.box
-        return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
+        around, where = self.plant.box, self.branch.where
+        return tuple(one for one in where if isinstance(one, sp.Eq) or not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
         hidden = rank.unobservable
         if not hidden or not proofs:
             orders, where = self.orders(rank) if proofs else (), self.where if hidden else ()
             return Answer(rank, orders, where=where, discrete=self.plant.discrete)
-        places, discrete = self.branch.places, self.plant.discrete
-        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=places, discrete=discrete)
+        discrete = self.plant.discrete
+        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, **self.setting)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
         changed = {s for field in fields if field.proved for s, _ in field.field}
@@ -587,7 +634,7 @@ class _Question:
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
         """Return for each observable unknown the order of y', y'', .. from
         which its unit vector is in the row space of d(y, y', ..)/dx."""
-        plant, unknowns = plant_of(*self.rows, self.branch.places, self.plant.discrete)
+        plant, unknowns = plant_of(*self.rows, **self.setting)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
             orders: dict[sp.Symbol, int] = {}
@@ -609,14 +656,14 @@ class _Question:
         flow, output, states, inputs, parameters = self.rows
         hidden, p = rank.unobservable, len(output)
         discrete, every = self.plant.discrete, (*output, *hidden)
-        plant, _ = plant_of(flow, every, states, inputs, parameters, self.branch.places, discrete)
+        plant, _ = plant_of(flow, every, states, inputs, parameters, **self.setting)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
             count = rank.dimension if discrete else rank.order + rank.dimension - rank.rank + 1
             orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, count)]
 
             def full(i: int) -> bool:
-                rows = [row for y in orders for row in (*y[:p], y[p + i])]
+                rows = [row for y in orders for row in (*y[:p], *y[p + len(hidden) :], y[p + i])]
                 return len(new_rows(rows, modulus(numbers))) == rank.dimension
 
             return tuple(s for i, s in enumerate(hidden) if full(i))
@@ -626,7 +673,7 @@ class _Question:
     def direction(self, order: int) -> tuple[Any, Any]:
         """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
         v = 0 at a random real point, and the point; or ()."""
-        plant, unknowns = plant_of(*self.rows, self.branch.places, self.plant.discrete)
+        plant, unknowns = plant_of(*self.rows, **self.setting)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
             rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
@@ -654,8 +701,9 @@ def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
 
 def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check:
     id, rank = ClaimId("observability", fact), answer.rank
-    pattern = "rank {rank} of {dimension} at a random point, {method}"
-    reason = because(pattern, rank=rank.rank, dimension=rank.dimension, method=whole.method)
+    pattern = "rank {rank} of {dimension} at a random point{where}, {method}"
+    where = because(" on the invariants") if whole.system.invariants else NONE
+    reason = because(pattern, rank=rank.rank, dimension=rank.dimension, where=where, method=whole.method)
     if not rank.unobservable:
         verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
         return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.scope))

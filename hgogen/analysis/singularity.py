@@ -497,6 +497,8 @@ def of_plant(plant: System) -> UniformObservability:
     """Return the result of Gauthier and Bornard's test of observability for every input, on each branch that the
     plant's ranges reach. Parameters are generic within their ranges; those without one are at their nominal values.
     Raises: as `gauthier_bornard`."""
+    if plant.invariants:
+        return UniformObservability(None, False, because("the test is for plants without invariants"))
     reached = on_branches(plant, plant.tunable)
     n, answers = len(plant.states), []
     if not reached.branches:

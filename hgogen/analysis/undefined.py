@@ -15,17 +15,20 @@ The box decides on which side of a kink or jump the plant is: |x| is x where x >
 plant has several branches (`rigor.rank`).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import inf
 
+import numpy as np
 import sympy as sp
 
+from hgogen.analysis.manifold import projection
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
 from hgogen.rigor.box import Box, Point, box
+from hgogen.rigor.invariant import restricted
 from hgogen.rigor.rank import Reached, at_values, reached
 from hgogen.rigor.singular import (
     CHORD,
@@ -294,11 +297,28 @@ def on_box(plant: System) -> System:
 
 
 def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
-    """Return the branches of flow and output, in this order, that the declared box reaches: the `loose` parameters in
-    their ranges, the others at their nominal values.
+    """Return the branches of flow, output and constraints, in this order, that the declared box reaches: the `loose`
+    parameters in their ranges, the others at their nominal values; of a plant with constraints those that its points on
+    them reach, with the rows as they are there (`rigor.invariant.restricted`).
 
     Raises: `NowhereDefined` where a comparison has no value at these; `NoTape` for a function without a rule.
     """
-    loose, plain = tuple(loose), on_box(plant)
+    loose, plain, constraints = tuple(loose), on_box(plant), plant.constraints
     fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
-    return reached(at_values((*plain.flow, *plain.output), fixed), box((*plant.states, *plant.inputs, *loose)))
+    rows = (*(restricted(row, constraints) for row in (*plain.flow, *plain.output)), *constraints)
+    rows, sides = at_values(rows, fixed), box((*plant.states, *plant.inputs, *loose))
+    if not constraints:
+        return reached(rows, sides)
+    nearest = projection(rows[-len(constraints) :], plant.states, loose)
+
+    def project(place: Mapping[sp.Symbol, Fraction], outside: bool = False) -> Mapping[sp.Symbol, Fraction] | None:
+        point, values = ([float(place[s]) for s in symbols] for symbols in (plant.states, loose))
+        at = nearest(np.array(point), values)
+        if at is None:
+            return None
+        states = {x: Fraction(float(value)) for x, value in zip(plant.states, at, strict=True)}
+        within = all(sides[x][0] <= value <= sides[x][1] for x, value in states.items())
+        return {**place, **states} if within or outside else None
+
+    inside = reached(rows, sides, project)
+    return inside if inside.branches else reached(rows, sides, partial(project, outside=True))

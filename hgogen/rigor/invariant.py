@@ -1,24 +1,174 @@
-"""Whether a flow keeps constraints c(x) = 0, exactly.
+"""Constraints c(x) = 0 that a flow keeps, exactly, and expressions on the set of points where they hold.
 
-    grad c_i f = sum_j g_ij c_j with finite g_ij   =>   x' = f keeps c = 0
+    grad c_i f = sum_j g_ij c_j with bounded g_ij   =>   x' = f keeps c = 0
 
 Along a motion c' = G c is a linear differential equation, whose solution from c = 0 is 0. The quotients g_ij come from
-division of polynomials in the expressions' symbols and functions, and an exact zero test confirms the remainder 0.
+division of polynomials in symbols and functions (`field.Writer`), with the equations of roots and |e|. Where they are
+bounded has to be asked of the points on c = 0: c' = c log(c)^2 leaves 0.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
+import flint
 import sympy as sp
 
-from hgogen.rigor.field import vanishes
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.box import Box, put
+from hgogen.rigor.field import Exp, Half, TooLarge, Writer, vanishes
+from hgogen.rigor.lookup import Table
+from hgogen.rigor.rank import NowhereDefined, Places, plant_of, somewhere
+from hgogen.rigor.series import Arithmetic, Point, Undecided, values
+from hgogen.rigor.tape import NoTape
+
+_JUMPS = (sp.Piecewise, sp.sign, sp.Heaviside, sp.floor, sp.ceiling, Table)
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
+_MEANING: Mapping[type, Callable[..., sp.Expr]] = {
+    Exp: lambda m, unit: sp.exp(m * unit),
+    Half: lambda m, unit: sp.tan(m * unit / 2),
+}
+_SYMBOLS = 8  # most symbols of a Groebner basis
 
 
-def remainder(constraint: sp.Expr, constraints: Sequence[sp.Expr], flow: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """Return the rate of change of a constraint modulo all constraints: 0 where the flow is proved to keep it. `flow`:
-    the rate of each state."""
-    rate = sp.Add(*(sp.diff(constraint, x) * f for x, f in flow.items()))
-    left = modulo(sp.numer(sp.together(rate)), constraints)
-    return sp.S.Zero if vanishes(left) else left
+@dataclass(frozen=True)
+class Division:
+    """An expression as sum_j g_j p_j + `remainder`, with polynomials p_j that are 0 where constraints are, and
+    `quotients` g_j; a quotient may be known there only."""
+
+    quotients: tuple[sp.Expr, ...]
+    remainder: sp.Expr
+
+
+def divided(expression: sp.Expr, constraints: Sequence[sp.Expr]) -> Division:
+    """Return an expression divided by constraints, as polynomials, or by putting in the solution of one of them. If the
+    remainder is 0 the expression is 0 where the constraints are, and the quotients have a value there."""
+    if vanishes(expression):
+        return Division((), sp.S.Zero)
+    for c, x in ((row, symbol) for row in constraints for symbol in sorted(row.free_symbols, key=str)):
+        steep = sp.diff(c, x)
+        if not (expression.has(*_JUMPS) or c.has(*_JUMPS) or steep.has(x)):
+            there = put(expression, {x: sp.expand((steep * x - c) / steep)})
+            if there is not None and not there.has(*_INFINITE) and vanishes(there):
+                return Division((sp.diff(expression, x) / steep,), sp.S.Zero)
+    return _divided(expression, constraints) or Division((), expression)
+
+
+def _divided(expression: sp.Expr, constraints: Sequence[sp.Expr]) -> Division | None:
+    writer, rows = Writer(), (expression, *constraints)
+    try:
+        for row in rows:
+            writer.measure(row)
+        (top, bottom), *parts = [sp.fraction(sp.together(writer.write(row))) for row in rows]
+        roots = [sp.numer(sp.together(r.generator**r.degree - r.value)) for r in writer.relations]
+        divisors = [*(part for part, _ in parts), *roots]
+        symbols = sorted(sp.Tuple(top, *divisors).free_symbols, key=str)
+        quotients, remainder = sp.reduced(top, divisors, *symbols)
+        if remainder and len(parts) > 1 and len(symbols) <= _SYMBOLS:  # in another basis it may be 0
+            quotients, remainder = sp.reduced(top, sp.groebner(divisors, *symbols, order="grevlex"), *symbols)
+    except (TooLarge, sp.PolynomialError):
+        return None
+    back = {g: _MEANING[type(key)](*key.args) if type(key) in _MEANING else key for key, g in writer.kernels.items()}
+    shares = tuple((q * sp.Mul(*(below for _, below in parts)) / bottom).xreplace(back) for q in quotients)
+    left = (remainder / bottom).xreplace(back)
+    if vanishes(left):
+        return Division(shares, sp.S.Zero)
+    plain = left.atoms(sp.tan) <= expression.atoms(sp.tan)  # without tangents of half angles
+    return Division(shares, left if plain else expression)
+
+
+def finite_on(
+    rows: Iterable[sp.Expr],
+    constraints: Sequence[sp.Expr],
+    states: Sequence[sp.Symbol],
+    others: Sequence[sp.Symbol],
+    places: Places,
+) -> bool:
+    """Return whether the expressions are proved to be finite around a point on the constraints near one of the places,
+    values of `states` and `others`: with any of the pieces, signs and steps in them."""
+    plant, _ = plant_of(map(_every_piece, rows), constraints, states, others, places=places, constraints=constraints)
+
+    def finite(numbers: Arithmetic, point: Point) -> bool:
+        others = (u for j in range(plant.m) for u in point.inputs(j, 1))
+        if all(ball.is_finite() for ball in values(plant.tape, [*point.states, *others], flint.ctx.prec)):
+            return True
+        raise Undecided
+
+    try:
+        return somewhere(plant, finite)
+    except NowhereDefined:
+        return False
+
+
+def _every_piece(e: sp.Expr) -> sp.Expr:
+    if not e.args:
+        return e
+    if isinstance(e, sp.Piecewise):
+        return sp.Add(*(_every_piece(piece) for piece, _ in e.args))
+    if isinstance(e, (sp.sign, sp.Heaviside)):
+        return sp.S.One
+    return e.func(*map(_every_piece, e.args))
+
+
+def rate(constraint: sp.Expr, flow: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+    """Return the rate of change grad c f of a constraint c; `flow`: the rate of each state."""
+    return sp.Add(*(sp.diff(constraint, x) * f for x, f in flow.items()))
+
+
+def factors(constraint: sp.Expr, states: Collection[sp.Symbol], box: Box) -> tuple[tuple[sp.Expr, int], ...]:
+    """Return the factors of a constraint that may be 0, each with its multiplicity: without its denominator, without
+    factors that read no state or are proved not to be 0 on the box, and with m = log(r) for exp(m) = r."""
+    try:
+        every = sp.factor_list(sp.numer(sp.together(constraint)))[1]
+    except sp.PolynomialError:
+        every = [(constraint, 1)]
+    return tuple((_logarithm(one), k) for one, k in every if one.free_symbols & {*states} and not _never(one, box))
+
+
+def _never(factor: sp.Expr, box: Box) -> bool:
+    if factor.is_zero is False:
+        return True
+    try:
+        return nonzero(factor, {s: box[s] for s in factor.free_symbols}, refute=False).never
+    except NoTape:
+        return False
+
+
+def _logarithm(factor: sp.Expr) -> sp.Expr:
+    terms = sp.Add.make_args(factor)
+    if len(terms) != 2 or not factor.has(sp.exp):
+        return factor
+    equal = sp.expand_log(sp.log(sp.powsimp(-terms[0] / terms[1])))
+    if any(e.free_symbols for e in equal.atoms(sp.log)) or equal.has(sp.I):
+        return factor
+    return -equal if equal.could_extract_minus_sign() else equal
+
+
+def restricted(row: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr:
+    """Return an expression that is equal where the constraints are 0: with functions, roots and comparisons of 0 where
+    their arguments are proved to vanish. Its derivatives along the constraints are equal, others need not be."""
+    for node in sp.postorder_traversal(row) if constraints else ():
+        at_zero = _at_zero(node, constraints)
+        if at_zero is not None:
+            put_in = row.xreplace({node: at_zero})
+            return row if put_in.has(*_INFINITE) else restricted(put_in, constraints)
+    return row
+
+
+def _at_zero(node: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic | None:
+    def zero(e: sp.Expr) -> bool:
+        return bool(e.free_symbols) and divided(e, constraints).remainder == 0
+
+    if isinstance(node, sp.core.relational.Relational) and zero(node.lhs - node.rhs):
+        return sp.sympify(node.func(0, 0))
+    if isinstance(node, sp.Function) and len(node.args) == 1 and zero(node.args[0]):
+        return node.func(0)
+    if isinstance(node, sp.Pow) and node.exp.is_positive and not node.exp.is_Integer and zero(node.base):
+        return sp.S.Zero
+    if isinstance(node, (sp.Min, sp.Max)):
+        pairs = ((a, b) for i, a in enumerate(node.args) for b in node.args[:i])
+        same = next((a for a, b in pairs if zero(a - b)), None)
+        return None if same is None else node.func(*(e for e in node.args if e != same))
+    return None
 
 
 def opposites(
@@ -35,14 +185,3 @@ def opposites(
         if all(vanishes(change) for change in (*changes, *rates)):
             groups.append(tuple(states.index(x) for x in turned))
     return tuple(dict.fromkeys(groups))
-
-
-def modulo(expression: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr:
-    """Return an expression that equals the given one where all constraints are 0: the remainder of its division by
-    them, as polynomials."""
-    if not constraints:
-        return expression
-    try:
-        return sp.reduced(expression, list(constraints))[1]
-    except sp.PolynomialError:
-        return expression

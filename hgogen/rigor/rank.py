@@ -22,7 +22,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import combinations, product
@@ -37,6 +37,7 @@ from sympy.logic.boolalg import Boolean
 
 from hgogen.errors import HgogenError
 from hgogen.rigor.box import put
+from hgogen.rigor.definite import number
 from hgogen.rigor.lookup import Table, polynomial_value
 from hgogen.rigor.series import (
     BRANCHING,
@@ -48,14 +49,17 @@ from hgogen.rigor.series import (
     Point,
     Undecided,
     ends,
+    evaluate,
     gradients,
     random_point,
     values,
 )
 from hgogen.rigor.tape import Tape, tape
+from hgogen.rigor.zero_point import Values, zero_near
 
 Place = Mapping[sp.Symbol, Fraction]
 Sides = Mapping[sp.Symbol, tuple[Any, Any]]
+Project = Callable[[Place], Place | None]
 
 BRANCHES = 32  # most branches of a result
 _RANDOM, _PLACES = 256, 24  # random points at first; most stored points of a branch
@@ -63,6 +67,7 @@ _WORK = 1_000_000  # instructions of a tape at all points together, about a seco
 _FEWEST, _MOST = 64, 4000  # bounds of the number of points
 _HALVINGS, _PAIRS = 48, 2  # bisections between two points; such lines between two branches
 _BITS, _FINER = 60, 30  # bits of a random share of a side; further bits next to an end
+_PROJECTED = 1e-9  # of a side: how far a projected point is from the set, at most
 _DECADES = 2  # decades below and above 1, for symbols without a range
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Table)
 _STEPPED = (Table, sp.floor, sp.ceiling)  # the branch is the cell, or the whole number
@@ -94,10 +99,11 @@ class Reached:
         return len(self.branches) + self.more > 1
 
 
-def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
+def reached(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = None) -> Reached:
     """Return the branches of expressions in the box of their symbols, searched up to the sizes 1/100 to 100 of an
-    infinite side. Raises: `NoTape` for a function without a rule."""
-    search = _Search(tuple(rows), sides)
+    infinite side; `project`: a function from a point to the point of a set next to it, or None, for the branches that
+    points of the set reach. Raises: `NoTape` for a function without a rule."""
+    search = _Search(tuple(rows), sides, project)
     search.run()
     branches: dict[tuple[Any, ...], Branch] = {}
     keys = sorted(search.places, key=lambda key: -search.counts[key])
@@ -132,6 +138,7 @@ class _Search:
 
     rows: tuple[sp.Expr, ...]
     sides: Sides
+    project: Project | None = None
     places: dict[tuple[Any, ...], list[Place]] = field(default_factory=dict)
     counts: Counter[tuple[Any, ...] | None] = field(default_factory=Counter)
     draws: random.Random = field(default_factory=lambda: random.Random(1))
@@ -190,7 +197,13 @@ class _Search:
     def decide(self, place: Place) -> tuple[tuple[Any, ...], list[Any]] | None:
         if self.ended:
             return None
-        balls = values(self.tape, list(place.values()))
+        projected = self.project(place) if self.project else place
+        if projected is None:
+            self.counts[None] += 1
+            return None
+        place = projected
+        point = [self.around(s, value) if self.project else value for s, value in place.items()]
+        balls = values(self.tape, point)
         if not all(ball.is_finite() for ball in balls[len(balls) - len(self.rows) :]):
             self.counts[None] += 1
             return None
@@ -202,6 +215,12 @@ class _Search:
         if len(here) < _PLACES:
             here.append(place)
         return key, [part[0] for part in parts]
+
+    def around(self, symbol: sp.Symbol, value: Fraction) -> Any:
+        """Return a ball around a coordinate of a projected point, in which the point of the set is."""
+        low, high = self.sides[symbol]
+        size = high - low if -inf < low < high < inf else max(abs(value), Fraction(1))
+        return arb(number(value), _PROJECTED * float(size))
 
     def climb(self, wanted: Mapping[int, int]) -> None:
         *others, last = wanted
@@ -534,19 +553,21 @@ def observability(
     places: Places = (),
     sides: Sides | None = None,
     discrete: bool = False,
+    constraints: Iterable[sp.Expr] = (),
 ) -> Ranks:
     """Return the observability ranks of x' = flow, y = output with known parameters and jointly, at a random point;
     every other symbol is a random constant. With kinks, jumps or tables the least ranks over the branches that are
     found. `discrete`: of x+ = flow, y at samples in place of its derivatives, up to as many as there are unknowns.
 
     `limit`: the highest order of derivatives (None: until the rank is stationary); `places`: values of all symbols,
-    near which real points are drawn, by default from the ranges `sides` of symbols that have one.
+    near which real points are drawn, by default from the ranges `sides` of symbols that have one; `constraints`: of the
+    states, kept by the flow: the points are on them, and the ranks are those of the plant that has only such states.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters_unknown)
-    plant, symbols = plant_of(flow, output, states, inputs, parameters, places, discrete)
+    plant, symbols = plant_of(flow, output, states, inputs, parameters, places, discrete, constraints)
     if exact_numbers(plant) or places or not (sides or branches(plant)):
         return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
     around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
@@ -587,26 +608,32 @@ def plant_of(
     parameters: Iterable[sp.Symbol] = (),
     places: Places = (),
     discrete: bool = False,
+    constraints: Iterable[sp.Expr] = (),
 ) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """Return the plant x' = flow, or x+ = flow, y = output as a tape, and its unknowns: states, then unknown
-    `parameters`; `places`: values of all symbols, near which real points are drawn."""
+    """Return the plant x' = flow, or x+ = flow, y = (output, constraints) as a tape, and its unknowns: states, then
+    unknown `parameters`; `places`: values of all symbols, near which real points are drawn, on the constraints."""
+    constraints = tuple(constraints)
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters)
     for what, part in (("states", states), ("outputs", output)):
         if not part:
             raise NothingMeasured(what)
     declared = {*states, *inputs, *parameters}
-    free = set().union(*(e.free_symbols for e in (*flow, *output))) - declared
+    rows = (*flow, *output, *constraints)
+    free = set().union(*(e.free_symbols for e in rows)) - declared
     symbols = (*states, *inputs, *parameters, *sorted(free, key=lambda symbol: symbol.name))
     points = tuple(tuple(place[s] for s in symbols) for place in places)
-    program = tape((*flow, *output), symbols)
-    return Plant(program, len(states), len(parameters), len(inputs), points, discrete), (*states, *parameters)
+    zero = tape(constraints, symbols) if constraints else None
+    plant = Plant(tape(rows, symbols), len(states), len(parameters), len(inputs), points, discrete, zero)
+    return plant, (*states, *parameters)
 
 
 def exact_numbers(plant: Plant) -> bool:
-    """Return whether the plant can be evaluated modulo a prime: with + - * / only, and without both pi and e."""
+    """Return whether the plant can be evaluated modulo a prime: with + - * / only, without both pi and e, and without
+    constraints, on which points are found by Newton's iteration."""
     constants = {i.value for i in plant.tape.instructions if i.op == "constant"}
-    return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
+    rational = all(i.op in OPERATIONS for i in plant.tape.instructions)
+    return len(constants) < 2 and rational and plant.constraints is None
 
 
 def somewhere(
@@ -644,13 +671,29 @@ def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Poin
     try:
         while True:
             try:
-                return answer(numbers, random_point(plant, numbers))
+                return answer(numbers, on_constraints(plant, numbers, random_point(plant, numbers)))
             except Blurred:
                 if flint.ctx.prec >= MANY_BITS:
                     raise Undecided from None
                 flint.ctx.prec *= 2
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
+
+
+def on_constraints(plant: Plant, numbers: Balls, point: Point) -> Point:
+    """Return the point with states next to its own at which the plant's constraints are 0."""
+    if plant.constraints is None:
+        return point
+    others = [*(u for j in range(plant.m) for u in point.inputs(j, 1)), *point.constants]
+    constrained = replace(plant, tape=plant.constraints)
+
+    def values_at(states: Sequence[Any]) -> Values:
+        at = [numbers.series([value], 1) for value in (*states, *others)]
+        rows = evaluate(constrained, numbers, at, 1, 1)
+        slopes = [[numbers.coefficients(by[j], 1)[0] if j in by else arb(0) for j in range(plant.n)] for _, by in rows]
+        return [numbers.coefficients(row, 1)[0] for row, _ in rows], slopes
+
+    return replace(point, states=tuple(zero_near(values_at, point.states)))
 
 
 def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, point: Point, limit: int | None) -> Ranks:

@@ -293,14 +293,14 @@ Ball = Any
 _NAN = arb("nan")
 
 
-def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
-    """Return a tape's outputs as balls at `point`, a number for each symbol; `bits`: the working precision."""
+def values(tape: Tape, point: Sequence[Any], bits: int = 64) -> list[Ball]:
+    """Return a tape's outputs as balls at `point`, a number or ball for each symbol; `bits`: the working precision."""
     registers: list[Any] = []
     with ctx.workprec(bits):
         for op, places, value in tape.instructions:
             args = [registers[i] for i in places]
             if op == "symbol":
-                result = _rational(point[value])
+                result = point[value] if isinstance(point[value], arb) else _rational(point[value])
             elif value is not None:
                 result = _NUMBERED[op](args, value)
             else:
@@ -314,6 +314,8 @@ def _rational(value: Fraction) -> Ball:
 
 
 def _whole_power(base: Ball, exponent: int) -> Ball:
+    if exponent > 0 and base.mid().is_zero():
+        return _whole(base, exponent)  # FLINT's own power of a ball around exactly 0 is NaN
     return base**exponent if exponent >= 0 or not base.contains(0) else _NAN
 
 
@@ -322,7 +324,7 @@ def _ball_sign(a: Ball) -> Ball:
 
 
 def _norm(*parts: Ball) -> Ball:
-    return sum((a**2 for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
+    return sum((a * a for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
 
 
 def _ball_root(args: Sequence[Ball], exponent: Fraction) -> Ball:
@@ -510,7 +512,8 @@ class Plant:
     """A plant x' = f, y = h as a tape of f then h whose symbols are n states, q parameters, m inputs, then constants.
 
     `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere. `discrete`:
-    the plant is x+ = f, whose inputs at different samples are free of each other.
+    the plant is x+ = f, whose inputs at different samples are free of each other. `constraints`: the tape of the last
+    outputs, where the flow keeps them at 0: they are 0 at every point.
     """
 
     tape: Tape
@@ -519,6 +522,7 @@ class Plant:
     m: int
     places: tuple[tuple[Fraction, ...], ...] = ()
     discrete: bool = False
+    constraints: Tape | None = None
 
     @property
     def wide(self) -> int:
