@@ -267,7 +267,8 @@ def _up_to_turns(observer: Observer) -> Observer:
 
     hypothesis = Hypothesis("the errors of periodic outputs stay below half a turn", (Claims(observer.name, "region"),))
     error = observer.error and Nothing(because("the proof is not made for the samples of periodic outputs"))
-    return replace(observer, claims=known, theorem=observer.theorem.under(hypothesis), error=error)
+    start = ", ".join(filter(None, (f"from the initial errors of {id}", observer.form.system.modulo)))
+    return replace(observer, claims=known, theorem=observer.theorem.under(hypothesis, start=start), error=error)
 
 
 def _on_invariants(observer: Observer) -> Observer:

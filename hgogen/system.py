@@ -15,10 +15,10 @@ from hgogen.reading import files
 from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
-from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.rigor.periodic import advance, exact_turn, hidden_shift
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal, check_name, is_unit
+from hgogen.signal import Signal, check_name, is_unit, part_of_turn
 
 
 class BadSystem(BadArgument):
@@ -170,6 +170,21 @@ class System:
         if angles:
             return f"the error of {' and '.join(angles)} is taken the short way round, which no proof here covers"
         return "the estimate is projected onto invariants, which no proof here covers" if self.invariants else ""
+
+    @cached_property
+    def modulo(self) -> str:
+        """The states that outputs with periods give modulo a part of a turn only, as an encoder with four pole pairs
+        does, in words: "th modulo a quarter turn"; "" without any."""
+        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
+        if not any(period for _, period in rows):
+            return ""
+        rows += [(row, None) for row in self.invariants]
+        if self.discrete:  # the next state moves as far as the state itself
+            rows += [(row - x, x.period) for x, row in zip(self.states, self.flow, strict=True)]
+        else:
+            rows += [(row, None) for row in self.flow]
+        shifts = {x: hidden_shift(x, x.period, rows) for x in self.states}
+        return ", ".join(f"{x} modulo {part_of_turn(x, shift)}" for x, shift in shifts.items() if shift is not None)
 
     @cached_property
     def constraints(self) -> tuple[sp.Expr, ...]:

@@ -13,6 +13,7 @@ from hgogen.check import Check, ClaimId, Claims, Verdict, worst
 from hgogen.sentence import NONE, Encoded, Reason, because, joined
 
 YOURS = "left to you"
+ANYWHERE = "from any initial state"
 
 
 class Convergence(StrEnum):
@@ -71,9 +72,10 @@ class Theorem:
     hypotheses: tuple[Hypothesis, ...]
     reference: Annotated[str, "the paper and its number"]
 
-    def under(self, *more: Hypothesis) -> "Theorem":
-        """Return the theorem with more hypotheses."""
-        return replace(self, hypotheses=(*self.hypotheses, *more))
+    def under(self, *more: Hypothesis, start: str = ANYWHERE) -> "Theorem":
+        """Return the theorem with more hypotheses; `start`: where it holds from, in place of any initial state."""
+        conclusion = self.conclusion.replace(ANYWHERE, start)
+        return replace(self, conclusion=conclusion, hypotheses=(*self.hypotheses, *more))
 
     def with_chains(self) -> "Theorem":
         """Return the theorem for several outputs: its hypotheses about one chain are about one chain for each

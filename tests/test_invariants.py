@@ -145,6 +145,7 @@ def on(invariants: Sequence[Any], flow: dict[hg.Signal, Any], parameters: Sequen
 a, b, z = signals("a b z", -2, 2)
 RING = a**2 + b**2 - 1
 SLOW = hg.Signal("slow", nominal=2.0)
+POSITIVE = hg.Signal("positive", low=0.5, high=2)
 
 
 @pytest.mark.parametrize(
@@ -160,6 +161,8 @@ SLOW = hg.Signal("slow", nominal=2.0)
         (SLOW * a, {a: a * b, b: -b}),
         (a - b, {a: sp.sin(a), b: sp.sin(b), z: 0}),
         (a, {a: -sp.Max(a, 0), b: -b}),
+        (b - sp.exp(a), {a: -a, b: -a * sp.exp(a) - sp.Max(b - sp.exp(a), 0)}),
+        (POSITIVE**2 - 1, {POSITIVE: 1 - POSITIVE**2, b: -b}),
         (a, {a: -a * sp.Abs(a), b: -b}),
     ],
 )
@@ -383,6 +386,7 @@ def test_uniform_observability_is_not_claimed_on_them() -> None:
     force = hg.Signal("force", low=-1, high=1)
     plant = on([RING], {a: -b, b: a, z: force}, inputs=(force,), output=[a + z])
     assert of_plant(plant).verdict is hg.Verdict.UNKNOWN
+    assert "plants without invariants" in str(of_plant(plant).reason)
 
 
 # --- a zero -------------------------------------------------------------------------------------------------
@@ -416,6 +420,11 @@ def test_a_zero_is_enclosed_in_a_ball() -> None:
 def test_where_none_is_proved_there_is_no_zero(rows: Sequence[sp.Expr]) -> None:
     with flint.ctx.workprec(200), pytest.raises(Undecided):
         zero(rows, [1.4, 0])
+
+
+def test_a_zero_of_a_function_that_is_known_less_well_is_not_proved() -> None:
+    with flint.ctx.workprec(200), pytest.raises(Undecided):
+        zero_near(lambda point: ([point[0] + flint.arb(0, flint.arb(2) ** -90)], [[flint.arb(1)]]), [flint.arb(1)])
 
 
 def test_the_measure_is_taken_along_them() -> None:

@@ -20,7 +20,7 @@ from hgogen.modelfiles.tuning import value
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import from_table, to_text
-from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.rigor.periodic import advance, exact_turn, hidden_shift
 from hgogen.run.prediction import forecasts
 from hgogen.signal import BadRange
 from hgogen.starting import gains_of, scale
@@ -118,6 +118,52 @@ def test_a_plant_that_is_not_periodic_is_refused(rows: dict[str, Any], said: str
 @pytest.mark.parametrize("output", [x, -x, 4 * x, sp.sin(x), 0 * x + v])
 def test_an_output_goes_on_by_whole_turns_of_its_own(output: sp.Expr) -> None:
     assert plant(output=output).outputs[0].period == TURN
+
+
+a, b, q = angle("a"), angle("b"), hg.Signal("q", "m", low=-9, high=9)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "rows", "shift"),
+    [
+        (a, [(4 * a, TURN), (sp.S.Zero, None)], sp.pi / 2),
+        (a, [(a, TURN)], None),
+        (a, [(4 * a, TURN), (6 * a, TURN)], sp.pi),
+        (a, [(4 * a, TURN), (sp.sin(a), None)], None),  # gravity
+        (a, [(24 * a, TURN), (sp.cos(6 * a), None)], sp.pi / 3),
+        (a, [(24 * a, TURN)], sp.pi / 12),
+        (a, [(4 * a - b, TURN), (sp.sin(2 * a), None)], sp.pi),
+        (a, [(sp.sin(3 * a), None)], 2 * sp.pi / 3),
+        (q, [(2 * q, TURN)], sp.pi),
+        (q, [(2 * q, TURN), (3 * q, TURN)], 2 * sp.pi),
+        (q, [(2 * q, TURN), (q, None)], None),
+        (q, [(b, TURN)], None),
+    ],
+)
+def test_the_least_shift_that_changes_no_row_is_found(symbol: Any, rows: Any, shift: sp.Expr | None) -> None:
+    assert hidden_shift(symbol, symbol.period, rows) == shift
+
+
+def test_pole_pairs_give_an_angle_modulo_a_part_of_its_turn() -> None:
+    def plant(output: sp.Expr) -> hg.System:
+        w = hg.Signal("w", low=-20, high=20)
+        return hg.System("geared", states=(a, w), outputs=(angle("y"),), flow=[w, -w], output=[output])
+
+    assert plant(a).modulo == ""
+    assert plant(2 * a).modulo == "a modulo half a turn"
+    assert plant(3 * a).modulo == "a modulo a third of a turn"
+    assert plant(7 * a).modulo == "a modulo 1/7 of a turn"
+    four = plant(4 * a)
+    answer = hg.observability(four)
+    assert "the outputs give a modulo a quarter turn" in str(answer)
+    assert "the outputs give a modulo a quarter turn" in str(answer.checks[0].reason)
+    observer = hg.observers.high_gain(hg.forms.triangular(four), theta=5, poles=(-1, -1))
+    ending = "converges exponentially from the initial errors of high_gain.region, a modulo a quarter turn"
+    assert observer.theorem.conclusion == f"the estimate {ending}"
+    counted = hg.System("counted", states=(q,), outputs=(angle("y"),), flow=[-1], output=[q / 2])
+    assert counted.modulo == "q modulo 12.5664 m"
+    stepped = hg.System("stepped", states=(a,), outputs=(angle("y"),), flow=[a + 1], output=[4 * a], discrete=True)
+    assert stepped.modulo == "a modulo a quarter turn"
 
 
 def test_a_parameter_has_no_turns() -> None:

@@ -495,6 +495,12 @@ class Observability(Encoded):
         return self.known.rank.unobservable
 
     @property
+    def limits(self) -> tuple[str, ...]:
+        """The limits of the answers: the branches that were reached, and the states known modulo a part of a turn."""
+        modulo = self.system.modulo and f"the outputs give {self.system.modulo}"
+        return tuple(filter(None, (str(self.scope), modulo)))
+
+    @property
     def checks(self) -> tuple[Check, ...]:
         """`observability.states`, and `observability.joint` where a parameter has a range."""
         known = _check("states", "the states are locally observable, parameters known", self.known, self)
@@ -509,7 +515,7 @@ class Observability(Encoded):
         for title, answer in parts:
             if answer is not None:
                 lines += [f"  {title}:", *(f"    {line}" for line in str(answer).splitlines())]
-        return "\n".join(lines + ([f"  {self.scope}"] if self.scope else []))
+        return "\n".join([*lines, *(f"  {line}" for line in self.limits)])
 
 
 @requires_any_plant
@@ -706,7 +712,8 @@ def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, where=where, method=whole.method)
     if not rank.unobservable:
         verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
-        return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.scope))
+        modulo = because("the outputs give {states}", states=whole.system.modulo) if whole.system.modulo else NONE
+        return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.scope, modulo))
     proofs = (because("no output sees {symmetry}", symmetry=one) for one in answer.symmetries if one.proved)
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
     why = because("no output reads a state") if blind else next(proofs, NONE)

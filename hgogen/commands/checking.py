@@ -348,6 +348,7 @@ def headline(observability: Observability, survey: Survey, claims: Checked, leas
 
 def _observed(observability: Observability, least: Sight | None) -> str:
     known = observability.known
+    locally = ", ".join(filter(None, ("locally observable", observability.system.modulo)))
     if known.rank.unobservable:
         hidden, doubtful = (few((s.name for s in names), 4) for names in (known.hidden, known.doubtful))
         parts = [f"{hidden} not observable"] if hidden else []
@@ -355,13 +356,13 @@ def _observed(observability: Observability, least: Sight | None) -> str:
         return ", ".join(parts) + (f", where {known.condition}" if known.where else "")
     if known.elsewhere:
         first, *more = known.exceptions
-        return f"locally observable, but {first}" + (", ..." if more else "")
+        return f"{locally}, but {first}" + (", ..." if more else "")
     if least is not None and least.by_motion:
-        return f"locally observable, {next(iter(least.direction))} by its motion alone"
+        return f"{locally}, {next(iter(least.direction))} by its motion alone"
     if least is not None and least.below_resolution:
         state, share = next(iter(least.direction)), as_share(least.median, 1)
-        return f"locally observable, but {state} practically unobservable ({share})"
-    return "locally observable"
+        return f"{locally}, but {state} practically unobservable ({share})"
+    return locally
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
@@ -422,9 +423,7 @@ def observability_table(observability: Observability, least: Sight | None = None
             Text("practically unobservable", style="red") if least.below_resolution else Text("measured"),
             Text(str(least)),
         )
-    return Group(
-        Text(title, style="bold"), table, *([Text(str(observability.scope))] if observability.scope else []), ""
-    )
+    return Group(Text(title, style="bold"), table, *(Text(line) for line in observability.limits), "")
 
 
 def _answered(answer: Answer, what: str) -> str:
