@@ -423,8 +423,8 @@ def sample(
     `engine`: "c" or "python", which give the same
     bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
     user's cache. `real`: the precision, "float" as on small firmware, or "double". `report`: functions of the emitted
-    code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "age", the
-    samples since the last used one of each output.
+    code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "sigma", the
+    standard deviation of each state, and "age", the samples since the last used one of each output.
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;

@@ -270,7 +270,12 @@ class Explicit(Staged):
         )
         if part.forgetting is not None:
             pieces = replace(pieces, bits=(part.limited,), predict=(*pieces.predict, limited))
-        return replace(pieces, rule=self.name, covariance=covariance)
+        return replace(
+            pieces,
+            rule=self.name,
+            covariance=covariance,
+            projected=lambda rows: ((), rows @ covariance @ rows.T),
+        )
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
         """Return the step lengths at which the Riccati equation is stable; the advised one is also short against the

@@ -163,11 +163,12 @@ class Pieces:
     `update` has one program for each output, run when its sample is valid; `uses_output`: whether `predict` reads the
     measurement; `bits`: bits of the part, or its words for the step's; `rule`: the method that integrates the part,
     where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
-    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `congruence`: returns, for an SX
-    N (n, n), statements that replace P by N P N'; `project`: statements that project the estimates of members onto
-    their ranges; `constrain`: statements that project the estimate onto the plant's invariants; `gate`: statements
-    before the updates that decide which samples they may use; `verdicts`: the state's field with the verdict on an
-    output, for each output with a gate.
+    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `projected`: returns, for an SX
+    C (k, n), C P C' and the statements that compute what it reads; `inside`: returns statements on these fields as
+    those on the step's memory; `congruence`: returns, for an SX N (n, n), statements that replace P by N P N';
+    `project`: statements that project the estimates of members onto their ranges; `constrain`: statements that project
+    the estimate onto the plant's invariants; `gate`: statements before the updates that decide which samples they may
+    use; `verdicts`: the state's field with the verdict on an output, for each output with a gate.
     """
 
     fields: tuple[Field, ...] = ()
@@ -183,6 +184,8 @@ class Pieces:
     choice: str = ""
     inner: tuple[Section, ...] = ()
     covariance: Graph | None = None
+    projected: Callable[[Graph], tuple[Program, Graph]] | None = None
+    inside: Callable[[Program], Program] = tuple
     congruence: Callable[[Graph], Program] | None = None
     project: Program = ()
     constrain: Program = ()

@@ -365,6 +365,13 @@ def varying_integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=(0.01, 0.02))
 
 
+def sure_columns() -> hg.Step:
+    """The standard deviations of the selected member of a bank, from the columns of its covariance."""
+    member = hg.observers.riccati(hg.forms.triangular(plants.chain(4)), Q=[0.1] * 4, R=1.0)
+    bank = hg.observers.bank(member, count=2, period=0.05)
+    return hg.sample(bank, dt=0.01, prefer="flash", report=("sigma", "age"))
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -405,6 +412,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "noisy_inputs": noisy_inputs,
     "varying": varying,
     "varying_integrated": varying_integrated,
+    "sure_columns": sure_columns,
 }
 
 

@@ -4,17 +4,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import emitted
 import numpy as np
 import plants
 import pytest
 import sympy as sp
+from oracle.kalman import kalman, transition
 from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.commands.app import app
 from hgogen.errors import HgogenError
 from hgogen.model import load
+from hgogen.reading.given import BadGain
 from hgogen.run import native
+from hgogen.run.uncertainty import uncertainty
 from hgogen.stepping.machine import Machine
 from hgogen.stepping.reports import OLDEST
 
@@ -77,7 +81,8 @@ def test_ages_count_the_calls_since_a_sample_was_used(method: str, guards: Any) 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_engine_reports_the_same(method: str, real: Any) -> None:
     u, y = samples()
-    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report=("age",), real=real)
+    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report=("age", "sigma"), real=real)
+    assert step.traces == ("sigma_q", "sigma_w", "age_y", "age_v")
     runs = []
     for engine in ("c", "python"):
         step.reset()
@@ -209,3 +214,120 @@ def test_names_that_c_reserves_are_changed_in_the_structs_of_reports() -> None:
     plant = hg.System("reserved", states=(a, b), outputs=(y,), flow=[b, -a], output=[a])
     header = hg.targets.c99(hg.sample(filter_of(plant), dt=0.02, report=("age",)), check=False)["reserved.h"]
     assert "unsigned float_;" in header
+
+
+# --- sigma ----------------------------------------------------------------------------------------------------------
+
+A = np.array([[0, 1, 0], [-4, -0.3, 1], [0, 0, -0.5]])
+C = np.array([[1, 0, 0.2], [0.5, 1, 0]])
+Q = np.array([[0.2, 0.05, 0], [0.05, 0.3, 0.1], [0, 0.1, 0.4]])
+R = np.diag([0.02, 0.05])  # of a sample
+START = np.array([[0.5, 0, 0.1], [0, 0.4, 0], [0.1, 0, 0.3]])
+H = 0.02
+
+
+def linear(observer: Any = hg.observers.riccati, **options: Any) -> hg.Observer:
+    x = [hg.Signal(name, low=-50, high=50) for name in "abc"]
+    y = [hg.Signal(name, low=-80, high=80) for name in ("y", "v")]
+    flow, output = (list(sp.Matrix(matrix) * sp.Matrix(x)) for matrix in (A, C))
+    plant = hg.System("linear", states=x, outputs=y, flow=flow, output=output)
+    covariance = {"Q": Q.tolist(), "R_per_sample": np.diag(R).tolist(), "covariance": START.tolist()}
+    return observer(hg.forms.original(plant), **covariance, **options)
+
+
+def measured() -> np.ndarray:
+    """Samples (N, 2) of the linear plant's outputs, some of which are missing."""
+    draw = np.random.default_rng(3)
+    y = draw.normal(size=(60, 2)) * [0.5, 0.8]
+    y[draw.random(y.shape) < 0.2] = NAN
+    return y
+
+
+def known(y: np.ndarray, observer: Any) -> list[tuple[np.ndarray, ...]]:
+    """What the Kalman filter has after each sample; sigma points take the whole Runge-Kutta step for P as well."""
+    Phi, short = transition(A, H)
+    short = Phi if observer is hg.observers.ukf else short
+    return list(kalman(Phi, C, H * Q, R, np.zeros(3), START, y, short))
+
+
+FILTERS = pytest.mark.parametrize("observer", [hg.observers.riccati, hg.observers.ukf, hg.observers.iterated_ekf])
+
+
+@FILTERS
+def test_sigma_of_a_linear_plant_is_the_kalman_filter_s(observer: Any) -> None:
+    y = measured()
+    step = hg.sample(linear(observer), dt=H, report=("sigma",), engine="python")
+    run = step.run(y=y)
+    assert step.traces == ("sigma_a", "sigma_b", "sigma_c")
+    for k, (x, P, *_) in enumerate(known(y, observer)):
+        assert run.x[k] == pytest.approx(x, rel=1e-12, abs=1e-12)
+        assert [run.traces[name][k] for name in step.traces] == pytest.approx(np.sqrt(np.diag(P)), rel=1e-12)
+
+
+METHODS_OF_COVARIANCE = ("continuous_discrete", "cholesky", "rk4_covariance", "rk4")
+
+
+@pytest.mark.parametrize("method", METHODS_OF_COVARIANCE)
+def test_sigma_is_the_root_of_the_diagonal_of_the_covariance_of_the_states(method: str) -> None:
+    """Of a level h as first declared, whose root w the filter estimates, sigma_h = 2 w sigma_w."""
+    q, h = hg.Signal("q", low=-9, high=9), hg.Signal("h", low=0.25, high=9)
+    w, y = hg.Signal("w", low=0.5, high=3), hg.Signal("y", low=-9, high=9)
+    plant = hg.System("tank", states=(h, q), outputs=(y,), flow=[1 - sp.sqrt(h), h - q], output=[q])
+    form = hg.forms.original(hg.recast(plant, {w: sp.sqrt(h)}, {h: w**2}))
+    observer = hg.observers.riccati(form, Q=[0.1, 0.1], R=0.01, initial={"h": 2, "q": 1})
+    step = hg.sample(observer, getattr(hg.methods, method), dt=0.01, report=("sigma",), engine="python")
+    run = step.run(y=1 + 0.3 * np.cos(0.02 * np.arange(40)))
+    assert step.traces == ("sigma_h", "sigma_q")
+    known = uncertainty(step)
+    assert known is not None
+    (P,), root = known.covariance(step._kept.record), np.sqrt(run["h"][-1])
+    assert step.observer.form.names == ("w", "q")
+    assert run.traces["sigma_q"][-1] == pytest.approx(np.sqrt(P[1, 1]), rel=1e-12)
+    assert run.traces["sigma_h"][-1] == pytest.approx(2 * root * np.sqrt(P[0, 0]), rel=1e-9)
+
+
+def test_sigma_of_a_bank_is_that_of_the_selected_member() -> None:
+    u, y = samples()
+    member = filter_of(pendulum())
+    step = hg.sample(hg.observers.bank(member, count=3, period=0.1), dt=0.02, report=("sigma",), engine="python")
+    run = step.run(u=u, y=y)
+    assert len(set(run.traces["selected"])) > 1
+    for i, name in enumerate(run.names):
+        assert run.traces[f"sigma_{name}"] == pytest.approx(np.sqrt(run.covariance[:, i, i]), rel=1e-12)
+
+
+def test_sigma_of_many_states_is_read_from_the_columns() -> None:
+    step = emitted.step("sure_columns")
+    assert any(group.name == "column" for group in step.layout.groups[0].groups)
+    run = step.rebuilt(real="double").run(u=np.zeros(30), y=0.1 * np.sin(np.arange(30) / 5), engine="python")
+    for i, name in enumerate(run.names):
+        assert run.traces[f"sigma_{name}"] == pytest.approx(np.sqrt(run.covariance[:, i, i]), rel=1e-12)
+
+
+def test_sigma_respects_invariants() -> None:
+    """The unit vector (c, s) has no variance across the circle: c sigma_c = s sigma_s up to sign."""
+    step = emitted.step("unit_vector")
+    step = hg.sample(step.observer, dt=step.dt, report=("sigma",), engine="python")
+    draw = np.random.default_rng(2)
+    run = step.run(u=np.full((50, len(step.inputs)), 0.3), y=draw.normal(size=(50, len(step.outputs))) / 9)
+    c, s = run.names[:2]
+    across = np.abs(run[c]) * run.traces[f"sigma_{c}"] - np.abs(run[s]) * run.traces[f"sigma_{s}"]
+    assert np.abs(across).max() < 1e-9
+    assert run.traces[f"sigma_{c}"].max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["high_gain", "low_power", "hamilton_jacobi"])
+def test_an_observer_without_a_covariance_refuses_sigma(name: str) -> None:
+    q, w, y = (hg.Signal(name, low=-2, high=2) for name in ("q", "w", "y"))
+    output = q + q**2 / 9 if name == "hamilton_jacobi" else q  # with a second derivative, P is not a covariance
+    plant = hg.System("chain", states=(q, w), outputs=(y,), flow=[w, -q], output=[output])
+    form = hg.forms.original(plant) if name == "hamilton_jacobi" else hg.forms.triangular(plant)
+    gains: dict[str, dict[str, Any]] = {
+        "high_gain": {"theta": 5, "poles": (-1, -1)},
+        "low_power": {"theta": 5},
+        "hamilton_jacobi": {"Q": [1, 1], "R": 1, "P0": [1, 1], "curvature": 1},
+    }
+    observer = getattr(hg.observers, name)(form, **gains[name])
+    with pytest.raises(BadGain, match=f"report 'sigma' needs a covariance, which {name} has not; take an observer"):
+        hg.sample(observer, dt=0.01, report=("sigma",))
+    assert hg.sample(observer, dt=0.01, report=("age",)).traces[-1] == "age_y"

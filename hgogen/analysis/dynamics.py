@@ -403,6 +403,11 @@ class Dynamics:
         clamped = self._clamped(z, [reach(nonlinear, s, self.form.states) for s in self.form.states])
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, clamped, u))
 
+    def estimate_jacobian(self, z: Graph, u: Graph) -> Graph:
+        """Return dx/dz (n, n) of the plant's states x, as first declared, at z clamped to the box."""
+        free = ca.SX.sym("z", self.n)
+        return ca.sparsify(ca.substitute(ca.jacobian(self.estimate(free, u), free), free, self.saturated(z)))
+
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """Return the states x = Psi(z, u) of the form's system, each in its range, and whether all are finite numbers.
 

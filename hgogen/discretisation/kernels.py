@@ -37,6 +37,7 @@ from hgogen.discretisation.notation import (
     HALVINGS,
     SWEEPS,
     Columns,
+    FixedColumns,
     FixedMatrix,
     FixedVector,
     Matrix,
@@ -221,7 +222,7 @@ def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
 
 
 @on_arrays
-def project(L: Columns, c: FixedVector, f: Vector) -> None:
+def project(L: FixedColumns, c: FixedVector, f: Vector) -> None:
     """f = L'c"""
     for k in range(n):
         sum = c[k]

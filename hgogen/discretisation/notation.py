@@ -26,6 +26,7 @@ class Column(Protocol):
 
 
 Columns = list[Column]  # n of them
+FixedColumns = list[Column]  # which are only read
 
 n = square = line = half = 0  # n, n^2, n + 1, n/2 or the whole number below
 SWEEPS = 12  # of balancing, more than it needs; the result is valid without convergence, too

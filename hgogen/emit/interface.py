@@ -21,6 +21,7 @@ REACHED = {  # the parameter of a function that leads to a place, and the member
     "output": ("measurement", ""),
     "estimate": ("x", ""),
     "argument": ("at", ""),
+    "deviations": ("sigma", ""),
     "ages": ("age", ""),
 }
 MEANINGS = {  # of the parameters of functions
@@ -30,6 +31,7 @@ MEANINGS = {  # of the parameters of functions
     "measurement": "the measurement now",
     "x": "the estimate of the plant's state",
     "at": "the number of the period in which the sample was taken",
+    "sigma": "the standard deviations of the estimate",
     "age": "the samples since the last used one of each output",
 }
 

@@ -36,6 +36,7 @@ _ARRAYS = {  # by annotation: the number of elements, and whether the function m
     "Matrix": ("square", True),
     "FixedMatrix": ("square", False),
     "Columns": ("n", True),
+    "FixedColumns": ("n", False),
 }
 _NUMBERS = {"float": "real", "bool": "bool", "None": "void"}
 _INFIX: Mapping[type, tuple[str, float]] = {
@@ -229,7 +230,7 @@ class _Function:
         kind, real = _array(each), self.words.type("real")
         if not kind:
             return self.syntax.parameter.format(type=self.words.type(_kind_of(each)), name=each.arg)
-        columns = _annotation(each.annotation) == "Columns"
+        columns = _annotation(each.annotation) in ("Columns", "FixedColumns")
         element = self.syntax.struct(self.words.prefix, "column") if columns else real
         size = self._count(self.words.counts[kind[0]])
         return self.syntax.array_parameter[kind[1]].format(type=element, name=each.arg, size=size)

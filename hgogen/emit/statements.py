@@ -5,7 +5,7 @@ calls them; work values are locals at the top of a function; members of a group 
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal
 
@@ -117,7 +117,7 @@ class Kinds:
         return (*sections, *self.step.code.estimate, *reports, *self.step.code.tuning)
 
 
-_SIGNALS = ("input", "output", "plant", "estimate", "ages")  # structs whose members a user has named
+_SIGNALS = ("input", "output", "plant", "estimate", "deviations", "ages")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 
@@ -394,6 +394,11 @@ class Writer(Reader[Code]):
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
         return f"{target} = {text};"
+
+
+def reading(syntax: Syntax, step: Step, real: Real) -> Writer:
+    """Return a writer of functions that only read the state."""
+    return Writer(replace(syntax, member=syntax.read_member), step, real)
 
 
 def called(syntax: Syntax, step: Step, section: Section) -> Code:

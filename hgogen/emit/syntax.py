@@ -166,6 +166,7 @@ class Syntax:
     increment: str
     index: Callable[[str, str], str]
     member: str
+    read_member: str
     struct: Callable[[str, str], str]
     struct_member: Mapping[bool, str]
     passed: Mapping[bool, str]

@@ -286,6 +286,7 @@ class Unrolled(FactoredStep):
             fields=(self.part.z, *self.fields),
             covariance=self.covariance,
             congruence=self.congruence,
+            projected=self.projected,
             **self.common(),
             predict=(*self.prediction(), *self.bounded()),
             update=tuple(map(self.correction, range(self.clock.outputs))),
@@ -438,6 +439,7 @@ class Looped(FactoredStep):
         pieces = Pieces(
             fields=(self.part.z, self.diagonal(np.diag(self.part.covariance).copy())),
             groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
+            projected=self.projected,
             **self.common(),
             predict=self.prediction(),
             update=tuple(map(self.correction, range(self.clock.outputs))),

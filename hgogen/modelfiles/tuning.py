@@ -13,7 +13,7 @@
     between = "line"                  # or "hold"
     real = "double"                   # or "float", the precision of the step
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
-    report = ["age"]                  # functions that say how sure the estimate is
+    report = ["sigma", "age"]         # functions that say how sure the estimate is
     delays = {y = 5}                  # largest delay of a sample of y in periods dt, see hg.delayed
 
     [tuning.filter]                   # kind: one of hg.observers, if the name is none of them

@@ -340,6 +340,5 @@ class Replay:
     def _slope(self) -> Evaluated:
         """The Jacobian dx/dz (n, n) of the plant's states x by the
         form's coordinates z, at z clamped to its ranges."""
-        observer, z = self.step.observer, ca.SX.sym("z", self.step.observer.z.numel())
-        slope = ca.jacobian(observer.dynamics.estimate(z, self.step.clock.u_now), z)
-        return Evaluated(self.step, ca.substitute(slope, z, observer.dynamics.saturated(observer.z)))
+        observer = self.step.observer
+        return Evaluated(self.step, observer.dynamics.estimate_jacobian(observer.z, self.step.clock.u_now))

@@ -224,6 +224,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
     return replace(
         plain,
         bits=(*plain.bits, RESTARTED),
+        projected=None,  # Pi^-1 is that of weights
         predict=(*integration.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
     )
 

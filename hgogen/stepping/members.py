@@ -110,6 +110,7 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
         update=tuple(map(substituted.program, pieces.update)),
         covariance=None if pieces.covariance is None else substituted.values(pieces.covariance)[0],
         congruence=None,
+        projected=None,
         **programs,
     )
 
@@ -118,6 +119,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
     """Return the memory and statements of several parts in sequence as one `Pieces`."""
     pieces = tuple(pieces)
     correcting = [piece for piece in pieces if piece.update]
+    uncertain = [piece for piece in pieces if piece.projected]
+    sole = uncertain[0] if len(uncertain) == 1 else Pieces()
     outputs = range(len(correcting[0].update) if correcting else 0)
     every: dict[str, Any] = {n: tuple(item for piece in pieces for item in getattr(piece, n)) for n in _IN_ORDER}
     return Pieces(
@@ -126,6 +129,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         uses_output=any(piece.uses_output for piece in pieces),
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
         covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
+        projected=sole.projected,
+        inside=sole.inside,
         congruence=next((piece.congruence for piece in pieces if piece.covariance is not None), None),
         verdicts={j: name for piece in pieces for j, name in piece.verdicts.items()},
     )

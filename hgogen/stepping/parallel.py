@@ -124,6 +124,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), publish),
         inner=(keep,),
         covariance=None,
+        inside=lambda program: (Loop("member", 1, substitution.program(program), start=Place("state", "selected")),),
         project=(Loop("member", part.count, substitution.program(projection(part.member, alone))), publish),
     )
 

@@ -257,7 +257,7 @@ class Assembly:
     @property
     def reports(self) -> tuple[Report, ...]:
         """The reports on the estimate that were requested."""
-        return reports(self.observer, self.clock.report)
+        return reports(self.observer, self.combined, self.clock.report)
 
     @cached_property
     def state(self) -> tuple[Field, ...]:

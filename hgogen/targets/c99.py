@@ -19,7 +19,7 @@ from hgogen.emit.printer import LEAST, NEVER
 from hgogen.emit.saved import saving
 from hgogen.emit.selfcheck import c_check
 from hgogen.emit.sharing import SharingWriter
-from hgogen.emit.statements import called, routines
+from hgogen.emit.statements import called, reading, routines
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C, vectors
 from hgogen.program import Field, Group, Place
@@ -145,7 +145,7 @@ def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
         functions, bodies["step"] = writer.section(step.code.sections[0])
     bodies |= {section.name: writer.function(section.program) for section in step.code.timed}
     bodies["estimate"] = writer.function(step.code.estimate)
-    bodies |= {report.name: writer.function(report.program) for report in step.code.reports}
+    bodies |= {report.name: reading(C, step, writer.real).function(report.program) for report in step.code.reports}
     bodies["tune"] = _nominal_unless_marked(step) + writer.function(step.code.tuning)
     bodies["reset"] = _reset(writer)
     tune, reset = (prototypes(step)[name].call(same_name) for name in ("tune", "reset"))

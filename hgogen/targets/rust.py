@@ -14,7 +14,7 @@ from hgogen.emit.interface import Entry, entries
 from hgogen.emit.naming import demand_distinct, sources
 from hgogen.emit.portable import functions, kernels, tables
 from hgogen.emit.selfcheck import rust_check
-from hgogen.emit.statements import Writer, called, routines
+from hgogen.emit.statements import Writer, called, reading, routines
 from hgogen.emit.structs import Struct, doc, rust_initial, rust_structs, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import KEYWORDS, RUST
@@ -115,7 +115,8 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     of_state += [code(*saved.rust_save(step)), code(*saved.rust_restored(step, writer.real))]
     of_state.append(_reading(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
     for report in step.code.reports:
-        of_state.append(_reading(known[report.name], memory[report.struct], writer.function(report.program)))
+        body = reading(RUST, step, writer.real).function(report.program)
+        of_state.append(_reading(known[report.name], memory[report.struct], body))
     tuned = code("let mut p = Parameters {", *indented(rust_initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
     of_parameters = [new, _method(step, known["tune"], writer.function(step.code.tuning))]
