@@ -12,7 +12,9 @@ from oracle import discrete as oracle
 
 import hgogen as hg
 from hgogen.reading.text_model import from_table, read, to_text
+from hgogen.run import native
 
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 S = hg.Signal
 p, v = S("p", "m", low=-100, high=100), S("v", "m/s", low=-5, high=5)
 u, y, r = S("u", "", low=-1, high=1), S("y", "m"), S("r", "m")
@@ -167,6 +169,23 @@ def test_an_unknown_parameter() -> None:
     assert "sample 1" in str(hg.observability(hidden))
 
 
+def test_a_hidden_direction_that_turns() -> None:
+    """A field that the map carries to itself elsewhere: v(f(x)) and not v(x) has to be (df/dx) v."""
+    plant = hg.System("turns", states=(p, v), outputs=(y,), flow=[p + v, p * v], output=[0 * p], discrete=True)
+    assert hg.observability(plant).rank == 0
+    scaled = hg.System(
+        "scaled", states=(p, v, q), outputs=(y,), flow=[2 * p, v + 1, q], output=[p * 0 + q], discrete=True
+    )
+    assert {str(one): one.proved for one in hg.observability(scaled).known.symmetries} == {
+        "p -> p + c": True,
+        "v -> v + c": True,
+    }
+    product = hg.System("product", states=(p, v), outputs=(y,), flow=[p * p, v * v], output=[p * v], discrete=True)
+    (one,) = hg.observability(product).known.symmetries
+    assert str(one) == "p -> c p, v -> v/c"
+    assert one.proved  # (2 p^2, -2 v^2) is twice the field at (p^2, v^2)
+
+
 # ---------------------------------------------------------------- filters
 
 
@@ -240,6 +259,7 @@ def test_nothing_is_scaled_by_the_period() -> None:
     assert runs[2].t[1] == 50
 
 
+@pytest.mark.full
 def test_every_spelling_of_the_noise_is_of_one_sample() -> None:
     form, R = hg.forms.original(cart()), {"y": 0.04, "r": 0.01}
     spelled: tuple[dict[str, Any], ...] = (
@@ -351,3 +371,166 @@ def test_settings_that_are_for_one_kind_of_plant() -> None:
         hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="correct")  # type: ignore[arg-type]
     with pytest.raises(hg.HgogenError, match="sensors that all have the period dt"):
         hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="predict", periods={"r": 0.2})
+
+
+# ---------------------------------------------------------------- constant gains
+
+
+GAINS = {"y": (0.3, 0.4), "r": {"p": 0.05, "v": 0.1}}
+
+
+def test_constant_gains() -> None:
+    observer = hg.observers.luenberger(hg.forms.original(cart()), gains=GAINS)
+    run = hg.sample(observer, dt=DT, engine="python").run(u=U, y=Y)
+    x, states, K = np.zeros(2), [], np.array([[0.3, 0.4], [0.05, 0.1]])
+    for k in range(N):
+        x = f(x, U[k - 1]) if k else x
+        for j in np.flatnonzero(np.isfinite(Y[k])):
+            x = x + K[j] * (Y[k, j] - h(x)[j])
+        states.append(x)
+    assert run.x == pytest.approx(np.array(states), abs=1e-12)
+    assert run.replay.innovations.variances is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"gains": (0.3, 0.4)}, "must be 2 finite numbers for each of 2 outputs"),
+        ({"gains": {"y": (1, 2, 3), "r": (1, 2)}}, "must be 2 finite numbers"),
+        ({}, "takes gains"),
+        ({"gains": {"y": (-5, 0), "r": (0, 0)}}, "let the error grow at every point"),
+        ({"poles": (0.1, 0.2)}, "poles= is for differential equations"),
+    ],
+)
+def test_gains_that_are_none(arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises(hg.HgogenError, match=said):
+        hg.observers.luenberger(hg.forms.original(cart()), **arguments)
+
+
+def test_an_error_that_only_the_map_makes_decay() -> None:
+    """Without a gain of its own v decays by the map alone; p by its gain, and not without one."""
+    plant = cart(flow=[p + v, v / 2], output=[p, p], inputs=())
+    observer = hg.observers.luenberger(hg.forms.original(plant), gains={"y": (0.5, 0), "r": (0, 0)})
+    assert observer.name == "luenberger"
+    with pytest.raises(hg.HgogenError, match="let the error grow at every point"):
+        hg.observers.luenberger(hg.forms.original(plant), gains={"y": (0, 0), "r": (0, 0)})
+
+
+# ---------------------------------------------------------------- targets
+
+OBSERVERS: dict[str, Callable[[hg.Form], hg.Observer]] = {
+    "riccati": lambda form: hg.observers.riccati(form, **NOISE),
+    "ukf": lambda form: hg.observers.ukf(form, **NOISE),
+    "iterated_ekf": lambda form: hg.observers.iterated_ekf(form, **NOISE),
+    "luenberger": lambda form: hg.observers.luenberger(form, gains=GAINS),
+}
+
+
+@needs_compiler
+@pytest.mark.full
+@pytest.mark.parametrize("name", OBSERVERS)
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_every_reader_computes_the_same_bits(name: str, real: Any) -> None:
+    step = hg.sample(OBSERVERS[name](hg.forms.original(cart())), dt=DT, real=real)
+    in_c, python = (step.run(u=U, y=Y, engine=engine) for engine in ("c", "python") if not step.reset())
+    assert np.array_equal(in_c.x, python.x)
+    assert np.array_equal(in_c.status, python.status)
+    step.reset()
+    many = step.run_many(u=np.stack([U, -U]), y=np.stack([Y, Y]))
+    assert np.array_equal(many.x[0], in_c.x)
+    step.reset()
+    one_by_one = np.array([step(u=U[k], y=Y[k]).x for k in range(N)])
+    assert np.array_equal(one_by_one, in_c.x)
+
+
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_as_casadi(name: str) -> None:
+    step = hg.sample(OBSERVERS[name](hg.forms.original(cart())), dt=DT, engine="python")
+    made = hg.targets.casadi(step)
+    _, x, _ = made.step.mapaccum(N)(made.memory.initial, U.T, Y.T, made.p.initial)
+    assert step.run(u=U, y=Y).x == pytest.approx(np.array(x).T, abs=1e-7)  # whose sine is another one
+    with pytest.raises(hg.HgogenError, match="is no differential equation"):
+        made.derivative  # noqa: B018
+
+
+def test_the_header_says_which_input_moves_the_plant() -> None:
+    form = hg.forms.original(cart())
+    texts = {}
+    for between, first in (("line", "update"), ("hold", "predict")):
+        step = hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, between=between, first=first)  # type: ignore[arg-type]
+        texts[between] = hg.targets.c99(step)["cart.h"]
+        assert "p+ = p + v/10" in texts[between]
+        assert "p' =" not in texts[between]
+        assert "discrete, L D L', dt = 0.1 s" in texts[between]
+        assert "no certificate is made of a discrete plant" in texts[between]
+    assert "The input of a call moves the plant from this call to the next" in texts["line"]
+    assert "The first call advances no time" in texts["line"]
+    assert "The input of a call moved the plant from the call before to this one" in texts["hold"]
+    assert "The first call predicts" in texts["hold"]
+    manual = hg.targets.markdown(step)["cart.md"]
+    assert "z^+ &=" in manual
+    assert "straight line" not in manual
+
+
+@pytest.mark.full
+def test_forty_states_in_loops() -> None:
+    """A ring of forty states, by the same equations in numpy."""
+    n, rng = 40, np.random.default_rng(4)
+    xs = [S(f"x{i}", low=-10, high=10) for i in range(n)]
+    rows = [0.7 * x + 0.2 * sp.sin(xs[(i + 1) % n]) for i, x in enumerate(xs)]
+    plant = hg.System("ring", states=xs, outputs=(y,), flow=rows, output=[xs[0]], discrete=True)
+    samples = rng.normal(size=40)
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=np.full(n, 0.01), R=0.1), dt=1, engine="python")
+    x, P, states = np.zeros(n), np.eye(n), []
+    for k, sample in enumerate(samples):
+        if k:
+            slope = 0.7 * np.eye(n) + 0.2 * np.roll(np.diag(np.cos(np.roll(x, -1))), 1, axis=1)
+            x, P = 0.7 * x + 0.2 * np.sin(np.roll(x, -1)), slope @ P @ slope.T + 0.01 * np.eye(n)
+        K = P[0] / (P[0, 0] + 0.1)
+        x, P = x + K * (sample - x[0]), P - np.outer(K, P[0])
+        states.append(x)
+    assert step.run(y=samples).x == pytest.approx(np.array(states), abs=1e-9)
+
+
+def test_delays_that_loops_cannot_rotate() -> None:
+    xs = [S(f"x{i}", low=-10, high=10) for i in range(14)]
+    plant = hg.System("delay", states=xs, outputs=(y,), flow=[xs[0], *xs[:-1]], output=[xs[-1]], discrete=True)
+    with pytest.raises(hg.HgogenError, match="has a map without an inverse"):
+        hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=np.ones(14), R=0.1), dt=1)
+    few = hg.System("delay", states=xs[:9], outputs=(y,), flow=[xs[0], *xs[:8]], output=[xs[8]], discrete=True)
+    step = hg.sample(hg.observers.riccati(hg.forms.original(few), Q=np.ones(9), R=0.1), dt=1, prefer="flash")
+    assert "as for delays in a map" in step.choice
+    assert not step.run(y=np.ones(30), engine="python").status.any()
+
+
+# ---------------------------------------------------------------- trials
+
+
+def trial(**changed: Any) -> hg.trial.Trial:
+    declared = {"duration": 10, "start": {"p": 3, "v": 1}, "inputs": {"u": sp.sin(hg.trial.t)}, "seeds": (0,)}
+    return hg.trial.Trial("drive", **{**declared, **changed})
+
+
+def test_the_truth_of_a_trial_is_the_iteration_of_the_map() -> None:
+    jump = hg.trial.Jump(2.03, "v", -1.0)
+    truth = hg.trial.simulate(cart(), trial(jumps=(jump,)), DT)
+    x = np.array([3.0, 1.0])
+    for k in range(101):
+        x = f(x, np.sin([(k - 1) * DT])) if k else x
+        x = np.array([x[0], -1.0]) if k == 21 else x
+        assert truth.x[k] == pytest.approx(x, abs=1e-12)
+    with pytest.raises(hg.HgogenError, match="no finite value before t"):
+        hg.trial.simulate(cart(flow=[p * p, v]), trial(), DT)
+
+
+def test_a_campaign_and_a_consistent_filter() -> None:
+    noise = {"y": 0.2, "r": 0.1}
+    step = hg.sample(hg.observers.riccati(hg.forms.original(cart()), **NOISE), dt=DT, engine="python")
+    b = S("b", "", "gain", 0.1, low=0.05, high=0.2)
+    varied = cart(parameters=(b,), flow=[p + v / 10, v * sp.Rational(9, 10) + b * u])
+    other = hg.sample(hg.observers.riccati(hg.forms.original(varied), **NOISE), dt=DT, engine="python")
+    (one,) = hg.trial.try_out(step, trial(noise=noise))
+    assert np.abs(one.error[20:]).max() < 0.6
+    outcomes = list(hg.campaign(other, trial(noise=noise), 4, vary="b", engine="python").run(jobs=1))
+    assert len(outcomes) == 4
+    assert all(each.metrics is not None for each in outcomes)

@@ -6,11 +6,28 @@
 Q and R are the covariance that a step adds and the variance of a sample, as they stand. Nothing is scaled by the
 sampling period. Source of the theorem: K. Reif, S. Guenther, E. Yaz, R. Unbehauen, "Stochastic stability of the
 discrete-time extended Kalman filter", IEEE TAC 44 (1999).
+
+Luenberger's observer has constant gains in place of K. Several outputs correct one after the other:
+
+    z <- f(z, u),     at a sample of y_j:  z <- z + K_j (y_j - h_j(z, u))
+
+D. Luenberger, "An introduction to observers", IEEE TAC 16 (1971).
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.linearised import evaluated, jacobians_on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.reading.given import BadGain
+from hgogen.observer import Observer, demand_form, gain, state_field
+from hgogen.part import Clock, Jump, Pieces
+from hgogen.program import Block, Place, sym
+from hgogen.reading.given import BadGain, by_coordinate, by_output, names_of, reals
 from hgogen.sentence import because
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 
@@ -62,3 +79,95 @@ def demand_plain_gain(form: Form, theta: float) -> None:
     if form.system.discrete and theta != 1:
         reason = "speeds up the correction of differential equations, and the plant is discrete in time; leave it at 1"
         raise BadGain(f"theta = {theta:g}", reason)
+
+
+POINTS = 12  # corners of the ranges, and as many points inside, at which the error is linearised
+WIDER = 10.0  # share of the largest gain up to which each can be tuned
+LUENBERGER = "Luenberger, An introduction to observers, IEEE TAC 16 (1971)"
+DECAYS = Theorem(
+    "the estimate converges from nearby",
+    (
+        Hypothesis(
+            "the linearised error decays along the plant's motion",
+            verdict=Verdict.UNKNOWN,
+            reason="it decays where it is frozen at a point of the ranges, else the gains are refused",
+        ),
+        *(each for each in OPERATION if each.claim != _CONTINUOUS[0]),
+    ),
+    LUENBERGER,
+)
+
+
+def luenberger(
+    form: Form,
+    *,
+    gains: Sequence[Any] | Mapping[str, Any] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """Luenberger's observer of a discrete plant: z <- f(z, u), at a sample of y_j z <- z + K_j (y_j - h_j).
+
+    Args: `gains` K (n), by the names of states or in their order; of several outputs a K_j (n) for each, by name or in
+    order; `initial` the plant's state; `accept` ids of refuted checks to ignore.
+
+    Raises: `Refuted`; `BadGain` for gains of another length, and for those with which the error decays at no point of
+    the ranges.
+    """
+    accept = demand_form("luenberger", form, accept, discrete=True)
+    K, names = _gain_rows(form, gains), names_of(form.system.outputs)
+    dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
+    _demand_decay(dynamics, K)
+    largest = WIDER * max(float(np.abs(K).max()), 1e-300)
+    fields = [
+        gain(f"K_{y}", row, -largest, largest, f"error of {y} onto the states") for y, row in zip(names, K, strict=True)
+    ]
+    place, estimate = Place("state", "z"), sym("state", "z", form.n)
+
+    def build(clock: Clock) -> Pieces:
+        corrected = (estimate + sym("gain", field.name, form.n) * sym("work", "e") for field in fields)
+        return Pieces(
+            fields=(z,),
+            predict=(Block("z by the map z+ = f(z, u)", {place: dynamics.flow(estimate, clock.u(0.0))}),),
+            update=tuple((Block("correct by a constant gain", {place: after}),) for after in corrected),
+            rule="discrete, constant gains",
+        )
+
+    return Observer(
+        form=form,
+        name="luenberger",
+        parts=(Jump(build),),
+        gains=tuple(fields),
+        z=estimate,
+        dynamics=dynamics,
+        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), no_proof("luenberger")),
+        accepted=accept,
+        theorem=DECAYS,
+        equations=("z <- f(z, u)", "at a sample of y_j: z <- z + K_j (y_j - h_j)"),
+        reference=LUENBERGER,
+    )
+
+
+def _gain_rows(form: Form, gains: Any) -> np.ndarray:
+    """Return the gains K_j (p, n) of each output. Raises: `BadGain`, `BadNames`."""
+    p = len(form.output)
+    if gains is None:
+        raise BadGain("luenberger of a discrete plant", "takes gains, K (n) for each output; give gains=")
+    each = [gains] if p == 1 else by_output("gains", gains, form)
+    try:
+        rows = np.array([reals("gains", by_coordinate("gains", row, form)) for row in each])
+    except (TypeError, ValueError):
+        rows = np.zeros(0)
+    if rows.shape != (p, form.n) or not np.isfinite(rows).all():
+        raise BadGain("gains", f"must be {form.n} finite numbers for each of {p} outputs")
+    return rows
+
+
+def _demand_decay(dynamics: Dynamics, K: np.ndarray) -> None:
+    """Raise `BadGain` where the error e <- F (1 - K_p C_p) .. (1 - K_1 C_1) e decays at no point of the ranges."""
+    one, sizes = np.eye(dynamics.n), []
+    for F, C in zip(*jacobians_on_box(dynamics, POINTS), strict=True):
+        loop = reduce(lambda whole, pair: (one - np.outer(*pair)) @ whole, zip(K, C, strict=True), one)
+        sizes.append(float(np.abs(np.linalg.eigvals(F @ loop)).max()))
+    if not min(sizes) < 1:
+        reason = f"let the error grow at every point of the ranges that was tried, by {min(sizes):.3g} a sample or more"
+        raise BadGain("gains", f"{reason}; take others, or riccati")

@@ -25,6 +25,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.discretisation import kernels
 from hgogen.discretisation.kernel_graphs import carried_out, written
 from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
 from hgogen.estimators.gating import Joint, raised, with_gating
@@ -54,6 +55,7 @@ SINGULAR = 1e-10  # of a variance: what is left below it is rounding
 POINTS = 12  # corners, and as many points inside, at which the growth of the model is evaluated
 LONGER = {"speed": 1450, "flash": 0}  # operations by which straight-line code may exceed loops, of about 6 bytes each
 FULL = 7  # states up to which a full matrix Q or P(0) is accepted, which loops do not admit
+ROTATED = 1e-6  # of the largest squared entry: a larger error is no rounding
 LARGE = 12  # states beyond which straight-line code is always too long, and slow to generate
 
 
@@ -435,6 +437,9 @@ class Looped(FactoredStep):
         for name, matrix in self.matrices.items():
             if not is_diagonal(matrix):
                 raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
+        if not rotates(self.part):
+            reason = f"has a map without an inverse, or delays in an order that more than {LARGE} states do not admit"
+            raise BadGain(self.part.dynamics.form.system.name, f"{reason}; list a state before those that it moves")
         columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
         pieces = Pieces(
             fields=(self.part.z, self.diagonal(np.diag(self.part.covariance).copy())),
@@ -564,6 +569,24 @@ class _Candidate:
         return f"in {self.name} {self.longest} operations in its longest section, {times} in a period"
 
 
+def rotates(part: Riccati) -> bool:
+    """Return whether rotations find the factors of Phi P Phi' in loops: always for Phi = I + .., of a map at points of
+    the ranges, tried in numbers. They divide by 0 where rows of Phi L begin with zeros, as those of many delays do."""
+    if not motion(part.dynamics.form.system).map:
+        return True
+    n = part.dynamics.n
+    L = np.eye(n) + np.tril(np.random.default_rng(1).uniform(0.1, 0.9, (n, n)), -1)
+    with np.errstate(all="ignore"):
+        for F in part.slopes(POINTS)[0]:
+            columns, D, root = (F @ L).T.copy(), np.ones(n), F @ L
+            kernels.triangularise(columns, D, max(1, n - 1))
+            lower_factor = np.tril(columns.T, -1) + np.eye(n)
+            P = (lower_factor * D) @ lower_factor.T
+            if not np.abs(P - root @ root.T).max() <= ROTATED * np.abs(root).max() ** 2:
+                return False
+    return True
+
+
 def chosen(part: Riccati, clock: Clock) -> Pieces:
     """Return the filter's program, in straight-line code or in loops: the shorter one, or the faster one if it is not
     too long; `choice` of the pieces names the reason. Where straight-line code is short, no loops are generated for
@@ -573,6 +596,8 @@ def chosen(part: Riccati, clock: Clock) -> Pieces:
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for invariants")
     if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")
+    if not rotates(part) and n <= LARGE:
+        return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for delays in a map")
     if n > LARGE:
         choice = f"the covariance in loops, as for more than {LARGE} states in any case"
         return replace(loop.pieces(), choice=choice)

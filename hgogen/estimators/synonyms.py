@@ -10,8 +10,9 @@ from functools import partial, update_wrapper
 from inspect import signature
 from typing import Any
 
+from hgogen.estimators import discrete
 from hgogen.form import Form
-from hgogen.observer import Observer
+from hgogen.observer import Observer, remembered
 from hgogen.reading.given import BadGain, demand_switch
 
 
@@ -37,7 +38,10 @@ SYNONYMS = {
         explicit=True,
     ),
     "luenberger": Synonym(
-        "high_gain", {"theta": 1.0}, "luenberger is high_gain at theta = 1, with its poles or gains", form="triangular"
+        "high_gain",
+        {"theta": 1.0},
+        "luenberger is high_gain at theta = 1, with its poles or gains",
+        form="triangular",
     ),
 }
 
@@ -55,6 +59,9 @@ def observer_called(name: str, cases: Mapping[str, Any]) -> Callable[..., Observ
     return function
 
 
+_OF_MAPS = remembered(discrete.luenberger)
+
+
 def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any) -> Observer:
     known = SYNONYMS[name]
     if repeated := arguments.keys() & known.fixed.keys():
@@ -68,4 +75,8 @@ def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any)
             "noise of one sample, or density = True for spectral densities"
         )
         raise BadGain(name, reason)
+    if sampled and name == "luenberger":
+        if others := arguments.keys() - signature(discrete.luenberger).parameters.keys():
+            raise BadGain(f"luenberger, {min(others)}=", "is for differential equations; a discrete plant takes gains")
+        return _OF_MAPS(form, **arguments)
     return case(form, **arguments, **known.fixed)

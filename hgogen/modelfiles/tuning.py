@@ -164,7 +164,7 @@ class Tuning:
         """A sentence for each tuning whose kind is another name of an observer."""
         for name, table in self.tables.items():
             kind = table.get("kind", name) if isinstance(table, Mapping) else name
-            if isinstance(kind, str) and kind in SYNONYMS:
+            if isinstance(kind, str) and kind in SYNONYMS and not (self.plant.discrete and kind == "luenberger"):
                 yield f"{self.where(name)}: {SYNONYMS[kind].sentence}"
 
     def period(self, name: str) -> float:

@@ -368,6 +368,8 @@ class Graphs:
         """Return the observer as x' = f(x, u, y, p). Raises: `NoEquation` for one that has no differential equation."""
         if self.source.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
+        if self.source.observer.form.system.discrete:
+            raise NoEquation("an observer of a discrete plant", "the plant moves from sample to sample")
         elements = [field for ode in self._odes for field in ode.fields]
         others = read_fields([self.source.observer.z, *self._rates.values()]) | self._rates.keys()
         others -= {"u", *(field.name for field in elements)}
