@@ -369,6 +369,8 @@ def test_settings_that_are_for_one_kind_of_plant() -> None:
         hg.sample(observer, dt=DT, first="predict")
     with pytest.raises(hg.HgogenError, match='must be "update" or "predict"'):
         hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="correct")  # type: ignore[arg-type]
+    with pytest.raises(hg.HgogenError, match="give dt as a number"):
+        hg.sample(hg.observers.riccati(form, **NOISE), dt=(0.1, 0.2))  # type: ignore[arg-type]
     with pytest.raises(hg.HgogenError, match="sensors that all have the period dt"):
         hg.sample(hg.observers.riccati(form, **NOISE), dt=DT, first="predict", periods={"r": 0.2})
 
