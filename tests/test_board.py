@@ -18,7 +18,12 @@ from hgogen.extras.costs import COMPILER, EMULATOR, FLAGS, SIZE, driver, head, h
 from hgogen.model import load
 from hgogen.trial import rows_given
 
-LIMITS = {"--max-flash": "flash", "--max-ram": "ram", "--max-stack": "stack", "--max-instructions": "worst"}
+LIMITS = {
+    "--max-flash": "flash_bytes",
+    "--max-ram": "ram_bytes",
+    "--max-stack": "stack_bytes",
+    "--max-instructions": "worst_instructions",
+}
 
 
 @pytest.fixture
@@ -33,21 +38,21 @@ def test_costs_are_those_of_the_step(board: None) -> None:
     rows = np.full((300, 2), 0.1)
     first, again = (measured(step("pendulum"), files("pendulum"), rows, "float") for _ in range(2))
     assert first == again
-    assert 100 < first.nominal < first.worst < 2000
-    assert first.ram == 4 * (2 + 2 + 5 + 4 + 3)  # of which 2 are the marks
-    assert 1000 < first.flash < 10_000
-    assert 16 < first.stack < 1000
+    assert 100 < first.nominal_instructions < first.worst_instructions < 2000
+    assert first.ram_bytes == 4 * (2 + 2 + 5 + 4 + 3)  # of which 2 are the marks
+    assert 1000 < first.flash_bytes < 10_000
+    assert 16 < first.stack_bytes < 1000
     assert "arm-none-eabi-gcc" in first.compiler
     doubled = measured(step("pendulum"), files("pendulum", "double"), rows, "double")
-    assert doubled.nominal > 10 * first.nominal  # in software
+    assert doubled.nominal_instructions > 10 * first.nominal_instructions  # in software
     assert doubled.real == "double"
 
 
 def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = np.full((300, 2), 0.1)
-    worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst
+    worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst_instructions
     monkeypatch.setattr(costs_, "hostile", np.copy)
-    assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst + 10
+    assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst_instructions + 10
 
 
 @pytest.mark.full
@@ -57,7 +62,7 @@ def test_the_stack_is_that_of_memory_that_is_spoiled_too(board: None, tmp_path: 
     run([COMPILER, "-std=c99", *FLAGS, "-fstack-usage", "-c", "pendulum.c"], tmp_path)
     frames = dict(re.findall(r":pendulum_(\w+)\t(\d+)", (tmp_path / "pendulum.su").read_text()))
     needed = sum(int(frames[name]) for name in ("step", "ready", "reset", "clear_fault_counts"))
-    assert measured(step("pendulum"), files("pendulum"), np.full((300, 2), 0.1), "float").stack >= needed
+    assert measured(step("pendulum"), files("pendulum"), np.full((300, 2), 0.1), "float").stack_bytes >= needed
 
 
 @pytest.mark.slow
@@ -66,8 +71,8 @@ def test_every_kind_of_step_is_measured(name: str, board: None) -> None:
     made = step(name)
     rows = np.zeros((40, len(made.inputs) + len(made.samples)))
     costs = measured(made, files(name), rows, "float")
-    assert costs.nominal > 0
-    assert costs.worst > 0
+    assert costs.nominal_instructions > 0
+    assert costs.worst_instructions > 0
 
 
 def test_a_member_is_called_as_in_c() -> None:
@@ -85,7 +90,7 @@ def test_members_may_have_the_names_of_what_counts_them(board: None) -> None:
     y = hg.Signal("RECORD", low=-1, high=1)
     plant = hg.System("sample", states=x, outputs=(y,), flow=[-each for each in x], output=[sum(x)])
     made = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 5, R=1), dt=0.1)
-    assert measured(made, hg.targets.c99(made, check=False), np.zeros((9, 1)), "float").nominal > 100
+    assert measured(made, hg.targets.c99(made, check=False), np.zeros((9, 1)), "float").nominal_instructions > 100
 
 
 def test_a_hostile_record_has_gaps_and_jumps_in_about_a_third_of_its_numbers() -> None:
@@ -118,7 +123,7 @@ def test_cost_writes_what_the_folder_then_tells(board: None, here: Path) -> None
     assert answer["files"] == [str(Path("generated/tank/cost.json"))]
     hgogen("generate", "tank.toml", "--for", "zephyr")
     readme = (here / "generated" / "tank" / "README.md").read_text()
-    assert f"| bytes of flash | {stored['flash']} |" in readme
+    assert f"| bytes of flash | {stored['flash_bytes']} |" in readme
     hgogen("generate", "tank.toml", "--for", "zephyr", "--dt", "0.02")  # another source
     assert "bytes of flash" not in (here / "generated" / "tank" / "README.md").read_text()
 

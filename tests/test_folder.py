@@ -12,7 +12,7 @@ import pytest
 from emitted import run, step, tool
 
 import hgogen as hg
-from hgogen.extras.costs import digest
+from hgogen.extras.costs import MEANINGS, digest
 from hgogen.extras.folder import ReservedName, UnknownEcosystem, chosen, folder, known
 from hgogen.run.native import WARNINGS
 
@@ -139,7 +139,7 @@ def test_the_lines_to_write_compile(name: str, tmp_path: Path) -> None:
 
 
 def test_costs_are_told_of_the_same_source_only() -> None:
-    numbers = {"nominal": 410, "worst": 516, "flash": 2448, "ram": 56, "stack": 76}
+    numbers = dict(zip(MEANINGS, (410, 516, 2448, 56, 76), strict=True))
     files, ways = emitted.files("pendulum"), chosen("cmake", "pendulum")
     source = {"machine": "Cortex-M4F", "compiler": "gcc 1", "flags": "-O2", "source": digest(files["pendulum.c"])}
     readme = folder(step("pendulum"), files, ways, costs={**numbers, **source})["README.md"]

@@ -54,7 +54,7 @@ from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
-from hgogen.extras.costs import Costs, demand_board, measured
+from hgogen.extras.costs import MEANINGS, Costs, demand_board, measured
 from hgogen.extras.folder import ALL, SOURCES, chosen, folder, known
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
@@ -137,15 +137,6 @@ def _demand_replaceable(where: Folder, library: Files) -> None:
         raise CannotWrite(str(source), reason, "remove that, or take another folder by --out")
 
 
-_MEANINGS = {
-    "nominal": "instructions of a step, nominal",
-    "worst": "instructions of a step, the worst of a hostile record",
-    "flash": "flash, bytes",
-    "ram": "RAM, bytes of state and parameters",
-    "stack": "stack, bytes",
-}
-
-
 @dataclass(eq=False)
 class CostTooHigh(HgogenError):
     """Costs above their limits: (name, value, limit) of each."""
@@ -154,7 +145,7 @@ class CostTooHigh(HgogenError):
     over: tuple[tuple[str, int, int], ...]
 
     def __str__(self) -> str:
-        return "; ".join(f"{_MEANINGS[name]}: {value}, more than {limit}" for name, value, limit in self.over)
+        return "; ".join(f"{MEANINGS[name]}: {value}, more than {limit}" for name, value, limit in self.over)
 
 
 def _limit_option(what: str) -> typer.models.OptionInfo:
@@ -175,7 +166,7 @@ class CostReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """Yield a row for each cost."""
-        rows = ((meaning, str(getattr(self.costs, key))) for key, meaning in _MEANINGS.items())
+        rows = ((meaning, str(getattr(self.costs, key))) for key, meaning in MEANINGS.items())
         yield headed(self.title, "what", "how much", numbers=1, rows=rows)
         yield f"{self.costs.compiler} {self.costs.flags}\n"
 
@@ -212,7 +203,12 @@ def cost_(
     step = prefixed(unnamed_step, name) if name else unnamed_step
     costs = measured(step, targets.c99(step, real=real, check=False), rows_given(unnamed_step, trial), real)
     paths = folder.write({COSTS: json_text({"model": loaded.name, **encoded(costs)}) + "\n"})
-    limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
+    limits = {
+        "flash_bytes": max_flash,
+        "ram_bytes": max_ram,
+        "stack_bytes": max_stack,
+        "worst_instructions": max_instructions,
+    }
     return CostReport(loaded.path, costs, tuple(paths), f"{step.name} in {real} on a {costs.machine}", limits)
 
 

@@ -181,14 +181,14 @@ def _argument(parameter: Parameter) -> str:
 
 @dataclass(frozen=True)
 class Costs:
-    """The measured costs of a step: instructions of a `nominal` and the `worst` call, bytes of `flash`, `ram` and
-    `stack`; and the tools that measured them."""
+    """The measured costs of a step: executed instructions of a nominal and of the worst call, bytes of flash, RAM and
+    stack; and the tools that measured them."""
 
-    nominal: Annotated[int, "instructions of a step, the mean of nominal samples"]
-    worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
-    flash: Annotated[int, "bytes of flash"]
-    ram: Annotated[int, "bytes of state and parameters"]
-    stack: Annotated[int, "bytes of stack, the deepest of all samples and of spoiled memory"]
+    nominal_instructions: Annotated[int, "instructions of a step, the mean of nominal samples"]
+    worst_instructions: Annotated[int, "instructions of a step, the worst of a hostile record"]
+    flash_bytes: Annotated[int, "bytes of flash: code and constants"]
+    ram_bytes: Annotated[int, "bytes of state and parameters"]
+    stack_bytes: Annotated[int, "bytes of stack, the deepest of all samples and of spoiled memory"]
     real: Annotated[Real, "working precision"]
     machine: Annotated[str, "the processor"]
     compiler: Annotated[str, "version of the compiler"]
@@ -214,14 +214,17 @@ def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real)
         main = head(record, real, len(step.states), len(nominal)) + counting(driver(step))
         numbers = ran(linked(main, [f"{step.name}.o"], harness(), folder, FLAGS))
     return Costs(
-        flash=flash,
+        nominal_instructions=numbers["nominal"],
+        worst_instructions=numbers["worst"],
+        flash_bytes=flash,
+        ram_bytes=numbers["ram"],
+        stack_bytes=numbers["stack"],
         real=real,
         machine=NAME,
         compiler=version(COMPILER),
         flags=" ".join(FLAGS),
         emulator=version(EMULATOR),
         source=digest(files[f"{step.name}.c"]),
-        **numbers,
     )
 
 
@@ -229,13 +232,13 @@ _UNKNOWN = (
     "`hgogen cost` measures instructions, flash, RAM and stack on a Cortex-M4F, and writes them to `cost.json` here;\n"
     "generated again, this page tells them."
 )
-_ROWS = (
-    ("instructions of a step, nominal", "nominal"),
-    ("instructions of a step, the worst of a hostile record", "worst"),
-    ("bytes of flash", "flash"),
-    ("bytes of RAM, of `s` and `p`", "ram"),
-    ("bytes of stack, the deepest of a hostile record and of spoiled memory", "stack"),
-)
+MEANINGS = {  # of the numbers of `Costs`
+    "nominal_instructions": "instructions of a step, nominal",
+    "worst_instructions": "instructions of a step, the worst of a hostile record",
+    "flash_bytes": "bytes of flash",
+    "ram_bytes": "bytes of RAM, of state and parameters",
+    "stack_bytes": "bytes of stack, the deepest of a hostile record and of spoiled memory",
+}
 
 
 def digest(source: str) -> str:
@@ -246,9 +249,9 @@ def digest(source: str) -> str:
 def priced(costs: Mapping[str, Any] | None, source: str) -> str:
     """Return the costs as a table, or how to measure them if they are unknown, incomplete (as those of another version
     may be) or of another source."""
-    needed = {"machine", "compiler", "flags", *(key for _, key in _ROWS)}
+    needed = {"machine", "compiler", "flags", *MEANINGS}
     if costs is None or costs.get("source") != digest(source) or not needed <= costs.keys():
         return _UNKNOWN
     title = f"On a {costs['machine']}, compiled by {costs['compiler']} with `{costs['flags']}`:"
-    rows = (f"| {what} | {costs[key]} |" for what, key in _ROWS)
+    rows = (f"| {what} | {costs[key]} |" for key, what in MEANINGS.items())
     return "\n".join((title, "", "| what | how much |", "|---|---|", *rows))
