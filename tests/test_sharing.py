@@ -18,6 +18,7 @@ from hgogen.emit.syntaxes import C
 from hgogen.model import load
 from hgogen.program import Block, Place, When, sym
 from hgogen.stepping.members import read_fields
+from hgogen.stepping.projection import SWEEPS
 
 SHIPPED = ["induction_motor", "pmsm_sensorless", "quadruple_tank", "not_iss"]
 NAMES = [*emitted.STEPS, *SHIPPED]
@@ -67,6 +68,17 @@ def test_a_part_is_called_more_than_once_and_writes_more_than_a_call_does(name: 
         assert len(calls) >= 2
         assert sum(" = " in line and "const" not in line for line in part.body.lines) >= FEWEST
     assert len({part.prototype.name for part in writer.parts}) == len(writer.parts)
+
+
+@pytest.mark.parametrize("name", ["battery", "lithium_cell", "not_iss"])
+def test_each_sweep_of_a_fit_calls_one_function(name: str) -> None:
+    """However few numbers it writes, and however short the function around it is."""
+    text = source(name)
+    for output in made(name).outputs:
+        prototype, calls = rf"static void {made(name).name}_fit_{output}\(", rf"^ +\w+_fit_{output}\(s, "
+        assert len(re.findall(prototype, text)) == 1
+        assert len(re.findall(calls, text, re.MULTILINE)) == SWEEPS
+        assert text.count(f"/* from the sample of {output} */") == 1
 
 
 def test_parts_of_one_name_that_differ_have_a_number() -> None:

@@ -36,7 +36,8 @@ _MEANINGS = {  # the head comment of a function, by the name of its part
     "guard_measurement": "is the sample a number, plausible, and not absurdly far from its estimate?",
     "guard_measurements": "is each sample a number, plausible, and not absurdly far from its estimate?",
     "suspect": "is the estimate out of a range or far from a sample, or does a fault count run?",
-    "plausible": "is there a plausible sample, by which the estimate can be judged?",
+    "sample_in_plausible_range": "is there a sample in the plausible range of its sensor? It judges the estimate, even "
+    "where it is too far off to correct it",
     "counts_spoiled": "is a fault count or limit out of its range, or does the checksum differ?",
     "find_signs": "the change of the fault count of an output at this sample, and the sign of its error",
     "beyond_box": "is a number of the state beyond its limits, or not a number?",
@@ -130,10 +131,27 @@ class SharingWriter(Writer):
         return {place: part for part in self.parts for place in self._reset_places(part.program)}
 
     def section(self, section: Section) -> tuple[list[Code], Code]:
-        """Return the C functions for parts of a sectionin the order of their calls, and the section's body."""
+        """Return the C functions for parts of a section, in the order of their calls, and the section's body."""
         known = len(self.functions)
+        times = Counter(each.part for each in walk(section.program) if isinstance(each, Block) and not _name((each,)))
+        repeated = {part for part, count in times.items() if part and count > 1}
+        section = replace(section, program=self._once(section.program, section, repeated))
         body = self.function(self._split(section.program, section))
         return list(self.functions.values())[known:], body
+
+    def _once(self, program: Program, section: Section, repeated: Collection[str]) -> Program:
+        """Return the program with a call of one function in place of each block whose part is in `repeated`."""
+        statements = list[Statement]()
+        for each in program:
+            match each:
+                case When(body=body, otherwise=otherwise):
+                    inner, other = (self._once(branch, section, repeated) for branch in (body, otherwise))
+                    statements.append(replace(each, body=inner, otherwise=other))
+                case Block(part=part) if part in repeated:
+                    statements.append(self._outlined(part, (each,), section))
+                case _:
+                    statements.append(each)
+        return tuple(statements)
 
     def _split(self, program: Program, section: Section) -> Program:
         if paths(self.function(program).lines) <= MAX_PATHS:

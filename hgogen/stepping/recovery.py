@@ -401,7 +401,9 @@ class Recovery:
             for s in signs
         ]
         suspect = any_of([*beyond, ca.logic_not(sym("state", "fault_checksum") <= 0), rejected])
-        judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled}, part="plausible")
+        judged_by = Block(
+            "is there a sample to judge by?", {Place("work", "sampled"): sampled}, part="sample_in_plausible_range"
+        )
         ranges = tuple(map(Call, self._counting)) or self._counted_range(weight)
         outputs = [sign for sign in signs if sign.output is not None]
         change = {place: value for sign in outputs for place, value in self._changes(sign, samples).items()}
