@@ -524,7 +524,8 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
     """
     programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
-    beyond = {y: implausible(y, read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
+    sensors = zip(step.outputs, readings(step.observer.form), strict=True)
+    beyond = {y: implausible(y, read, step.observer.form) for y, read in sensors}
     beyond |= {u: f"more than {TURNS} turns off" for u in step.inputs if u.period is not None}
     rates = step.observer.dynamics.fallback.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)

@@ -1,5 +1,7 @@
 """Guards that a firmware engineer found wanting: each was seen to fail."""
 
+import re
+
 import casadi as ca
 import emitted
 import neuron
@@ -155,6 +157,74 @@ def test_a_restart_keeps_the_last_input() -> None:
     reader.memory[Place("input", "u")][0] = np.nan
     assert "REUSED_U" in reader.step.flags(reader.section("predict"))
     assert reader.memory[Place("state", "z")] == pytest.approx([0.5 * reader.step.dt] * 2, rel=1e-12)
+
+
+def after(step: hg.Step, last: dict[str, float], samples: int = 3) -> tuple[np.ndarray, set[str]]:
+    """The estimate, and the bits that are raised, of a call after some in which fields of the state are overwritten."""
+    reader = machine(step, "float")
+    for signal in (*step.inputs, *step.samples):
+        place = Place("input" if signal in step.inputs else "output", signal.name)
+        reader.memory[place][0] = 0.25
+    for _ in range(samples):
+        reader.call()
+    for name, value in last.items():
+        reader.memory[Place("state", name)][:] = value
+    flags = set(step.flags(reader.call()))
+    return np.array([reader.memory[Place("estimate", x.name)][0] for x in step.states]), flags
+
+
+@pytest.mark.parametrize("name", ["pendulum", "cascaded_tanks", "two", "integrated", "delayed"])
+@pytest.mark.parametrize(("spoiled", "end"), [(1e6, 1), (np.inf, 1), (-1e6, 0), (np.nan, 0)])
+def test_a_last_input_is_brought_into_its_range_before_it_is_used(name: str, spoiled: float, end: int) -> None:
+    """The call computes what it computes of the end of the range."""
+    step = emitted.step(name)
+    field = next(each for each in step.layout.state if each.name == "u")
+    expected, flags = after(step, {"u": np.array(field.box)[:, end]})
+    estimate, raised = after(step, {"u": spoiled})
+    assert estimate.tolist() == expected.tolist() != after(step, {})[0].tolist()
+    assert raised == flags
+
+
+def test_a_last_input_without_a_range_is_its_first_value_where_it_is_lost() -> None:
+    x, u, y = hg.Signal("x", low=-2, high=2), hg.Signal("u"), hg.Signal("y")
+    plant = hg.System("lag", states=(x,), inputs=(u,), outputs=(y,), flow=[u - x], output=[x])
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.01)
+    assert after(step, {"u": np.nan})[0] == after(step, {"u": 0})[0] != after(step, {})[0]
+
+
+@pytest.mark.parametrize("spoiled", [1e6, -np.inf, np.nan])
+def test_a_last_sample_out_of_the_range_of_its_sensor_is_none(spoiled: float) -> None:
+    step = emitted.step("pendulum")
+    expected, _ = after(step, {"y_valid": 0, "y": 0})
+    estimate, raised = after(step, {"y": spoiled})
+    assert (estimate.tolist(), raised) == (expected.tolist(), set())
+
+
+@pytest.mark.parametrize(("spoiled", "taken"), [(1e20, 1e15), (np.nan, 0.0), (-np.inf, 0.0)])
+def test_a_last_finite_rate_is_one(spoiled: float, taken: float) -> None:
+    """At w = 0 the rate of a has no value: the last one is used."""
+    step = emitted.step("held")
+    reader = machine(step, "float")
+    for name, value in (("w", 0.5), ("y", 0.0), ("v", np.nan)):
+        reader.memory[Place("input" if name == "w" else "output", name)][0] = value
+    reader.call()
+    reader.memory[Place("state", "last_a")][0] = spoiled
+    reader.memory[Place("state", "u")][0] = reader.memory[Place("input", "w")][0] = 0.0
+    assert "HELD_A" in step.flags(reader.section("predict"))
+    assert reader.memory[Place("state", "last_a")][0] == np.float32(taken)
+
+
+def test_a_status_text_has_the_limits_that_the_code_compares_with() -> None:
+    """One that reads back as the same float; an estimate that may be anywhere may be absurdly far off, too."""
+    q, w, y = hg.Signal("q", low=-1 / 3, high=2 / 7), hg.Signal("w", low=-1, high=1), hg.Signal("y")
+    plant = hg.System("swing", states=(q, w), outputs=(y,), flow=[w, -q], output=[q])
+    texts = hg.targets.c99(hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1, 1], R=1), dt=0.01))
+    header = " ".join(texts["swing.h"].replace("\n *", "").split())
+    low, high = re.findall(r"y is implausible, outside (\S+) \.\. (\S+): predicted only\.", header)[0]
+    assert f"reading >= {low}f && reading <= {high}f" in texts["swing.c"]
+    assert "y is not finite: predicted only" in header
+    free = hg.targets.c99(still())["still.h"]
+    assert "beyond 1e+15, or 1e+16 off its estimate: predicted" in " ".join(free.replace("\n *", "").split())
 
 
 @pytest.mark.parametrize("end", [0, 1])

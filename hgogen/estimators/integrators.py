@@ -307,7 +307,7 @@ def unmodelled(form: Form) -> Jump:
     bits = tuple(
         Bit(
             f"MISSING_{y}",
-            f"{y} is not finite, or beyond 3e38: the estimate goes on at its last rates, without a model of them",
+            f"{y} is not finite: the estimate goes on at its last rates, without a model of them",
             "do not act on it for longer than those rates hold; watch for a sensor that stays silent",
         )
         for y in form.system.outputs

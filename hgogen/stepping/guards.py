@@ -52,7 +52,7 @@ STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # ot
 SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
-    "MISSING": ("{} is not finite, or beyond 3e38: predicted only", "none; watch for a sensor that stays silent"),
+    "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
     "REJECTED": ("{} is implausible, {beyond}: predicted only", "check the sensor and the declared range"),
     "LATE": (
         "the sample of {} was taken in a period before this one: not used",
@@ -190,20 +190,23 @@ def guard_inputs(observer: Observer) -> Block:
 def plausible(signal: Signal, reading: tuple[float, float], raw: Graph) -> Graph:
     """Return whether a sample is a number in the plausible range of its sensor."""
     low, high = plausible_range(signal, reading)
-    in_range = ca.logic_and(raw >= low, raw <= high) if high - low < INF else _within(raw, HUGE)
-    return ca.logic_and(_within(raw, LARGEST_NUMBER), in_range)
+    return ca.logic_and(raw >= low, raw <= high) if high - low < INF else _within(raw, HUGE)
 
 
 def plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of a sensor, widened by its width at both ends; that of an angle by `TURNS` turns."""
-    return widened(*reading, 1 if signal.period is None else TURNS)
+    """Return the range of a sensor, widened by its width at both ends, that of an angle by `TURNS` turns, in the six
+    digits of a status text."""
+    low, high = widened(*reading, 1 if signal.period is None else TURNS)
+    return float(f"{low:g}"), float(f"{high:g}")
 
 
-def implausible(signal: Signal, reading: tuple[float, float]) -> str:
-    """Return the text of which samples are implausible."""
+def implausible(signal: Signal, reading: tuple[float, float], form: Form) -> str:
+    """Return the text of which samples are implausible. No estimate in a box is absurdly far from a sample in a
+    range."""
     low, high = plausible_range(signal, reading)
     place = f"outside {low:g} .. {high:g}" if high - low < INF else f"beyond {HUGE:g}"
-    return f"{place}, or {10 * HUGE:g} off its estimate"
+    near = high - low < INF and all(state.bounded for state in form.states)
+    return place if near else f"{place}, or {10 * HUGE:g} off its estimate"
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
@@ -313,19 +316,20 @@ def guard_innovations(observer: Observer, clock: Clock, gated: Collection[int]) 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
     """Return the block that tests all samples for a part that integrates with the measurement, with the work values y
     now, y at the last call, and valid."""
-    predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
-    last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
+    predicted, sensors = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs)), readings(observer.form)
+    last, known = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw, undefined_bits = sample(observer, sym("state", "u", clock.inputs), j)
         error = observer.dynamics.output_error(j, raw, predicted[j])
-        usable, bits = _judged(signal, readings(observer.form)[j], raw, error)
+        usable, bits = _judged(signal, sensors[j], raw, error)
         bits |= undefined_bits
+        last_valid = ca.logic_and(known[j], plausible(signal, sensors[j], last[j]))  # memory may be corrupted
         # next to the prediction, whose error is below half a turn, however fast the plant turns
         last_near = near(signal, last[j], predicted[j])
-        previous = ca.if_else(last_valid[j], last_near, predicted[j])
+        previous = ca.if_else(last_valid, last_near, predicted[j])
         now.append(ca.if_else(usable, near(signal, raw, previous), predicted[j]))
-        before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last_near, now[-1]))
+        before.append(ca.if_else(ca.logic_and(usable, last_valid), last_near, now[-1]))
         valid.append(usable)
         status.update(bits)
     return Block(
@@ -383,7 +387,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
         "a value is lost: restart all but the last signals and the calls",
         {**fresh, Place("status", "RESTARTED"): ca.SX(1)},
     )
-    return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(field, each) for field in fields))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(in_its_box(field, each) for field in fields))
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
@@ -401,7 +405,9 @@ def _written(program: Program) -> dict[Place, set[int]]:
     return changed
 
 
-def _in_its_box(field: Field, each: bool) -> Block:
+def in_its_box(field: Field, each: bool) -> Block:
+    """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED where that is the outer
+    box of an estimate. `each`: an element that is lost takes its initial value."""
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
     values = [into(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
     if each:
@@ -517,8 +523,8 @@ NO_PARAMETERS = Bit(
     "call init once before all else, or begin constant parameters with PARAMS_INIT",
 )
 UNMADE = (UNINITIALISED, NO_PARAMETERS)  # bits that public functions raise, and no block
-MARK = scalar("ready", 0, kind="index", meaning="what init and reset leave here; a state without it begins anew")
-OF_PARAMETERS = "what init and PARAMS_INIT leave here; parameters without it are not used"
+MARK = scalar("ready", 0, kind="index", meaning="mark that init and reset write; a state without it begins anew")
+OF_PARAMETERS = "mark that init and PARAMS_INIT write; parameters without it are not used"
 _LEAST, _MOST = 0x01, 0xFE  # of a byte
 
 

@@ -58,6 +58,7 @@ from hgogen.stepping.guards import (
     guarded,
     hold,
     hold_fields,
+    in_its_box,
     measure,
     outside_bit,
     undefined_rates,
@@ -275,8 +276,10 @@ class Assembly:
         fields += age_fields(self._aging)
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
-            low, high = (tuple(min(max(s.limits[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
-            fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
+            low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
+            turns = self.clock.turns if any(self.clock.turns) else ()
+            u = Field("u", start, low=low, high=high, periods=turns, labels=names, meaning="last valid input")
+            fields.append(u)
         fields += elapsed_fields(self.clock, system.time)
         if self.uses_output:
             zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
@@ -354,7 +357,8 @@ class Assembly:
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
-        program: list[Statement] = [guard_input(observer)] if clock.inputs else []
+        program: list[Statement] = self._remembered
+        program += [guard_input(observer)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
         program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
         calls = sym("state", "calls")
@@ -403,6 +407,14 @@ class Assembly:
         """Whether the law of recovery, at the last output, always evaluates the bit OUTSIDE_BOX."""
         gated = any(j in self.combined.verdicts for j in self.correcting[-1:])
         return self.still and not self.rated and not gated
+
+    @property
+    def _remembered(self) -> list[Statement]:
+        """The blocks that clamp the last input and the last finite values, which no guard of the state tests, in case
+        memory was corrupted. NaN becomes an end of a range, or the initial value where there is no range."""
+        names = {"u", *(field.name for field in hold_fields(self.observer))} if self.clock.guarded else ()
+        last = (field for field in self.state if field.name in names)
+        return [in_its_box(field, each=HUGE in field.high) for field in last]
 
     @property
     def _samples(self) -> dict[int, Sampled]:
