@@ -131,12 +131,25 @@ def test_in_a_bank_a_member_restarts_alone() -> None:
 
 
 def test_without_a_model_there_is_nothing_to_predict_by() -> None:
-    held = "y is not finite, or beyond 3e38: the estimate goes on at its last rates, without a model of them. To do: do"
+    held = "y is not finite: the estimate goes on at its last rates, without a model of them. To do: do"
     form, tracking = hg.forms.triangular(plants.chain(2)), {"k_0": 1, "k_max": 9, "gamma": 1, "strip": 0.1, "reach": 1}
     without = [hg.observers.cascade(form, theta=5), hg.observers.lambda_tracking(form, poles=(-1, -1), **tracking)]
     assert [held in words(observer) for observer in without] == [True, True]
     modelled = hg.observers.lambda_tracking(form, poles=(-1, -1), model=True, **tracking)
-    assert "y is not finite, or beyond 3e38: predicted only" in words(modelled)
+    assert "y is not finite: predicted only" in words(modelled)
+
+
+@pytest.mark.parametrize("theta", [4.0, 20.0])
+def test_the_comment_of_theta_has_the_bound_above_which_convergence_is_proved(theta: float) -> None:
+    """In the header and in the manual, also where the declared theta is below it."""
+    comment = f"high-gain parameter, 1 .. {theta:g}; convergence is proved above "
+    (header, manual) = re.findall(rf"{comment}(\S+)", words(pendulum(theta=theta)))
+    assert header == manual
+    assert 4.3 < float(header) <= 4.5
+
+
+def test_nothing_is_said_of_a_theta_without_a_bound() -> None:
+    assert "convergence is proved above" not in words(adaptive(), 0.01)
 
 
 # --- gains --------------------------------------------------------------------------------------------------

@@ -3,14 +3,17 @@
 import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.emit.syntax import shortest
 from hgogen.sentence import down, same, up
 
+REALS = {"float": np.float32, "double": np.float64}
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.fractions()
 
 
@@ -68,3 +71,20 @@ def test_what_is_to_be_built_again_reads_back_as_the_same(value: float) -> None:
 )
 def test_six_digits_serve_where_they_do(value: float, text: str) -> None:
     assert same(value) == text
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@given(st.floats(-1e30, 1e30).filter(lambda value: value == 0 or abs(value) > 1e-30))
+def test_the_shortest_text_reads_back_as_the_number_of_the_code(real: str, value: float) -> None:
+    kind = REALS[real]
+    text = shortest(value, real)
+    assert kind(text) == kind(value)
+    assert len(text) <= len(repr(float(value)))
+    assert not text.endswith(".0")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(4e9 / 9, "4.4444445e+08"), (5.0, "5"), (-0.2, "-0.2"), (3115534, "3115534")]
+)
+def test_known_texts(value: float, text: str) -> None:
+    assert shortest(value, "float") == text

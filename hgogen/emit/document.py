@@ -16,7 +16,6 @@ from hgogen.emit.cost import cost
 from hgogen.emit.formula import formulas, plain, prose, table
 from hgogen.emit.interface import (
     address,
-    described,
     entry,
     of_section,
     parameters,
@@ -37,6 +36,7 @@ from hgogen.emit.manual import (
     marks,
     names_preference,
     parts,
+    proved_above,
     proved_bounds,
     rates,
     refuted_and_accepted,
@@ -48,8 +48,8 @@ from hgogen.emit.manual import (
     verdict,
 )
 from hgogen.emit.naming import c_name
-from hgogen.emit.structs import ONE_TURN
-from hgogen.emit.syntax import Real
+from hgogen.emit.structs import ONE_TURN, described
+from hgogen.emit.syntax import Real, shortest
 from hgogen.method import equations
 from hgogen.program import INF, Field, Place, Section, lines_of
 from hgogen.program import address as place_of
@@ -106,8 +106,8 @@ def _list(sentences: Iterable[str]) -> list[str]:
 
 
 _SHARED = (
-    "No heap, no recursion, no static data that changes, for tables are constant: one set of structs for each "
-    "instance, shared between threads only under a lock of yours."
+    "No heap, no recursion, no static data that changes, for tables are constant; every loop is bounded. One set "
+    "of structs for each instance, shared between threads only under a lock of yours."
 )
 _CHECK = (
     "`{name}_check.c` has recorded samples: compile it with the flags of the observer and `-D{upper}_CHECK_MAIN`, and "
@@ -145,6 +145,7 @@ def _use(step: Step) -> list[str]:
     lines += [f"    {prototypes(step)[each.name].call(address)};" for each in step.code.reports]
     lines += ["}", "```", ""]
     rules = [*calls(step, by_parts=bool(step.code.timed)), f"The status {result(step, 'the bits below')}.", _SHARED]
+    rules += [f"{between_calls(step)}."] * bool(step.inputs)
     rules += parts(step, f"{name}_step")
     if step.code.timed:
         call = _call(step, step.code.timed[-1])
@@ -190,11 +191,11 @@ def _signals(step: Step, real: Real) -> list[str]:
     head = ("member", "meaning", "unit", "range")
     for title_, struct, signals in (("Inputs", "in", step.given), ("Outputs", "measurement", step.samples)):
         if signals:
-            lines += [f"### {title_}", "", *table(head, (_signal(struct, s) for s in signals)), ""]
+            lines += [f"### {title_}", "", *table(head, (_signal(struct, s, real) for s in signals)), ""]
     lines += [*_list(_angles(step, real)), ""] if _angles(step, real) else []
     tuned = pystep.tuned(step, real)
     starts = zip(step.states, _first_estimate(step, tuned), strict=True)
-    estimate = ([*_signal("x", s), same(start)] for s, start in starts)
+    estimate = ([*_signal("x", s, real), shortest(start, real)] for s, start in starts)
     lines += ["### Estimate", "", *table((*head[:3], "declared range", "start"), estimate), ""]
     coordinates, columns = _coordinates(step, real), ["member", "coordinate", "unit", "start"]
     columns += ["declared range", "outer box", *["float resolution"] * (real == "float")]
@@ -202,9 +203,13 @@ def _signals(step: Step, real: Real) -> list[str]:
     bits = {bit.place.name for bit in step.layout.bits}
     notes = [text for name, text in _RANGES.items() if name in bits] + [_RESOLUTION] * (real == "float")
     lines += [*_list(notes), ""] if coordinates else []
+    above = {f"p.gain.{name}": note for name, note in proved_above(step).items()}
     mark, ready = step.layout.mark, f"`{step.name.upper()}_READY`"
     members = [(f"`{struct}.{mark.name}`", plain(meaning), ready) for struct, meaning in _MARKS.items()] if mark else []
-    members += [(f"`{place}`", plain(described(item)), _numbers(item.initial)) for place, item in _members(step, tuned)]
+    members += [
+        (f"`{place}`", plain(f"{described(item, real)}{above.get(place, '')}"), _numbers(item.initial, real))
+        for place, item in _members(step, tuned)
+    ]
     return [*lines, "### All members of state and parameters", "", *table(("member", "meaning", "start"), members)]
 
 
@@ -222,18 +227,18 @@ def _angles(step: Step, real: Real) -> list[str]:
     return [*notes, lost] if real == "float" else notes
 
 
-def _signal(struct: str, signal: Signal) -> list[str]:
+def _signal(struct: str, signal: Signal, real: Real) -> list[str]:
     name = f"`{struct}.{c_name(signal.name)}`"
     turn = "one turn, " if signal.period is not None else ""
-    return [name, plain(signal.meaning), plain(signal.unit), f"{turn}{_range(*signal.interval)}"]
+    return [name, plain(signal.meaning), plain(signal.unit), f"{turn}{_range(*signal.interval, real)}"]
 
 
-def _range(low: float, high: float) -> str:
-    return f"{low:g} .. {high:g}" if -INF < low < high < INF else ""
+def _range(low: float, high: float, real: Real) -> str:
+    return f"{shortest(low, real)} .. {shortest(high, real)}" if -INF < low < high < INF else ""
 
 
-def _numbers(values: Sequence[float]) -> str:
-    return ", ".join(map(same, values if len(set(values)) > 1 else values[:1]))
+def _numbers(values: Sequence[float], real: Real) -> str:
+    return ", ".join(shortest(value, real) for value in (values if len(set(values)) > 1 else values[:1]))
 
 
 def _first_estimate(step: Step, tuned: np.ndarray) -> list[float]:
@@ -258,9 +263,7 @@ def _members(step: Step, tuned: np.ndarray) -> Iterator[tuple[str, Field]]:
     for kind, fields in parameters(step):
         for item in fields:
             name = c_name(item.name) if kind == "plant" else item.name
-            begun = item.initial
-            if kind == "derived":  # by the shortest decimals of its precision
-                begun = tuple(float(str(value)) for value in np.atleast_1d(tuned[kind][item.name][0]))
+            begun = item.initial if kind != "derived" else tuple(np.atleast_1d(tuned[kind][item.name][0]).tolist())
             yield f"p.{kind}.{name}", replace(item, unit=step.unit(item), initial=begun)
 
 
@@ -273,9 +276,14 @@ def _coordinates(step: Step, real: Real) -> list[list[str]]:
         for k, (outer, start) in enumerate(zip(item.box, item.initial, strict=True)) if item.outer else ():
             label = item.labels[k] if item.labels else ""
             ends = boxes.get((Place(struct, item.name), k), (-INF, INF))
-            row = [f"`{place}{f'[{k}]' * (item.size > 1)}`", plain(label), plain(units.get(label, "")), same(start)]
+            row = [
+                f"`{place}{f'[{k}]' * (item.size > 1)}`",
+                plain(label),
+                plain(units.get(label, "")),
+                shortest(start, real),
+            ]
             turn = "one turn, " if item.turns[k] else ""
-            row += [_range(*ends), f"{turn}{_range(*outer)}"]
+            row += [_range(*ends, real), f"{turn}{_range(*outer, real)}"]
             largest = max(map(abs, ends if ends[1] < INF else outer))
             resolution = f"{np.spacing(np.float32(largest)):.1g}" if largest < INF else ""
             lines.append([*row, *[resolution] * (real == "float")])
@@ -305,8 +313,8 @@ def _cost(step: Step, real: Real) -> list[str]:
         [
             f"A call takes up to {known.operations} operations and {known.functions} functions (root, sine, ..).",
             f"RAM: {known.state} bytes of state and {known.params} bytes of parameters, where unsigned has 4 bytes.",
-            "Flash, stack and cycles depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and writes "
-            "them to `cost.json`.",
+            "Flash, stack and instructions depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and "
+            "writes them to `cost.json`. Its worst call is the worst of a hostile record, and no proven bound.",
         ]
     )
 
@@ -338,7 +346,7 @@ def _plant(step: Step) -> list[str]:
     lines = list[list[str]]()
     for kind, signals in kinds.items():
         for signal in signals:
-            range_ = f"{signal.low:g} .. {signal.high:g}" if signal.bounded else ""
+            range_ = " .. ".join(map(same, signal.interval)) if signal.bounded else ""
             value = "" if signal.nominal is None else same(float(signal.nominal))
             lines.append([f"`{signal.name}`", kind, plain(signal.meaning), plain(signal.unit), range_, value])
     head = ("signal", "kind", "meaning", "unit", "range", "value")
@@ -389,7 +397,7 @@ def _gains(step: Step) -> list[str]:
             name = field.name if field.size == 1 else f"{field.name}[{k}]"
             label = field.labels[k] if field.labels else entry(field.name, field.entries[k]) if field.entries else ""
             meaning = f"{field.meaning}: {label}" if label and field.size > 1 else field.meaning
-            range_ = f"{low:g} .. {high:g}" if low > -INF and high < INF else ""
+            range_ = f"{same(low)} .. {same(high)}" if low > -INF and high < INF else ""
             lines.append([f"`{name}`", same(field.initial[k]), range_, plain(step.unit(field)), plain(meaning)])
     if not lines:
         return ["There are no gains to tune."]

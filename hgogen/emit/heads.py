@@ -23,6 +23,7 @@ from hgogen.emit.manual import (
     mathematics,
     model_digest,
     parts,
+    proved_above,
     rates,
     reports,
     result,
@@ -59,13 +60,15 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += [f"#ifndef {guard}", f"#define {guard}", "", "#include <stddef.h>"]
     lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.code.timed else []
     period, *constants = _constants(step, real)
-    lines += [period, ""]
-    for struct in typedefs(step.name, structs(step, C, real, marked=True), _NONE, lambda text: text or _NO_RANGE):
+    lines += ["", period, ""]
+    for struct in typedefs(
+        step.name, structs(step, C, real, marked=True, notes=proved_above(step)), _NONE, lambda text: text or _NO_RANGE
+    ):
         lines += struct
     lines += ["", "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
-        returned = f"0{', or an or of the status bits' * bool(step.layout.bits)}" * entry.status
+        returned = f"0{', or the bitwise OR of status bits' * bool(step.layout.bits)}" * entry.status
         lines += [*_doxygen(entry.meaning, parameters, returned), f"{prototype(step, entry)};", ""]
     save, restore = saved.prototypes(step)
     meanings = {"s": MEANINGS["s"], **saved.meanings(step)}

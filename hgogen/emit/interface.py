@@ -8,7 +8,7 @@ estimate) and `at` (a counter).
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from hgogen.program import INF, Call, Field, Place, Report, Section, places, scalar, walk
+from hgogen.program import Call, Field, Place, Report, Section, places, scalar, walk
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -25,7 +25,7 @@ REACHED = {  # the parameter of a function that leads to a place, and the member
     "ages": ("age", ""),
 }
 MEANINGS = {  # of the parameters of functions
-    "s": "the state: what a step remembers",
+    "s": "the state: the memory of the observer between calls",
     "p": "the parameters",
     "in": "the input now",
     "measurement": "the measurement now",
@@ -219,26 +219,6 @@ def prototype(step: Step, entry: Entry) -> Prototype:
 
 
 # --- the comments of members
-
-FEW = 3  # entries of a matrix that a comment lists
-
-
-def described(item: Field) -> str:
-    """Return the comment of a member of a struct: meaning, names of its elements, unit and range."""
-    parts = [item.meaning] if item.meaning else []
-    entries = tuple(entry(item.name, each) for each in item.entries)
-    entries = (f"{entries[0]} .. {entries[-1]}",) if len(entries) > FEW else entries
-    if elements := item.labels or entries:
-        parts.append(", ".join(elements))
-    text = ": ".join(parts)
-    ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
-    if item.unit:
-        text += f" [{item.unit}]"
-    if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
-        low, high = ranges.pop()
-        turn = "one turn, " if item.periods and all(item.periods) else ""
-        text += f", {turn}{low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
-    return text.strip(", ")
 
 
 def of_signal(step: Step, signal: Signal) -> Field:

@@ -24,6 +24,7 @@ from hgogen.emit.syntax import Real, Syntax
 from hgogen.estimators.noise import deviation_lines
 from hgogen.observer import Observer
 from hgogen.program import Place
+from hgogen.prove.convergence import EXISTS
 from hgogen.prove.questions import Each, Signed
 from hgogen.reading.given import Misfit, field_text
 from hgogen.recheck.file import DIGEST_DIGITS
@@ -206,6 +207,15 @@ def names_preference(step: Step) -> bool:
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
+def proved_above(step: Step) -> dict[str, str]:
+    """Return a note on the bound above which the convergence of errors is proved, by the name of the gain: theta."""
+    for check in step.observer.checks:
+        if check.claim == EXISTS and check.verdict is Verdict.PROVED:
+            bound: Up = check.reason.part("bound")
+            return {"theta": f"; convergence is proved above {up(bound.value, _DIGITS, bound.below)}"}
+    return {}
+
+
 # --- how to call a step
 
 _UNGUARDED = (
@@ -284,6 +294,8 @@ def recovery(step: Step) -> list[str]:
         f"The step counts {counts}. Other samples count down, and so does each change of sign of the error, so that "
         "noise does not add up.",
         f"A guard acts when a count reaches its limit, after {times} of such samples at the least.",
+        "At a sample with such a sign, counts and limits that are out of their ranges, or whose sum differs from "
+        "`s.fault_checksum`, are set as after a reset. Other changes of them in memory are not noticed.",
         *[projected] * of_range,
         f"The observer restarts from the sample when {', and when '.join(causes)}. It keeps its {', '.join(memory)} "
         "and counters of calls.",
@@ -392,9 +404,10 @@ def state(step: Step, before: str) -> list[str]:
     return [
         "The state may be copied. The same program restores what `save` gave of it; a state of another model, "
         "observer, default gain, dt or precision, or with another bit, is refused.",
+        "A restored state goes on as if no time had passed: call `reset` where the plant has moved on.",
         *[limits] * step.clock.guarded,
         f"To start from an estimate of yours, write {estimate}, in the coordinates that the struct names, {before}. "
-        f"That call {FIRST_CALL[step.clock.first]}{corrects}; what else a step remembers of it "
+        f"That call {FIRST_CALL[step.clock.first]}{corrects}; what else the state remembers of it "
         "starts there too.",
     ]
 
@@ -431,13 +444,13 @@ def marks(step: Step) -> list[str]:
 
 def result(step: Step, bits: str) -> str:
     """Return the sentence on what a call of a step returns; `bits`: where the bits of a status are documented."""
-    return f"is 0 for ok, else an or of {bits}" if step.clock.guarded else "is 0 in any case"
+    return f"is 0 for ok, else the bitwise OR of {bits}" if step.clock.guarded else "is 0 in any case"
 
 
 def remembered(step: Step) -> str:
     """Return the comment of the C struct of a step's state: what it remembers between calls."""
     limits = "; a call keeps what it computes in its box"
-    return f"what a step remembers: yours to copy, save and restore{limits * step.clock.guarded}"
+    return f"the memory of the observer between calls: yours to copy, save and restore{limits * step.clock.guarded}"
 
 
 # --- the proved bounds of the error as it runs

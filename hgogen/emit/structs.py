@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hgogen.emit.code import indented
-from hgogen.emit.interface import MEMBERS, described, of_signal, parameters
+from hgogen.emit.interface import MEMBERS, entry, of_signal, parameters
 from hgogen.emit.manual import remembered, tunable
-from hgogen.emit.syntax import Number, Real, Syntax
+from hgogen.emit.syntax import Number, Real, Syntax, shortest
 from hgogen.emit.syntaxes import RUST, C, documented, line, trailing_doc
-from hgogen.program import Field, Group, lines_of
+from hgogen.program import INF, Field, Group, lines_of
 from hgogen.step import Step
 from hgogen.stepping.guards import OF_PARAMETERS
 
@@ -43,10 +43,12 @@ class Struct:
     members: tuple[Member, ...]
 
 
-def structs(step: Step, syntax: Syntax, real: Real, *, marked: bool) -> dict[str, Struct]:
+def structs(
+    step: Step, syntax: Syntax, real: Real, *, marked: bool, notes: Mapping[str, str] | None = None
+) -> dict[str, Struct]:
     """Return the structs of a step by kind, each after the structs that it contains; `marked`: whether with the number
-    that tags initialised memory, where the step has one."""
-    return {each.kind: each for each in _Structs(step, syntax, real).every(marked)}
+    that tags initialised memory, where the step has one; `notes`: what to add to the comments of gains, by name."""
+    return {each.kind: each for each in _Structs(step, syntax, real, notes or {}).every(marked)}
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class _Structs:
     step: Step
     syntax: Syntax
     real: Real
+    notes: Mapping[str, str]
 
     def every(self, marked: bool) -> Iterator[Struct]:
         step, marks = self.step, [self.step.layout.mark] if marked and self.step.layout.mark else []
@@ -66,7 +69,9 @@ class _Structs:
             yield Struct(report.struct, report.meaning, self.named(self.in_time(report.fields)))
         for kind, fields in parameters(step):
             ours = self.in_time(fields)
-            yield Struct(kind, MEMBERS[kind], self.named(ours) if kind == "plant" else tuple(map(self.member, ours)))
+            members = self.named(ours) if kind == "plant" else tuple(map(self.member, ours))
+            noted = (replace(each, comment=f"{each.comment}{self.notes.get(each.name, '')}") for each in members)
+            yield Struct(kind, MEMBERS[kind], tuple(noted) if kind == "gain" else members)
         mark = (self.member(replace(each, meaning=OF_PARAMETERS)) for each in marks)
         inner = (self.inner(kind, MEMBERS[kind]) for kind, _ in parameters(step))
         yield Struct("parameters", changing(step), (*mark, *inner))
@@ -93,10 +98,32 @@ class _Structs:
         kind: Number = "unsigned" if item.kind == "index" else self.real
         text = self.declared(self.syntax.types[kind], name or item.name, item.size if item.size > 1 else 0)
         initial = tuple(self.syntax.literal(value, kind) for value in item.initial)
-        return Member(name or item.name, text, f"{before}{described(item)}", initial)
+        return Member(name or item.name, text, f"{before}{described(item, self.real)}", initial)
 
     def declared(self, kind: str, name: str, size: int = 0) -> str:
         return self.syntax.struct_member[size > 0].format(type=kind, name=name, size=size)
+
+
+FEW = 3  # entries of a matrix that a comment lists
+
+
+def described(item: Field, real: Real) -> str:
+    """Return the comment of a member of a struct: meaning, names of its elements, unit and range as `real` has it."""
+    parts = [item.meaning] if item.meaning else []
+    entries = tuple(entry(item.name, each) for each in item.entries)
+    entries = (f"{entries[0]} .. {entries[-1]}",) if len(entries) > FEW else entries
+    if elements := item.labels or entries:
+        parts.append(", ".join(elements))
+    text = ": ".join(parts)
+    ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
+    if item.unit:
+        text += f" [{item.unit}]"
+    if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
+        low, high = ranges.pop()
+        turn = "one turn, " if item.periods and all(item.periods) else ""
+        ends = shortest(low, real), shortest(high, real)
+        text += f", {turn}{' .. '.join(ends)}" if low < high else f", fixed at {ends[0]}"
+    return text.strip(", ")
 
 
 def changing(step: Step, quoted: str = "{}") -> str:

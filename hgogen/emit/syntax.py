@@ -205,6 +205,12 @@ class Syntax:
         return f"{digits}{self.suffixes[kind]}"
 
 
+def shortest(value: float, real: Real) -> str:
+    """Return the shortest decimal text that reads back as `value` in the working precision, without a point where none
+    is needed."""
+    return digits(value, real).removesuffix(".0")
+
+
 def digits(value: float, kind: Number) -> str:
     """Return the shortest decimal that reads back as `value` in the type `kind`; for a real number with a point or an
     exponent.

@@ -174,7 +174,7 @@ def wide(
 ) -> Field:
     """Return a tunable gain of positive numbers, its range six decades to both sides; `labels` name the numbers."""
     numbers = tuple(map(float, values))
-    field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
+    field = gain(name, numbers, min(numbers) / 1e6, 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
     return replace(field, labels=labels)
 
 

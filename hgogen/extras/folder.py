@@ -12,9 +12,10 @@ from string import Template
 from typing import Any
 
 from hgogen.emit.code import folded, indented
-from hgogen.emit.interface import address, assigned, described, of_signal, parameters, prototypes, status_type, structs
+from hgogen.emit.interface import address, assigned, of_signal, parameters, prototypes, status_type, structs
 from hgogen.emit.manual import marks
 from hgogen.emit.naming import c_name
+from hgogen.emit.structs import described
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C, comment
 from hgogen.errors import BadArgument, HgogenError, nearest
@@ -146,10 +147,10 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
     called += [f"{struct}.{c_name(s.name)} = read_{s.name}();" for struct, s in samples]
     measured = list[str]()  # a sketch measures here
     for struct, s in samples:
-        yours = comment(f"yours: {_description(step, s)}".rstrip(": "))
+        yours = comment(f"yours: {_description(step, s, real)}".rstrip(": "))
         measured.append(f"{struct}.{c_name(s.name)} = 0; {yours}")
     printed = (f"Serial.print(' '); Serial.print(x.{c_name(s.name)});" for s in step.states)
-    used = (f"(void)x.{c_name(s.name)}; {comment(_description(step, s))}".rstrip() for s in step.states)
+    used = (f"(void)x.{c_name(s.name)}; {comment(_description(step, s, real))}".rstrip() for s in step.states)
     release = re.match(r"\d+\.\d+\.\d+", version())
     period = (seconds(step.time) or 1.0) * step.dt
     return {
@@ -171,7 +172,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.apart else "",
         "marked": " ".join([*marks(step), ""]),
-        "members": "\n".join(_members(step)),
+        "members": "\n".join(_members(step, real)),
         "bits": "\n".join(
             _row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.action_of(bit)) for bit in step.layout.bits
         ),
@@ -195,21 +196,21 @@ def _row(*cells: str) -> str:
     return f"| {' | '.join(texts)} |"
 
 
-def _members(step: Step) -> list[str]:
+def _members(step: Step, real: Real) -> list[str]:
     signals = (*assigned(step), *(("x", state) for state in step.states))
-    rows = [_row(f"`{struct}.{c_name(s.name)}`", _description(step, s)) for struct, s in signals]
+    rows = [_row(f"`{struct}.{c_name(s.name)}`", _description(step, s, real)) for struct, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):
         named = (replace(item, name=c_name(item.name), unit=step.unit(item)) for item in fields)
-        rows += [_row(f"`p.{kind}.{item.name}`", described(item)) for item in named]
+        rows += [_row(f"`p.{kind}.{item.name}`", described(item, real)) for item in named]
     return rows
 
 
-def _description(step: Step, signal: Signal) -> str:
-    return described(of_signal(step, signal))
+def _description(step: Step, signal: Signal, real: Real) -> str:
+    return described(of_signal(step, signal), real)
 
 
 def _reader(step: Step, signal: Signal, real: Real) -> str:
-    remark = comment(_description(step, signal))
+    remark = comment(_description(step, signal, real))
     lines = (
         f"static {real} read_{signal.name}(void) {remark}".rstrip(),
         "{",

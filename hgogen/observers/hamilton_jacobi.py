@@ -128,7 +128,7 @@ def hamilton_jacobi(
         gains=(
             wide("Q", weights, "weight of the model's error", "s/z^2", form.names),
             wide("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
-            *([gain("curvature", rate, 1e-6 * rate, rate, "largest rate of the curvature term", "1/s")] * curved),
+            *([gain("curvature", rate, rate / 1e6, rate, "largest rate of the curvature term", "1/s")] * curved),
         ),
         z=sym("state", "z", n),
         dynamics=dynamics,

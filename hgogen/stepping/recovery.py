@@ -186,10 +186,11 @@ class Sign:
     def fields(self) -> tuple[Field, ...]:
         """The state's fields of the fault count c and of its limit w."""
         least = 0 if self.output is None else -self.most
-        signed = "" if self.output is None else ", sign of the last error"
+        signed = "" if self.output is None else ", with the sign of the last error"
+        counted, guard = f"samples at which {self.meaning}{signed}", f"{self.count} at which a guard acts"
         return (
-            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"faulty samples{signed}"),
-            scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning="fault count at which a guard acts"),
+            scalar(self.count, 0.0, low=least, high=self.most, meaning=counted),
+            scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning=guard),
         )
 
     @property

@@ -97,23 +97,23 @@ def _source(step: Step, real: Real) -> list[str]:
 
 def _functions(writer: SharingWriter) -> Iterator[Code]:
     step, declared = writer.step, prototypes(writer.step)
-    rarely = code(f"{step.name.upper()}_RARELY")
+    rarely = f"{step.name.upper()}_RARELY"
     if step.layout.mark:
-        yield rarely + _readied(step, step.layout.mark)
+        yield _readied(step, step.layout.mark, rarely)
     for part in writer.parts:
-        yield rarely + _function(part.prototype, part.body)
+        yield _function(part.prototype, part.body, rarely)
     for section in (*step.code.inner, *step.code.parts):
         functions, body = writer.section(section)
         yield from functions
         yield _function(inside(step, section), body)
-    yield rarely + _function(nominal(step), _nominal(step, writer.real))
+    yield _function(nominal(step), _nominal(step, writer.real), rarely)
     changing = (each for each in entries(step).values() if each.public and each.status and "s" in each.written)
     checking = {each.name for each in changing} if step.layout.mark else set[str]()
     bodies, functions = _bodies(writer)
     yield from functions
     for name, body in bodies.items():
         text = _checking(step, declared[name], body) if name in checking else _function(declared[name], body)
-        yield rarely + text if name == "reset" else text
+        yield code(rarely) + text if name == "reset" else text
     yield saving(step, writer.real)
 
 
@@ -126,13 +126,13 @@ def _checking(step: Step, prototype: Prototype, body: Code) -> Code:
     return _function(prototype, missing + braced(f"if ((status & {upper}_{NO_PARAMETERS.name}) == 0u) {{", body))
 
 
-def _readied(step: Step, mark: Field) -> Code:
+def _readied(step: Step, mark: Field, rarely: str) -> Code:
     upper, reset = step.name.upper(), prototypes(step)["reset"].call(same_name)
     lines = [
         (f"if ({name}->{mark.name} != {upper}_READY) {{", f"    {reset};", f"    status |= {upper}_{bit.name};", "}")
         for name, bit in (("s", UNINITIALISED), ("p", NO_PARAMETERS))
     ]
-    return _function(readied(step), code(*lines[0], *lines[1], parameters="sp"))
+    return _function(readied(step), code(*lines[0], *lines[1], parameters="sp"), rarely)
 
 
 def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
@@ -168,13 +168,13 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
     return lines + (guard if wide else [])
 
 
-def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
+def _function(prototype: Prototype, body: Code, *attributes: str) -> Code:
     idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
-        inner = code(f"{prototype.returns} status = {begun};") + inner + code("return status;")
+        inner = code(f"{prototype.returns} status = 0u;") + inner + code("return status;")
     heading = [C.comment(prototype.meaning)] if prototype.meaning and not prototype.public else []
-    return code(*heading, str(prototype), "{") + inner.indented() + code("}")
+    return code(*heading, *attributes, str(prototype), "{") + inner.indented() + code("}")
 
 
 def _assign(start: str, item: Field, real: Real, least: int) -> Code:

@@ -11,6 +11,7 @@ from hgogen.emit import saved
 from hgogen.emit.code import Code, code, indented, joined, spaced
 from hgogen.emit.heads import documentation, rust_status, rust_status_type
 from hgogen.emit.interface import Entry, entries
+from hgogen.emit.manual import proved_above
 from hgogen.emit.naming import demand_distinct, sources
 from hgogen.emit.portable import functions, kernels, tables
 from hgogen.emit.selfcheck import rust_check
@@ -75,7 +76,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
 
 
 def _source(step: Step, real: Real, command: str) -> list[str]:
-    writer, memory = Writer(RUST, step, real), structs(step, RUST, real, marked=False)
+    writer, memory = Writer(RUST, step, real), structs(step, RUST, real, marked=False, notes=proved_above(step))
     state, parameters = _methods(writer, memory)
     shared = routines(writer, state.uses.routines)
     used = (state + parameters + shared).uses
