@@ -157,8 +157,8 @@ static void battery_flow(float z2, float u, float dz[2])
     dz[1] = 0.00066666666f*u - 0.016666668f*z2;
 }
 
-BATTERY_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+BATTERY_RARELY
 static unsigned battery_ready(battery_state *s, const battery_params *p)
 {
     unsigned status = 0u;
@@ -173,8 +173,8 @@ static unsigned battery_ready(battery_state *s, const battery_params *p)
     return status;
 }
 
-BATTERY_RARELY
 /* set the fault counts and their limits as after a reset */
+BATTERY_RARELY
 static void battery_clear_fault_counts(battery_state *s)
 {
     /* as after a reset */
@@ -241,6 +241,11 @@ static unsigned battery_run_predict(battery_state *s, const battery_params *p, c
     bool capped = false;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = battery_limit(u_before, 5.0f);
+    }
     /* guard the input */
     {
         const float i_2 = in->i;
@@ -339,6 +344,27 @@ static unsigned battery_run_predict(battery_state *s, const battery_params *p, c
     return status;
 }
 
+/* move the estimate to the nearest one that fits the sample of y */
+static void battery_fit_y(battery_state *s, float reading)
+{
+    /* from the sample of y */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+        const float t2 = 0.05f/t1;
+        const float t3 = 0.1f/t1;
+        const float t4 = t3/t1;
+        const float t5 = 0.8f + t2 + t4;
+        const float t6 = 7.29f*t5;
+        const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
+            + (t2 + t4)*(z1 - t1));
+        const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+        s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+        s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
+    }
+}
+
 /* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned battery_guard_measurement_y(const battery_state *s, float *e, float *output_error,
     float reading, bool *valid)
@@ -352,15 +378,15 @@ static unsigned battery_guard_measurement_y(const battery_state *s, float *e, fl
         const float t3 = 0.8f*z1 - s->z[1] + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)
             + (0.05f/t1 + t2/t1)*(z1 - t1);
         const float t4 = reading - t3;
-        const bool t5 = battery_within(reading, 3e+38f);
-        const bool t6 = t5 && reading >= -2.5717454f && reading <= 7.514131f && battery_within(t4, 1e+16f);
+        const bool t5 = reading >= -2.57175f && reading <= 7.51413f && battery_within(t4, 1e+16f);
+        const bool t6 = battery_within(reading, 3e+38f);
         *e = t4;
         *output_error = t4;
-        *valid = t6;
-        if (!t5) {
+        *valid = t5;
+        if (!t6) {
             status |= BATTERY_MISSING_Y;
         }
-        if (t5 && !t6) {
+        if (t6 && !t5) {
             status |= BATTERY_REJECTED_Y;
         }
     }
@@ -426,12 +452,13 @@ static unsigned battery_suspect_y(const battery_state *s, float output_error, bo
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool battery_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool battery_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (battery_within(reading, 3e+38f) && reading >= -2.5717454f && reading <= 7.514131f);
+    sampled = valid || (reading >= -2.57175f && reading <= 7.51413f);
     return sampled;
 }
 
@@ -509,54 +536,9 @@ static unsigned battery_recover_y(battery_state *s, float reading)
         /* the estimate restarts */
         s->z[0] = 0.05f;
         s->z[1] = 0.0f;
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-            const float t2 = 0.05f/t1;
-            const float t3 = 0.1f/t1;
-            const float t4 = t3/t1;
-            const float t5 = 0.8f + t2 + t4;
-            const float t6 = 7.29f*t5;
-            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
-                + (t2 + t4)*(z1 - t1));
-            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-        }
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-            const float t2 = 0.05f/t1;
-            const float t3 = 0.1f/t1;
-            const float t4 = t3/t1;
-            const float t5 = 0.8f + t2 + t4;
-            const float t6 = 7.29f*t5;
-            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
-                + (t2 + t4)*(z1 - t1));
-            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-        }
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-            const float t2 = 0.05f/t1;
-            const float t3 = 0.1f/t1;
-            const float t4 = t3/t1;
-            const float t5 = 0.8f + t2 + t4;
-            const float t6 = 7.29f*t5;
-            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
-                + (t2 + t4)*(z1 - t1));
-            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-        }
+        battery_fit_y(s, reading);
+        battery_fit_y(s, reading);
+        battery_fit_y(s, reading);
         /* the estimate has restarted from the sample */
         status |= BATTERY_RESTARTED_FROM_SAMPLE;
         /* as after a reset */
@@ -659,7 +641,7 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p,
         }
         status |= battery_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = battery_plausible_y(reading, valid);
+            sampled = battery_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= battery_count_faults_y(s, output_error, reading);
             }
@@ -671,8 +653,8 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p,
     return status;
 }
 
-BATTERY_RARELY
 /* nominal parameters */
+BATTERY_RARELY
 static void battery_nominal(battery_params *p)
 {
     p->ready = BATTERY_READY;

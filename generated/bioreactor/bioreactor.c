@@ -101,8 +101,8 @@ static void bioreactor_rate(const bioreactor_params *p, float w1, float w2, floa
     dk[0] = t2*t2*p->gain.gamma;
 }
 
-BIOREACTOR_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+BIOREACTOR_RARELY
 static unsigned bioreactor_ready(bioreactor_state *s, const bioreactor_params *p)
 {
     unsigned status = 0u;
@@ -213,18 +213,18 @@ static unsigned bioreactor_guard_measurements(const bioreactor_state *s,
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = bioreactor_within(reading, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && reading >= -0.35f && reading <= 0.55f
-            && bioreactor_within(reading - w1, 1e+16f);
-        const float t3 = t2 ? reading : w1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = reading >= -0.35f && reading <= 0.55f && bioreactor_within(reading - w1, 1e+16f);
+        const float t2 = t1 ? reading : w1;
+        const float y_before = s->y;
+        const bool t3 = bioreactor_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && y_before >= -0.35f && y_before <= 0.55f) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= BIOREACTOR_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= BIOREACTOR_REJECTED_Y;
         }
     }
@@ -336,15 +336,15 @@ static unsigned bioreactor_suspect(const bioreactor_state *s, const bioreactor_o
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool bioreactor_plausible(const bioreactor_output *measurement, float valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool bioreactor_sample_in_plausible_range(const bioreactor_output *measurement, float valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
     {
         const float reading = measurement->y;
-        sampled = valid > 0.0f || (bioreactor_within(reading, 3e+38f) && reading >= -0.35f
-            && reading <= 0.55f);
+        sampled = valid > 0.0f || (reading >= -0.35f && reading <= 0.55f);
     }
     return sampled;
 }
@@ -444,6 +444,11 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = bioreactor_clamp(u_before, 0.0f, 0.1f);
+    }
     status |= bioreactor_guard_input(s, in, &u);
     status |= bioreactor_guard_measurements(s, measurement, &valid, &y, &y_last);
     /* the first call advances no time */
@@ -464,7 +469,7 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     s->y_valid = valid;
     status |= bioreactor_suspect(s, measurement, &suspect, valid);
     if (suspect) {
-        sampled = bioreactor_plausible(measurement, valid);
+        sampled = bioreactor_sample_in_plausible_range(measurement, valid);
         if (sampled) {
             status |= bioreactor_count_faults(s, measurement);
         }
@@ -549,8 +554,8 @@ static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p
     return status;
 }
 
-BIOREACTOR_RARELY
 /* nominal parameters */
+BIOREACTOR_RARELY
 static void bioreactor_nominal(bioreactor_params *p)
 {
     p->ready = BIOREACTOR_READY;

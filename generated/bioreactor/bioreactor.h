@@ -11,6 +11,7 @@
 #define BIOREACTOR_H
 
 #include <stddef.h>
+
 #define BIOREACTOR_DT      0.01f                            /**< sampling period in hours */
 
 /** the input now */
@@ -28,25 +29,27 @@ typedef struct {
 } bioreactor_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float gamma; /**< how fast the gain grows [1/(y^2 h^2)], 0.1 .. 100000 */
         float strip; /**< output error up to which the gain rests [y], 2e-05 .. 0.26 */
         float reach; /**< output error from which it grows no faster [y], 0.5 .. 500 */
     } gain; /**< gains of the observer */
 } bioreactor_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;       /**< mark that init and reset write; a state without it begins anew */
     float w[2];           /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */
     float k;              /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
-    float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.9693 */
+    float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.969326 */
     float settled;        /**< 1 once it was inside for a while: what is far then is a fault, 0 .. 1 */
     float turns;          /**< sign changes of a large error, signed as the last, -16 .. 16 */
     float falls;          /**< how often the gain may still fall, 0 .. 6 */
-    float fault_count_y;  /**< faulty samples, sign of the last error, -6.51264e+06 .. 6.51264e+06 */
-    float fault_limit_y;  /**< fault count at which a guard acts, 6360 .. 6.51264e+06 */
-    float fault_checksum; /**< checksum of fault counts and limits, 0 .. 1.30189e+07 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -6512640 .. 6512640 */
+    float fault_count_y;
+    float fault_limit_y;  /**< fault_count_y at which a guard acts, 6360 .. 6512640 */
+    float fault_checksum; /**< checksum of fault counts and limits, 0 .. 1.301892e+07 */
     unsigned calls;       /**< 0 before the first call, 1 after it, then 2 */
     float u;              /**< last valid input: u, 0 .. 0.1 */
     float y;              /**< last sample, or its estimate: y */
@@ -58,41 +61,41 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void bioreactor_init(bioreactor_state *s, bioreactor_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned bioreactor_tune(bioreactor_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void bioreactor_reset(bioreactor_state *s);
 
 /** @brief one sampling period: predict, adapt; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
     const bioreactor_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, bioreactor_plant *x);
 
 /** @brief write the state as BIOREACTOR_SAVED bytes: BIOREACTOR_LAYOUT, the memory of the struct, a checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved BIOREACTOR_SAVED bytes, at any address */
 void bioreactor_save(const bioreactor_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved BIOREACTOR_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -105,12 +108,12 @@ unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, siz
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: the estimate goes on at its last rates, without a model of them. To do:
- * do not act on it for longer than those rates hold; watch for a sensor that stays silent. */
+/** y is not finite: the estimate goes on at its last rates, without a model of them. To do: do not act on it
+ * for longer than those rates hold; watch for a sensor that stays silent. */
 #define BIOREACTOR_MISSING_Y             0x0001u
 
-/** y is implausible, outside -0.35 .. 0.55, or 1e+16 off its estimate: predicted only. To do: check the
- * sensor and the declared range. */
+/** y is implausible, outside -0.35 .. 0.55: predicted only. To do: check the sensor and the declared
+ * range. */
 #define BIOREACTOR_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

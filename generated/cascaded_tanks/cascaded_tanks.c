@@ -223,8 +223,8 @@ static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
     F[1] = -(u/t1/t1*0.018575f); /* F_22 */
 }
 
-CASCADED_TANKS_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+CASCADED_TANKS_RARELY
 static unsigned cascaded_tanks_ready(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
     unsigned status = 0u;
@@ -239,8 +239,8 @@ static unsigned cascaded_tanks_ready(cascaded_tanks_state *s, const cascaded_tan
     return status;
 }
 
-CASCADED_TANKS_RARELY
 /* set the fault counts and their limits as after a reset */
+CASCADED_TANKS_RARELY
 static void cascaded_tanks_clear_fault_counts(cascaded_tanks_state *s)
 {
     /* as after a reset */
@@ -251,8 +251,8 @@ static void cascaded_tanks_clear_fault_counts(cascaded_tanks_state *s)
     s->fault_checksum = 0.0f;
 }
 
-CASCADED_TANKS_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+CASCADED_TANKS_RARELY
 static void cascaded_tanks_clear_rest(cascaded_tanks_state *s)
 {
     /* as after a reset */
@@ -483,6 +483,11 @@ static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascad
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = cascaded_tanks_clamp(u_before, 0.0f, 7.0f);
+    }
     status |= cascaded_tanks_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -516,15 +521,15 @@ static unsigned cascaded_tanks_guard_measurement_y(const cascaded_tanks_state *s
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = cascaded_tanks_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -10.0f && reading <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
+        const bool t2 = reading >= -10.0f && reading <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
+        const bool t3 = cascaded_tanks_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= CASCADED_TANKS_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= CASCADED_TANKS_REJECTED_Y;
         }
     }
@@ -599,12 +604,13 @@ static unsigned cascaded_tanks_suspect_y(const cascaded_tanks_state *s, float ou
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool cascaded_tanks_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool cascaded_tanks_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (cascaded_tanks_within(reading, 3e+38f) && reading >= -10.0f && reading <= 20.0f);
+    sampled = valid || (reading >= -10.0f && reading <= 20.0f);
     return sampled;
 }
 
@@ -792,7 +798,7 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
         }
         status |= cascaded_tanks_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = cascaded_tanks_plausible_y(reading, valid);
+            sampled = cascaded_tanks_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= cascaded_tanks_count_faults_y(s, output_error, reading);
             }
@@ -888,8 +894,8 @@ static unsigned cascaded_tanks_run_adapt(cascaded_tanks_state *s, const cascaded
     return status;
 }
 
-CASCADED_TANKS_RARELY
 /* nominal parameters */
+CASCADED_TANKS_RARELY
 static void cascaded_tanks_nominal(cascaded_tanks_params *p)
 {
     p->ready = CASCADED_TANKS_READY;

@@ -10,6 +10,7 @@
 #define CASCADED_TANKS_H
 
 #include <stddef.h>
+
 #define CASCADED_TANKS_DT      4.0f                                 /**< sampling period in seconds */
 
 /** the input now */
@@ -27,15 +28,15 @@ typedef struct {
 } cascaded_tanks_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[2];      /**< process noise, diagonal factor: x2, w [z^2/s], 1e-10 .. 1400 */
         float R;         /**< output noise: y [y^2 s], 1.6e-09 .. 1600 */
         float theta_1;   /**< half the largest theta, 1 .. 2 */
         float rise_time; /**< Delta T [s], 0.004 .. 4000 */
         float rate;      /**< lambda, rate at which theta decays to 1 [1/s], 0 .. 250 */
-        float gamma_0;   /**< innovation below which theta decays [y^2 s], 0 .. 1e+06 */
-        float gamma_1;   /**< innovation above which theta rises fully [y^2 s], 0 .. 1e+06 */
+        float gamma_0;   /**< innovation below which theta decays [y^2 s], 0 .. 1000000 */
+        float gamma_1;   /**< innovation above which theta rises fully [y^2 s], 0 .. 1000000 */
     } gain; /**< gains of the observer */
 } cascaded_tanks_params;
 /** copies of the model that run without correction */
@@ -44,20 +45,22 @@ typedef struct {
     float sum;        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples; /**< valid samples in the sum */
 } cascaded_tanks_predictor;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x2, w */
-    float L;                 /**< L of P = L D L' by columns: L21, -3.27727e+08 .. 3.27727e+08 */
+    float L;                 /**< L of P = L D L' by columns: L21, -3.2772714e+08 .. 3.2772714e+08 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
     float innovation;        /**< innovation I_d [y^2 s], 0 .. 1e+30 */
     unsigned oldest;         /**< index of the oldest predictor */
     unsigned tick;           /**< samples since the last restart */
     float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -30720 .. 30720 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 30 .. 30720 */
-    float fault_count_range; /**< faulty samples, 0 .. 30720 */
-    float fault_limit_range; /**< fault count at which a guard acts, 30 .. 30720 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -30720 .. 30720 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 30 .. 30720 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 30720 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 30 .. 30720 */
     float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 122820 */
     unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
     unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
@@ -70,66 +73,66 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void cascaded_tanks_init(cascaded_tanks_state *s, cascaded_tanks_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned cascaded_tanks_tune(cascaded_tanks_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void cascaded_tanks_reset(cascaded_tanks_state *s);
 
 /** @brief one sampling period: predict, update_y, adapt; NaN means a missing sample; the first call advances
  * no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_input *in, const cascaded_tanks_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void cascaded_tanks_estimate(const cascaded_tanks_state *s, const cascaded_tanks_params *p,
     cascaded_tanks_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_input *in);
 
 /** @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_output *measurement);
 
 /** @brief part of a step: adapt the gain; once after the updates
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p);
 
 /** @brief write the state as CASCADED_TANKS_SAVED bytes: CASCADED_TANKS_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved CASCADED_TANKS_SAVED bytes, at any address */
 void cascaded_tanks_save(const cascaded_tanks_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved CASCADED_TANKS_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -142,11 +145,10 @@ unsigned cascaded_tanks_restore(cascaded_tanks_state *s, const unsigned char *sa
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define CASCADED_TANKS_MISSING_Y             0x0001u
 
-/** y is implausible, outside -10 .. 20, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -10 .. 20: predicted only. To do: check the sensor and the declared range. */
 #define CASCADED_TANKS_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -89,8 +89,8 @@ static void chua_rate(const chua_params *p, float z1, float z2, float z3, float 
     dz[2] = p->derived.K[2]*t1 - 16.0f*t3;
 }
 
-CHUA_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+CHUA_RARELY
 static unsigned chua_ready(chua_state *s, const chua_params *p)
 {
     unsigned status = 0u;
@@ -105,8 +105,8 @@ static unsigned chua_ready(chua_state *s, const chua_params *p)
     return status;
 }
 
-CHUA_RARELY
 /* set the fault counts and their limits as after a reset */
+CHUA_RARELY
 static void chua_clear_fault_counts(chua_state *s)
 {
     /* as after a reset */
@@ -148,8 +148,8 @@ static unsigned chua_keep_in_box(chua_state *s, const chua_params *p)
     return status;
 }
 
-CHUA_RARELY
 /* nominal parameters */
+CHUA_RARELY
 static void chua_nominal(chua_params *p)
 {
     p->ready = CHUA_READY;
@@ -164,17 +164,18 @@ static unsigned chua_guard_measurements(const chua_state *s, const chua_output *
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = chua_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && chua_within(reading, 9.0f) && chua_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = chua_within(reading, 9.0f) && chua_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = chua_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && chua_within(y_before, 9.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= CHUA_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= CHUA_REJECTED_Y;
         }
     }
@@ -266,18 +267,6 @@ static unsigned chua_suspect(const chua_state *s, const chua_output *measurement
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool chua_plausible(const chua_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (chua_within(reading, 3e+38f) && chua_within(reading, 9.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -456,7 +445,8 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *measu
         s->y_valid = valid;
         status |= chua_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = chua_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || chua_within(measurement->y, 9.0f);
             if (sampled) {
                 status |= chua_count_faults(s, measurement);
             }

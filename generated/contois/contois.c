@@ -103,8 +103,8 @@ static void contois_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t6); /* F_22 */
 }
 
-CONTOIS_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+CONTOIS_RARELY
 static unsigned contois_ready(contois_state *s, const contois_params *p)
 {
     unsigned status = 0u;
@@ -119,8 +119,8 @@ static unsigned contois_ready(contois_state *s, const contois_params *p)
     return status;
 }
 
-CONTOIS_RARELY
 /* set the fault counts and their limits as after a reset */
+CONTOIS_RARELY
 static void contois_clear_fault_counts(contois_state *s)
 {
     /* as after a reset */
@@ -187,6 +187,11 @@ static unsigned contois_run_predict(contois_state *s, const contois_params *p, c
     bool capped = false;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = contois_clamp(u_before, 0.0f, 0.5f);
+    }
     /* guard the input */
     {
         const float u_given = in->u;
@@ -308,15 +313,15 @@ static unsigned contois_guard_measurement_y(const contois_state *s, float *e, fl
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = contois_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -4.8f && reading <= 9.9f && contois_within(t1, 1e+16f);
+        const bool t2 = reading >= -4.8f && reading <= 9.9f && contois_within(t1, 1e+16f);
+        const bool t3 = contois_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= CONTOIS_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= CONTOIS_REJECTED_Y;
         }
     }
@@ -373,12 +378,13 @@ static unsigned contois_suspect_y(const contois_state *s, float output_error, bo
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool contois_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool contois_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (contois_within(reading, 3e+38f) && reading >= -4.8f && reading <= 9.9f);
+    sampled = valid || (reading >= -4.8f && reading <= 9.9f);
     return sampled;
 }
 
@@ -568,7 +574,7 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p,
         }
         status |= contois_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = contois_plausible_y(reading, valid);
+            sampled = contois_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= contois_count_faults_y(s, output_error, reading);
             }
@@ -580,8 +586,8 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p,
     return status;
 }
 
-CONTOIS_RARELY
 /* nominal parameters */
+CONTOIS_RARELY
 static void contois_nominal(contois_params *p)
 {
     p->ready = CONTOIS_READY;

@@ -186,8 +186,8 @@ static void cstr_jacobian(float z1, float z2, float F[4])
     F[3] = -(1.0f + 7.2e+10f*t4); /* F_22 */
 }
 
-CSTR_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+CSTR_RARELY
 static unsigned cstr_ready(cstr_state *s, const cstr_params *p)
 {
     unsigned status = 0u;
@@ -202,8 +202,8 @@ static unsigned cstr_ready(cstr_state *s, const cstr_params *p)
     return status;
 }
 
-CSTR_RARELY
 /* set the fault counts and their limits as after a reset */
+CSTR_RARELY
 static void cstr_clear_fault_counts(cstr_state *s)
 {
     /* as after a reset */
@@ -270,6 +270,11 @@ static unsigned cstr_run_predict(cstr_state *s, const cstr_params *p, const cstr
     bool capped = false;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = cstr_clamp(u_before, 280.0f, 320.0f);
+    }
     /* guard the input */
     {
         const float Tc = in->Tc;
@@ -389,15 +394,15 @@ static unsigned cstr_guard_measurement_y(const cstr_state *s, float *e, float *o
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = cstr_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= 250.0f && reading <= 400.0f && cstr_within(t1, 1e+16f);
+        const bool t2 = reading >= 250.0f && reading <= 400.0f && cstr_within(t1, 1e+16f);
+        const bool t3 = cstr_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= CSTR_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= CSTR_REJECTED_Y;
         }
     }
@@ -455,12 +460,13 @@ static unsigned cstr_suspect_y(const cstr_state *s, float output_error, bool *su
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool cstr_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool cstr_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (cstr_within(reading, 3e+38f) && reading >= 250.0f && reading <= 400.0f);
+    sampled = valid || (reading >= 250.0f && reading <= 400.0f);
     return sampled;
 }
 
@@ -648,7 +654,7 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
         }
         status |= cstr_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = cstr_plausible_y(reading, valid);
+            sampled = cstr_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= cstr_count_faults_y(s, output_error, reading);
             }
@@ -660,8 +666,8 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
     return status;
 }
 
-CSTR_RARELY
 /* nominal parameters */
+CSTR_RARELY
 static void cstr_nominal(cstr_params *p)
 {
     p->ready = CSTR_READY;

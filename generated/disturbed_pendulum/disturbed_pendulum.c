@@ -125,8 +125,8 @@ static void disturbed_pendulum_rate(const disturbed_pendulum_params *p, float w1
         : -(p->gain.sigma*t1))*valid;
 }
 
-DISTURBED_PENDULUM_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+DISTURBED_PENDULUM_RARELY
 static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s, const disturbed_pendulum_params *p)
 {
     unsigned status = 0u;
@@ -141,8 +141,8 @@ static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s, const dist
     return status;
 }
 
-DISTURBED_PENDULUM_RARELY
 /* set the fault counts and their limits as after a reset */
+DISTURBED_PENDULUM_RARELY
 static void disturbed_pendulum_clear_fault_counts(disturbed_pendulum_state *s)
 {
     /* as after a reset */
@@ -197,8 +197,8 @@ static unsigned disturbed_pendulum_keep_in_box(disturbed_pendulum_state *s,
     return status;
 }
 
-DISTURBED_PENDULUM_RARELY
 /* nominal parameters */
+DISTURBED_PENDULUM_RARELY
 static void disturbed_pendulum_nominal(disturbed_pendulum_params *p)
 {
     p->ready = DISTURBED_PENDULUM_READY;
@@ -215,18 +215,19 @@ static unsigned disturbed_pendulum_guard_measurements(const disturbed_pendulum_s
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = disturbed_pendulum_within(reading, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && disturbed_pendulum_within(reading, 12.0f)
+        const bool t1 = disturbed_pendulum_within(reading, 12.0f)
             && disturbed_pendulum_within(reading - w1, 1e+16f);
-        const float t3 = t2 ? reading : w1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const float t2 = t1 ? reading : w1;
+        const float y_before = s->y;
+        const bool t3 = disturbed_pendulum_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && disturbed_pendulum_within(y_before, 12.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= DISTURBED_PENDULUM_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= DISTURBED_PENDULUM_REJECTED_Y;
         }
     }
@@ -338,19 +339,6 @@ static unsigned disturbed_pendulum_suspect(const disturbed_pendulum_state *s,
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool disturbed_pendulum_plausible(const disturbed_pendulum_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (disturbed_pendulum_within(reading, 3e+38f)
-            && disturbed_pendulum_within(reading, 12.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -539,7 +527,8 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
         s->y_valid = valid;
         status |= disturbed_pendulum_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = disturbed_pendulum_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || disturbed_pendulum_within(measurement->y, 12.0f);
             if (sampled) {
                 status |= disturbed_pendulum_count_faults(s, measurement);
             }

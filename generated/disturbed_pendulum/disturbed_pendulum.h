@@ -11,6 +11,7 @@
 #define DISTURBED_PENDULUM_H
 
 #include <stddef.h>
+
 #define DISTURBED_PENDULUM_DT      0.001f                                   /**< sampling period in seconds */
 
 /** the measurement now */
@@ -25,23 +26,25 @@ typedef struct {
 } disturbed_pendulum_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float rise;      /**< alpha, rate at which gamma rises [1/s], 0.05 .. 50000 */
         float threshold; /**< d, output error above which gamma rises [rad], 0.0001 .. 100 */
         float sigma;     /**< gamma falls like -sigma gamma^2, 0 .. 0.05 */
     } gain; /**< gains of the observer */
 } disturbed_pendulum_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float w[3];              /**< estimate, in chains of integrators: x1, x2, x3 */
     float gamma;             /**< high-gain parameter, 20.53 .. 80 */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -3.58298e+06 .. 3.58298e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 3.58298e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.43249e+07 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -3582976 .. 3582976 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 3499 .. 3582976 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 3582976 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 3499 .. 3582976 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.4324906e+07 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
@@ -52,29 +55,29 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void disturbed_pendulum_reset(disturbed_pendulum_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
     const disturbed_pendulum_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
@@ -82,12 +85,12 @@ void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const distur
 
 /** @brief write the state as DISTURBED_PENDULUM_SAVED bytes: DISTURBED_PENDULUM_LAYOUT, the memory of the
  * struct, a checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved DISTURBED_PENDULUM_SAVED bytes, at any address */
 void disturbed_pendulum_save(const disturbed_pendulum_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved DISTURBED_PENDULUM_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -100,11 +103,10 @@ unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned 
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define DISTURBED_PENDULUM_MISSING_Y             0x0001u
 
-/** y is implausible, outside -12 .. 12, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -12 .. 12: predicted only. To do: check the sensor and the declared range. */
 #define DISTURBED_PENDULUM_REJECTED_Y            0x0002u
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,

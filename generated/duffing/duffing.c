@@ -88,8 +88,8 @@ static void duffing_rate(const duffing_params *p, float z1, float z2, float u, f
     dz[1] = u - t2*t2*t2 + t2 - 0.3f*duffing_limit(z2, 3.0f) + p->derived.K[1]*t1;
 }
 
-DUFFING_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+DUFFING_RARELY
 static unsigned duffing_ready(duffing_state *s, const duffing_params *p)
 {
     unsigned status = 0u;
@@ -104,8 +104,8 @@ static unsigned duffing_ready(duffing_state *s, const duffing_params *p)
     return status;
 }
 
-DUFFING_RARELY
 /* set the fault counts and their limits as after a reset */
+DUFFING_RARELY
 static void duffing_clear_fault_counts(duffing_state *s)
 {
     /* as after a reset */
@@ -144,8 +144,8 @@ static unsigned duffing_keep_in_box(duffing_state *s, const duffing_params *p)
     return status;
 }
 
-DUFFING_RARELY
 /* nominal parameters */
+DUFFING_RARELY
 static void duffing_nominal(duffing_params *p)
 {
     p->ready = DUFFING_READY;
@@ -180,17 +180,18 @@ static unsigned duffing_guard_measurements(const duffing_state *s, const duffing
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = duffing_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && duffing_within(reading, 6.0f) && duffing_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = duffing_within(reading, 6.0f) && duffing_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = duffing_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && duffing_within(y_before, 6.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= DUFFING_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= DUFFING_REJECTED_Y;
         }
     }
@@ -278,18 +279,6 @@ static unsigned duffing_suspect(const duffing_state *s, const duffing_output *me
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool duffing_plausible(const duffing_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (duffing_within(reading, 3e+38f) && duffing_within(reading, 6.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -448,6 +437,11 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = duffing_limit(u_before, 1.0f);
+        }
         status |= duffing_guard_input(s, in, &u);
         status |= duffing_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -468,7 +462,8 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
         s->y_valid = valid;
         status |= duffing_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = duffing_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || duffing_within(measurement->y, 6.0f);
             if (sampled) {
                 status |= duffing_count_faults(s, measurement);
             }

@@ -222,8 +222,8 @@ static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
     F[2] = -u; /* F_12 */
 }
 
-FITZHUGH_NAGUMO_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+FITZHUGH_NAGUMO_RARELY
 static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
@@ -238,8 +238,8 @@ static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s, const fitzhugh_n
     return status;
 }
 
-FITZHUGH_NAGUMO_RARELY
 /* set the fault counts and their limits as after a reset */
+FITZHUGH_NAGUMO_RARELY
 static void fitzhugh_nagumo_clear_fault_counts(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
@@ -250,8 +250,8 @@ static void fitzhugh_nagumo_clear_fault_counts(fitzhugh_nagumo_state *s)
     s->fault_checksum = 0.0f;
 }
 
-FITZHUGH_NAGUMO_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+FITZHUGH_NAGUMO_RARELY
 static void fitzhugh_nagumo_clear_rest(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
@@ -543,6 +543,11 @@ static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitz
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = fitzhugh_nagumo_limit(u_before, 1.0f);
+    }
     status |= fitzhugh_nagumo_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -577,15 +582,15 @@ static unsigned fitzhugh_nagumo_guard_measurement_y(const fitzhugh_nagumo_state 
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = fitzhugh_nagumo_within(reading, 3e+38f);
-        const bool t3 = t2 && fitzhugh_nagumo_within(reading, 15.0f) && fitzhugh_nagumo_within(t1, 1e+16f);
+        const bool t2 = fitzhugh_nagumo_within(reading, 15.0f) && fitzhugh_nagumo_within(t1, 1e+16f);
+        const bool t3 = fitzhugh_nagumo_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= FITZHUGH_NAGUMO_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= FITZHUGH_NAGUMO_REJECTED_Y;
         }
     }
@@ -659,15 +664,6 @@ static unsigned fitzhugh_nagumo_suspect_y(const fitzhugh_nagumo_state *s, float 
         *suspect = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool fitzhugh_nagumo_plausible_y(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (fitzhugh_nagumo_within(reading, 3e+38f) && fitzhugh_nagumo_within(reading, 15.0f));
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -872,7 +868,8 @@ static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fit
         }
         status |= fitzhugh_nagumo_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = fitzhugh_nagumo_plausible_y(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || fitzhugh_nagumo_within(reading, 15.0f);
             if (sampled) {
                 status |= fitzhugh_nagumo_count_faults_y(s, output_error, reading);
             }
@@ -969,8 +966,8 @@ static unsigned fitzhugh_nagumo_run_adapt(fitzhugh_nagumo_state *s, const fitzhu
     return status;
 }
 
-FITZHUGH_NAGUMO_RARELY
 /* nominal parameters */
+FITZHUGH_NAGUMO_RARELY
 static void fitzhugh_nagumo_nominal(fitzhugh_nagumo_params *p)
 {
     p->ready = FITZHUGH_NAGUMO_READY;

@@ -10,6 +10,7 @@
 #define FITZHUGH_NAGUMO_H
 
 #include <stddef.h>
+
 #define FITZHUGH_NAGUMO_DT      0.01f                                 /**< sampling period in seconds */
 
 /** the input now */
@@ -28,10 +29,10 @@ typedef struct {
 } fitzhugh_nagumo_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[3];      /**< process noise, diagonal factor: x1, x2, eta [z^2/s], 2.3e-10 .. 100000 */
-        float R;         /**< output noise: y [y^2 s], 1e-06 .. 1e+06 */
+        float R;         /**< output noise: y [y^2 s], 1e-06 .. 1000000 */
         float theta_1;   /**< half the largest theta, 1 .. 4 */
         float rise_time; /**< Delta T [s], 0.0001 .. 100 */
         float rate;      /**< lambda, rate at which theta decays to 1 [1/s], 0 .. 1000 */
@@ -45,9 +46,10 @@ typedef struct {
     float sum;        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples; /**< valid samples in the sum */
 } fitzhugh_nagumo_predictor;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x1, x2, -eta */
     float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
     float D[3];              /**< diagonal factor of the covariance P = L D L' */
@@ -55,11 +57,12 @@ typedef struct {
     unsigned oldest;         /**< index of the oldest predictor */
     unsigned tick;           /**< samples since the last restart */
     float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 8 */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -1.04755e+06 .. 1.04755e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 1.04755e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4.18816e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -1047552 .. 1047552 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 1023 .. 1047552 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 1047552 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 1023 .. 1047552 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4188162 */
     unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
     unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: u, -1 .. 1 */
@@ -71,66 +74,66 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void fitzhugh_nagumo_init(fitzhugh_nagumo_state *s, fitzhugh_nagumo_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s);
 
 /** @brief one sampling period: predict, update_y, adapt; NaN means a missing sample; the first call advances
  * no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_input *in, const fitzhugh_nagumo_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void fitzhugh_nagumo_estimate(const fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     fitzhugh_nagumo_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_input *in);
 
 /** @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_output *measurement);
 
 /** @brief part of a step: adapt the gain; once after the updates
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p);
 
 /** @brief write the state as FITZHUGH_NAGUMO_SAVED bytes: FITZHUGH_NAGUMO_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved FITZHUGH_NAGUMO_SAVED bytes, at any address */
 void fitzhugh_nagumo_save(const fitzhugh_nagumo_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved FITZHUGH_NAGUMO_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -143,11 +146,10 @@ unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define FITZHUGH_NAGUMO_MISSING_Y             0x0001u
 
-/** y is implausible, outside -15 .. 15, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -15 .. 15: predicted only. To do: check the sensor and the declared range. */
 #define FITZHUGH_NAGUMO_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

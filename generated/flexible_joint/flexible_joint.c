@@ -121,8 +121,8 @@ static void flexible_joint_rate(const flexible_joint_params *p, float z1, float 
         + p->derived.K[3]*t1;
 }
 
-FLEXIBLE_JOINT_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+FLEXIBLE_JOINT_RARELY
 static unsigned flexible_joint_ready(flexible_joint_state *s, const flexible_joint_params *p)
 {
     unsigned status = 0u;
@@ -137,8 +137,8 @@ static unsigned flexible_joint_ready(flexible_joint_state *s, const flexible_joi
     return status;
 }
 
-FLEXIBLE_JOINT_RARELY
 /* set the fault counts and their limits as after a reset */
+FLEXIBLE_JOINT_RARELY
 static void flexible_joint_clear_fault_counts(flexible_joint_state *s)
 {
     /* as after a reset */
@@ -189,8 +189,8 @@ static unsigned flexible_joint_keep_in_box(flexible_joint_state *s, const flexib
     return status;
 }
 
-FLEXIBLE_JOINT_RARELY
 /* nominal parameters */
+FLEXIBLE_JOINT_RARELY
 static void flexible_joint_nominal(flexible_joint_params *p)
 {
     p->ready = FLEXIBLE_JOINT_READY;
@@ -226,18 +226,18 @@ static unsigned flexible_joint_guard_measurements(const flexible_joint_state *s,
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = flexible_joint_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && flexible_joint_within(reading, 9.0f)
-            && flexible_joint_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = flexible_joint_within(reading, 9.0f) && flexible_joint_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = flexible_joint_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && flexible_joint_within(y_before, 9.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= FLEXIBLE_JOINT_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= FLEXIBLE_JOINT_REJECTED_Y;
         }
     }
@@ -347,19 +347,6 @@ static unsigned flexible_joint_suspect(const flexible_joint_state *s,
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool flexible_joint_plausible(const flexible_joint_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (flexible_joint_within(reading, 3e+38f)
-            && flexible_joint_within(reading, 9.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -532,6 +519,11 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = flexible_joint_limit(u_before, 50.0f);
+        }
         status |= flexible_joint_guard_input(s, in, &u);
         status |= flexible_joint_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -552,7 +544,8 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
         s->y_valid = valid;
         status |= flexible_joint_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = flexible_joint_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || flexible_joint_within(measurement->y, 9.0f);
             if (sampled) {
                 status |= flexible_joint_count_faults(s, measurement);
             }

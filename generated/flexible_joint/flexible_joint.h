@@ -10,6 +10,7 @@
 #define FLEXIBLE_JOINT_H
 
 #include <stddef.h>
+
 #define FLEXIBLE_JOINT_DT      0.001f                               /**< sampling period in seconds */
 
 /** the input now */
@@ -29,23 +30,25 @@ typedef struct {
 } flexible_joint_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
-        float theta; /**< high-gain parameter, 1 .. 10 */
+        float theta; /**< high-gain parameter, 1 .. 10; convergence is proved above 8.9 */
     } gain; /**< gains of the observer */
     struct {
         float K[4]; /**< observer gain: theta K_1, theta^2 K_2, theta^3 K_3, theta^4 K_4 */
     } derived; /**< what `tune` computes of the others */
 } flexible_joint_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: q, p, r, s */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -2.35827e+06 .. 2.35827e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 2303 .. 2.35827e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 2.35827e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 2303 .. 2.35827e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 9.42848e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -2358272 .. 2358272 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 2303 .. 2358272 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 2358272 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 2303 .. 2358272 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 9428482 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u;                 /**< last valid input: u, -50 .. 50 */
     float y;                 /**< last sample, or its estimate: y */
@@ -57,30 +60,30 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void flexible_joint_init(flexible_joint_state *s, flexible_joint_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges and computes the derived ones
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned flexible_joint_tune(flexible_joint_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void flexible_joint_reset(flexible_joint_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_params *p,
     const flexible_joint_input *in, const flexible_joint_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void flexible_joint_estimate(const flexible_joint_state *s, const flexible_joint_params *p,
@@ -88,12 +91,12 @@ void flexible_joint_estimate(const flexible_joint_state *s, const flexible_joint
 
 /** @brief write the state as FLEXIBLE_JOINT_SAVED bytes: FLEXIBLE_JOINT_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved FLEXIBLE_JOINT_SAVED bytes, at any address */
 void flexible_joint_save(const flexible_joint_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved FLEXIBLE_JOINT_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -106,11 +109,10 @@ unsigned flexible_joint_restore(flexible_joint_state *s, const unsigned char *sa
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define FLEXIBLE_JOINT_MISSING_Y             0x0001u
 
-/** y is implausible, outside -9 .. 9, or 1e+16 off its estimate: predicted only. To do: check the sensor and
- * the declared range. */
+/** y is implausible, outside -9 .. 9: predicted only. To do: check the sensor and the declared range. */
 #define FLEXIBLE_JOINT_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

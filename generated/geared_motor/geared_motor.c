@@ -248,8 +248,8 @@ static void geared_motor_jacobian(float z3, float F[1])
     F[0] = -(0.1f + 10.0f*(1.0f - t1*t1)); /* F_33 */
 }
 
-GEARED_MOTOR_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+GEARED_MOTOR_RARELY
 static unsigned geared_motor_ready(geared_motor_state *s, const geared_motor_params *p)
 {
     unsigned status = 0u;
@@ -264,8 +264,8 @@ static unsigned geared_motor_ready(geared_motor_state *s, const geared_motor_par
     return status;
 }
 
-GEARED_MOTOR_RARELY
 /* set the fault counts and their limits as after a reset */
+GEARED_MOTOR_RARELY
 static void geared_motor_clear_fault_counts(geared_motor_state *s)
 {
     /* as after a reset */
@@ -278,8 +278,8 @@ static void geared_motor_clear_fault_counts(geared_motor_state *s)
     s->fault_checksum = 0.0f;
 }
 
-GEARED_MOTOR_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+GEARED_MOTOR_RARELY
 static void geared_motor_clear_rest(geared_motor_state *s)
 {
     /* as after a reset */
@@ -789,6 +789,11 @@ static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_mot
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = geared_motor_limit(u_before, 12.0f);
+    }
     status |= geared_motor_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -825,15 +830,15 @@ static unsigned geared_motor_guard_measurement_y1(const geared_motor_state *s, f
     /* guard the measurement of y1 */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = geared_motor_within(reading, 3e+38f);
-        const bool t3 = t2 && geared_motor_within(reading, 600.0f) && geared_motor_within(t1, 1e+16f);
+        const bool t2 = geared_motor_within(reading, 600.0f) && geared_motor_within(t1, 1e+16f);
+        const bool t3 = geared_motor_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= GEARED_MOTOR_MISSING_Y1;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= GEARED_MOTOR_REJECTED_Y1;
         }
     }
@@ -910,15 +915,6 @@ static bool geared_motor_suspect_y1(const geared_motor_state *s, float output_er
         suspect = t2 || !valid;
     }
     return suspect;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool geared_motor_plausible_y1(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (geared_motor_within(reading, 3e+38f) && geared_motor_within(reading, 600.0f));
-    return sampled;
 }
 
 /* the change of the fault count of an output at this sample, and the sign of its error */
@@ -1023,7 +1019,8 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
         }
         suspect = geared_motor_suspect_y1(s, output_error, valid);
         if (suspect) {
-            sampled = geared_motor_plausible_y1(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || geared_motor_within(reading, 600.0f);
             if (sampled) {
                 status |= geared_motor_count_range(s, p);
                 geared_motor_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
@@ -1065,15 +1062,15 @@ static unsigned geared_motor_guard_measurement_y2(const geared_motor_state *s, f
     /* guard the measurement of y2 */
     {
         const float t1 = reading - s->z[1];
-        const bool t2 = geared_motor_within(reading, 3e+38f);
-        const bool t3 = t2 && geared_motor_within(reading, 45.0f) && geared_motor_within(t1, 1e+16f);
+        const bool t2 = geared_motor_within(reading, 45.0f) && geared_motor_within(t1, 1e+16f);
+        const bool t3 = geared_motor_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= GEARED_MOTOR_MISSING_Y2;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= GEARED_MOTOR_REJECTED_Y2;
         }
     }
@@ -1169,15 +1166,6 @@ static unsigned geared_motor_suspect_y2(const geared_motor_state *s, float outpu
         *suspect = geared_motor_abs(output_error) > 3.0f || t2 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool geared_motor_plausible_y2(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (geared_motor_within(reading, 3e+38f) && geared_motor_within(reading, 45.0f));
-    return sampled;
 }
 
 /* the change of the fault count of an output at this sample, and the sign of its error */
@@ -1287,7 +1275,8 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
         }
         status |= geared_motor_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = geared_motor_plausible_y2(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || geared_motor_within(reading, 45.0f);
             if (sampled) {
                 status |= geared_motor_count_range(s, p);
                 geared_motor_find_signs_y2(s, p, &moves_y_y2, output_error, &side_y_y2);
@@ -1414,8 +1403,8 @@ static unsigned geared_motor_run_adapt(geared_motor_state *s, const geared_motor
     return status;
 }
 
-GEARED_MOTOR_RARELY
 /* nominal parameters */
+GEARED_MOTOR_RARELY
 static void geared_motor_nominal(geared_motor_params *p)
 {
     p->ready = GEARED_MOTOR_READY;

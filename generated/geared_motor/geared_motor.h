@@ -10,6 +10,7 @@
 #define GEARED_MOTOR_H
 
 #include <stddef.h>
+
 #define GEARED_MOTOR_DT      0.001f                             /**< sampling period in seconds */
 
 /** the input now */
@@ -30,7 +31,7 @@ typedef struct {
 } geared_motor_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[4];      /**< process noise, diagonal factor: phi, i, w, T [z^2/s], 1e-11 .. 1e+07 */
         float R[2];      /**< output noise: y1, y2 [y^2 s], 1e-14 .. 1 */
@@ -47,9 +48,10 @@ typedef struct {
     float sum[2];        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples[2]; /**< valid samples in the sum */
 } geared_motor_predictor;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: phi, i, -w, T */
     float L[6];              /**< L of P = L D L' by columns: L21 .. L43 */
     float D[4];              /**< diagonal factor of the covariance P = L D L' */
@@ -57,12 +59,14 @@ typedef struct {
     unsigned oldest;         /**< index of the oldest predictor */
     unsigned tick;           /**< samples since the last restart */
     float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
-    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -81920 .. 81920 */
-    float fault_limit_y_y2;  /**< fault count at which a guard acts, 80 .. 81920 */
-    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -81920 .. 81920 */
-    float fault_limit_y_y1;  /**< fault count at which a guard acts, 80 .. 81920 */
-    float fault_count_range; /**< faulty samples, 0 .. 163840 */
-    float fault_limit_range; /**< fault count at which a guard acts, 160 .. 163840 */
+    /** samples at which y2 is off by 10% of its span, with the sign of the last error, -81920 .. 81920 */
+    float fault_count_y_y2;
+    float fault_limit_y_y2;  /**< fault_count_y_y2 at which a guard acts, 80 .. 81920 */
+    /** samples at which y1 is off by 10% of its span, with the sign of the last error, -81920 .. 81920 */
+    float fault_count_y_y1;
+    float fault_limit_y_y1;  /**< fault_count_y_y1 at which a guard acts, 80 .. 81920 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 163840 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 160 .. 163840 */
     float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 655040 */
     unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
     unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
@@ -76,73 +80,73 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void geared_motor_init(geared_motor_state *s, geared_motor_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_tune(geared_motor_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void geared_motor_reset(geared_motor_state *s);
 
 /** @brief one sampling period: predict, update_y1, update_y2, adapt; NaN means a missing sample; the first
  * call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, const geared_motor_input *in,
     const geared_motor_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void geared_motor_estimate(const geared_motor_state *s, const geared_motor_params *p, geared_motor_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_input *in);
 
 /** @brief part of a step: correct with y1
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *measurement);
 
 /** @brief part of a step: correct with y2
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *measurement);
 
 /** @brief part of a step: adapt the gain; once after the updates
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p);
 
 /** @brief write the state as GEARED_MOTOR_SAVED bytes: GEARED_MOTOR_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved GEARED_MOTOR_SAVED bytes, at any address */
 void geared_motor_save(const geared_motor_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved GEARED_MOTOR_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -155,18 +159,16 @@ unsigned geared_motor_restore(geared_motor_state *s, const unsigned char *saved,
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y1 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y1 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define GEARED_MOTOR_MISSING_Y1            0x0001u
 
-/** y1 is implausible, outside -600 .. 600, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y1 is implausible, outside -600 .. 600: predicted only. To do: check the sensor and the declared range. */
 #define GEARED_MOTOR_REJECTED_Y1           0x0002u
 
-/** y2 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y2 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define GEARED_MOTOR_MISSING_Y2            0x0004u
 
-/** y2 is implausible, outside -45 .. 45, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y2 is implausible, outside -45 .. 45: predicted only. To do: check the sensor and the declared range. */
 #define GEARED_MOTOR_REJECTED_Y2           0x0008u
 
 /** v is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

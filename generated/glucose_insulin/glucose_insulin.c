@@ -94,8 +94,8 @@ static void glucose_insulin_jacobian(float z1, float z2, float F[2])
     F[1] = glucose_insulin_clamp(z1, 40.0f, 400.0f); /* F_12 */
 }
 
-GLUCOSE_INSULIN_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+GLUCOSE_INSULIN_RARELY
 static unsigned glucose_insulin_ready(glucose_insulin_state *s, const glucose_insulin_params *p)
 {
     unsigned status = 0u;
@@ -110,8 +110,8 @@ static unsigned glucose_insulin_ready(glucose_insulin_state *s, const glucose_in
     return status;
 }
 
-GLUCOSE_INSULIN_RARELY
 /* set the fault counts and their limits as after a reset */
+GLUCOSE_INSULIN_RARELY
 static void glucose_insulin_clear_fault_counts(glucose_insulin_state *s)
 {
     /* as after a reset */
@@ -122,8 +122,8 @@ static void glucose_insulin_clear_fault_counts(glucose_insulin_state *s)
     s->fault_checksum = 0.0f;
 }
 
-GLUCOSE_INSULIN_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+GLUCOSE_INSULIN_RARELY
 static void glucose_insulin_clear_rest(glucose_insulin_state *s)
 {
     /* as after a reset */
@@ -357,6 +357,11 @@ static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const gluc
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = glucose_insulin_clamp(u_before, 0.0f, 10.0f);
+    }
     status |= glucose_insulin_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -384,15 +389,15 @@ static unsigned glucose_insulin_guard_measurement_y(const glucose_insulin_state 
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = glucose_insulin_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -320.0f && reading <= 760.0f && glucose_insulin_within(t1, 1e+16f);
+        const bool t2 = reading >= -320.0f && reading <= 760.0f && glucose_insulin_within(t1, 1e+16f);
+        const bool t3 = glucose_insulin_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= GLUCOSE_INSULIN_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= GLUCOSE_INSULIN_REJECTED_Y;
         }
     }
@@ -459,12 +464,13 @@ static unsigned glucose_insulin_suspect_y(const glucose_insulin_state *s, float 
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool glucose_insulin_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool glucose_insulin_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (glucose_insulin_within(reading, 3e+38f) && reading >= -320.0f && reading <= 760.0f);
+    sampled = valid || (reading >= -320.0f && reading <= 760.0f);
     return sampled;
 }
 
@@ -674,7 +680,7 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
         }
         status |= glucose_insulin_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = glucose_insulin_plausible_y(reading, valid);
+            sampled = glucose_insulin_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= glucose_insulin_count_faults_y(s, output_error, reading);
             }
@@ -686,8 +692,8 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
     return status;
 }
 
-GLUCOSE_INSULIN_RARELY
 /* nominal parameters */
+GLUCOSE_INSULIN_RARELY
 static void glucose_insulin_nominal(glucose_insulin_params *p)
 {
     p->ready = GLUCOSE_INSULIN_READY;

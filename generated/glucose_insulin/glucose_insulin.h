@@ -11,6 +11,7 @@
 #define GLUCOSE_INSULIN_H
 
 #include <stddef.h>
+
 #define GLUCOSE_INSULIN_DT      0.1f                                  /**< sampling period in minutes */
 
 /** the input now */
@@ -29,23 +30,25 @@ typedef struct {
 } glucose_insulin_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
-        float Q[3]; /**< process noise, diagonal factor: G, X, I [z^2/min], 8e-14 .. 4e+06 */
+        float Q[3]; /**< process noise, diagonal factor: G, X, I [z^2/min], 8e-14 .. 4000000 */
         float R;    /**< output noise: y [y^2 min], 1e-07 .. 100000 */
     } gain; /**< gains of the observer */
 } glucose_insulin_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: G, -X, -I */
     float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
     float D[3];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -460800 .. 460800 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 450 .. 460800 */
-    float fault_count_range; /**< faulty samples, 0 .. 460800 */
-    float fault_limit_range; /**< fault count at which a guard acts, 450 .. 460800 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.8423e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -460800 .. 460800 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 450 .. 460800 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 460800 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 450 .. 460800 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1842300 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: u, 0 .. 10 */
@@ -56,59 +59,59 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void glucose_insulin_init(glucose_insulin_state *s, glucose_insulin_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned glucose_insulin_tune(glucose_insulin_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void glucose_insulin_reset(glucose_insulin_state *s);
 
 /** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_input *in, const glucose_insulin_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void glucose_insulin_estimate(const glucose_insulin_state *s, const glucose_insulin_params *p,
     glucose_insulin_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_input *in);
 
 /** @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_output *measurement);
 
 /** @brief write the state as GLUCOSE_INSULIN_SAVED bytes: GLUCOSE_INSULIN_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved GLUCOSE_INSULIN_SAVED bytes, at any address */
 void glucose_insulin_save(const glucose_insulin_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved GLUCOSE_INSULIN_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -121,11 +124,10 @@ unsigned glucose_insulin_restore(glucose_insulin_state *s, const unsigned char *
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define GLUCOSE_INSULIN_MISSING_Y             0x0001u
 
-/** y is implausible, outside -320 .. 760, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -320 .. 760: predicted only. To do: check the sensor and the declared range. */
 #define GLUCOSE_INSULIN_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -101,8 +101,8 @@ static void haldane_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t5); /* F_22 */
 }
 
-HALDANE_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+HALDANE_RARELY
 static unsigned haldane_ready(haldane_state *s, const haldane_params *p)
 {
     unsigned status = 0u;
@@ -117,8 +117,8 @@ static unsigned haldane_ready(haldane_state *s, const haldane_params *p)
     return status;
 }
 
-HALDANE_RARELY
 /* set the fault counts and their limits as after a reset */
+HALDANE_RARELY
 static void haldane_clear_fault_counts(haldane_state *s)
 {
     /* as after a reset */
@@ -185,6 +185,11 @@ static unsigned haldane_run_predict(haldane_state *s, const haldane_params *p, c
     bool capped = false;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = haldane_clamp(u_before, 0.0f, 0.5f);
+    }
     /* guard the input */
     {
         const float D = in->D;
@@ -304,15 +309,15 @@ static unsigned haldane_guard_measurement_y(const haldane_state *s, float *e, fl
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = haldane_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -9.0f && reading <= 19.5f && haldane_within(t1, 1e+16f);
+        const bool t2 = reading >= -9.0f && reading <= 19.5f && haldane_within(t1, 1e+16f);
+        const bool t3 = haldane_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= HALDANE_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= HALDANE_REJECTED_Y;
         }
     }
@@ -370,12 +375,13 @@ static unsigned haldane_suspect_y(const haldane_state *s, float output_error, bo
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool haldane_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool haldane_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (haldane_within(reading, 3e+38f) && reading >= -9.0f && reading <= 19.5f);
+    sampled = valid || (reading >= -9.0f && reading <= 19.5f);
     return sampled;
 }
 
@@ -565,7 +571,7 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p,
         }
         status |= haldane_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = haldane_plausible_y(reading, valid);
+            sampled = haldane_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= haldane_count_faults_y(s, output_error, reading);
             }
@@ -577,8 +583,8 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p,
     return status;
 }
 
-HALDANE_RARELY
 /* nominal parameters */
+HALDANE_RARELY
 static void haldane_nominal(haldane_params *p)
 {
     p->ready = HALDANE_READY;

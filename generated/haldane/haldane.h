@@ -11,6 +11,7 @@
 #define HALDANE_H
 
 #include <stddef.h>
+
 #define HALDANE_DT      0.01f                         /**< sampling period in hours */
 
 /** the input now */
@@ -28,23 +29,25 @@ typedef struct {
 } haldane_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[2]; /**< process noise, diagonal factor: X, S [z^2/h], 2e-08 .. 100000 */
         float R;    /**< output noise: y [y^2 h], 1e-12 .. 1 */
     } gain; /**< gains of the observer */
 } haldane_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: X, S */
-    float L;                 /**< L of P = L D L' by columns: L21, -4.16763e+09 .. 4.16763e+09 */
+    float L;                 /**< L of P = L D L' by columns: L21, -4.167631e+09 .. 4.167631e+09 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -918528 .. 918528 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 897 .. 918528 */
-    float fault_count_range; /**< faulty samples, 0 .. 918528 */
-    float fault_limit_range; /**< fault count at which a guard acts, 897 .. 918528 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 3.67232e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -918528 .. 918528 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 897 .. 918528 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 918528 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 897 .. 918528 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 3672318 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: D, 0 .. 0.5 */
@@ -55,55 +58,55 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void haldane_init(haldane_state *s, haldane_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned haldane_tune(haldane_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void haldane_reset(haldane_state *s);
 
 /** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_input *in,
     const haldane_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void haldane_estimate(const haldane_state *s, const haldane_params *p, haldane_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in);
 
 /** @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *measurement);
 
 /** @brief write the state as HALDANE_SAVED bytes: HALDANE_LAYOUT, the memory of the struct, a checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved HALDANE_SAVED bytes, at any address */
 void haldane_save(const haldane_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved HALDANE_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -116,11 +119,10 @@ unsigned haldane_restore(haldane_state *s, const unsigned char *saved, size_t si
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define HALDANE_MISSING_Y             0x0001u
 
-/** y is implausible, outside -9 .. 19.5, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -9 .. 19.5: predicted only. To do: check the sensor and the declared range. */
 #define HALDANE_REJECTED_Y            0x0002u
 
 /** D is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -99,8 +99,8 @@ static void hindmarsh_rose_rate(const hindmarsh_rose_params *p, float z1, float 
     dz[2] = 0.024f*z1 - 0.006f*z3 + 0.0384f + ((t8*t9 - t14)/t10*K1 - t9/t10*K2 + t15)*t5;
 }
 
-HINDMARSH_ROSE_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+HINDMARSH_ROSE_RARELY
 static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s, const hindmarsh_rose_params *p)
 {
     unsigned status = 0u;
@@ -115,8 +115,8 @@ static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s, const hindmarsh_ro
     return status;
 }
 
-HINDMARSH_ROSE_RARELY
 /* set the fault counts and their limits as after a reset */
+HINDMARSH_ROSE_RARELY
 static void hindmarsh_rose_clear_fault_counts(hindmarsh_rose_state *s)
 {
     /* as after a reset */
@@ -162,8 +162,8 @@ static unsigned hindmarsh_rose_keep_in_box(hindmarsh_rose_state *s, const hindma
     return status;
 }
 
-HINDMARSH_ROSE_RARELY
 /* nominal parameters */
+HINDMARSH_ROSE_RARELY
 static void hindmarsh_rose_nominal(hindmarsh_rose_params *p)
 {
     p->ready = HINDMARSH_ROSE_READY;
@@ -199,18 +199,18 @@ static unsigned hindmarsh_rose_guard_measurements(const hindmarsh_rose_state *s,
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = hindmarsh_rose_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && reading >= -7.0f && reading <= 8.0f
-            && hindmarsh_rose_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = reading >= -7.0f && reading <= 8.0f && hindmarsh_rose_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = hindmarsh_rose_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && y_before >= -7.0f && y_before <= 8.0f) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= HINDMARSH_ROSE_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= HINDMARSH_ROSE_REJECTED_Y;
         }
     }
@@ -317,15 +317,15 @@ static unsigned hindmarsh_rose_suspect(const hindmarsh_rose_state *s,
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool hindmarsh_rose_plausible(const hindmarsh_rose_output *measurement, float valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool hindmarsh_rose_sample_in_plausible_range(const hindmarsh_rose_output *measurement, float valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
     {
         const float reading = measurement->y;
-        sampled = valid > 0.0f || (hindmarsh_rose_within(reading, 3e+38f) && reading >= -7.0f
-            && reading <= 8.0f);
+        sampled = valid > 0.0f || (reading >= -7.0f && reading <= 8.0f);
     }
     return sampled;
 }
@@ -500,6 +500,11 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = hindmarsh_rose_clamp(u_before, 0.0f, 4.0f);
+        }
         status |= hindmarsh_rose_guard_input(s, in, &u);
         status |= hindmarsh_rose_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -520,7 +525,7 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
         s->y_valid = valid;
         status |= hindmarsh_rose_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = hindmarsh_rose_plausible(measurement, valid);
+            sampled = hindmarsh_rose_sample_in_plausible_range(measurement, valid);
             if (sampled) {
                 status |= hindmarsh_rose_count_faults(s, measurement);
             }

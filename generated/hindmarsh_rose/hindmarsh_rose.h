@@ -10,6 +10,7 @@
 #define HINDMARSH_ROSE_H
 
 #include <stddef.h>
+
 #define HINDMARSH_ROSE_DT      0.005f                               /**< sampling period in seconds */
 
 /** the input now */
@@ -28,7 +29,7 @@ typedef struct {
 } hindmarsh_rose_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float theta; /**< high-gain parameter, 1 .. 10 */
     } gain; /**< gains of the observer */
@@ -36,15 +37,17 @@ typedef struct {
         float K[3]; /**< observer gain: theta K_1, theta^2 K_2, theta^3 K_3 */
     } derived; /**< what `tune` computes of the others */
 } hindmarsh_rose_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, w, z */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -1.12742e+06 .. 1.12742e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 1101 .. 1.12742e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 1.12742e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 1101 .. 1.12742e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4.50749e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -1127424 .. 1127424 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 1101 .. 1127424 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 1127424 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 1101 .. 1127424 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4507494 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u;                 /**< last valid input: u, 0 .. 4 */
     float y;                 /**< last sample, or its estimate: y */
@@ -56,30 +59,30 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void hindmarsh_rose_init(hindmarsh_rose_state *s, hindmarsh_rose_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges and computes the derived ones
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned hindmarsh_rose_tune(hindmarsh_rose_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void hindmarsh_rose_reset(hindmarsh_rose_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_params *p,
     const hindmarsh_rose_input *in, const hindmarsh_rose_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void hindmarsh_rose_estimate(const hindmarsh_rose_state *s, const hindmarsh_rose_params *p,
@@ -87,12 +90,12 @@ void hindmarsh_rose_estimate(const hindmarsh_rose_state *s, const hindmarsh_rose
 
 /** @brief write the state as HINDMARSH_ROSE_SAVED bytes: HINDMARSH_ROSE_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved HINDMARSH_ROSE_SAVED bytes, at any address */
 void hindmarsh_rose_save(const hindmarsh_rose_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved HINDMARSH_ROSE_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -105,11 +108,10 @@ unsigned hindmarsh_rose_restore(hindmarsh_rose_state *s, const unsigned char *sa
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define HINDMARSH_ROSE_MISSING_Y             0x0001u
 
-/** y is implausible, outside -7 .. 8, or 1e+16 off its estimate: predicted only. To do: check the sensor and
- * the declared range. */
+/** y is implausible, outside -7 .. 8: predicted only. To do: check the sensor and the declared range. */
 #define HINDMARSH_ROSE_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -104,8 +104,8 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
     deta[3] = theta*(theta*eta3 - 3.0f*eta4);
 }
 
-HYPERJERK_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+HYPERJERK_RARELY
 static unsigned hyperjerk_ready(hyperjerk_state *s, const hyperjerk_params *p)
 {
     unsigned status = 0u;
@@ -120,8 +120,8 @@ static unsigned hyperjerk_ready(hyperjerk_state *s, const hyperjerk_params *p)
     return status;
 }
 
-HYPERJERK_RARELY
 /* set the fault counts and their limits as after a reset */
+HYPERJERK_RARELY
 static void hyperjerk_clear_fault_counts(hyperjerk_state *s)
 {
     /* as after a reset */
@@ -132,8 +132,8 @@ static void hyperjerk_clear_fault_counts(hyperjerk_state *s)
     s->fault_checksum = 0.0f;
 }
 
-HYPERJERK_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+HYPERJERK_RARELY
 static void hyperjerk_clear_rest(hyperjerk_state *s)
 {
     /* as after a reset */
@@ -196,8 +196,8 @@ static unsigned hyperjerk_keep_in_box(hyperjerk_state *s, const hyperjerk_params
     return status;
 }
 
-HYPERJERK_RARELY
 /* nominal parameters */
+HYPERJERK_RARELY
 static void hyperjerk_nominal(hyperjerk_params *p)
 {
     p->ready = HYPERJERK_READY;
@@ -212,17 +212,18 @@ static unsigned hyperjerk_guard_measurements(const hyperjerk_state *s, const hyp
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = hyperjerk_within(reading, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && hyperjerk_within(reading, 9.0f) && hyperjerk_within(reading - w1, 1e+16f);
-        const float t3 = t2 ? reading : w1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = hyperjerk_within(reading, 9.0f) && hyperjerk_within(reading - w1, 1e+16f);
+        const float t2 = t1 ? reading : w1;
+        const float y_before = s->y;
+        const bool t3 = hyperjerk_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && hyperjerk_within(y_before, 9.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= HYPERJERK_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= HYPERJERK_REJECTED_Y;
         }
     }
@@ -358,18 +359,6 @@ static unsigned hyperjerk_suspect(const hyperjerk_state *s, const hyperjerk_outp
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool hyperjerk_plausible(const hyperjerk_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (hyperjerk_within(reading, 3e+38f) && hyperjerk_within(reading, 9.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -559,7 +548,8 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         s->y_valid = valid;
         status |= hyperjerk_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = hyperjerk_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || hyperjerk_within(measurement->y, 9.0f);
             if (sampled) {
                 status |= hyperjerk_count_faults(s, measurement);
             }

@@ -121,8 +121,8 @@ static void induction_motor_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = 2.0f*t2; /* F_45 */
 }
 
-INDUCTION_MOTOR_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+INDUCTION_MOTOR_RARELY
 static uint32_t induction_motor_ready(induction_motor_state *s, const induction_motor_params *p)
 {
     uint32_t status = 0u;
@@ -137,8 +137,8 @@ static uint32_t induction_motor_ready(induction_motor_state *s, const induction_
     return status;
 }
 
-INDUCTION_MOTOR_RARELY
 /* set the fault counts and their limits as after a reset */
+INDUCTION_MOTOR_RARELY
 static void induction_motor_clear_fault_counts(induction_motor_state *s)
 {
     /* as after a reset */
@@ -151,8 +151,8 @@ static void induction_motor_clear_fault_counts(induction_motor_state *s)
     s->fault_checksum = 0.0f;
 }
 
-INDUCTION_MOTOR_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+INDUCTION_MOTOR_RARELY
 static void induction_motor_clear_rest(induction_motor_state *s)
 {
     /* as after a reset */
@@ -777,6 +777,13 @@ static uint32_t induction_motor_run_predict(induction_motor_state *s, const indu
     uint32_t status = 0u;
     bool running = false;
     float u[2];
+    /* keep u in its box */
+    {
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        s->u[0] = induction_motor_limit(u_before1, 400.0f);
+        s->u[1] = induction_motor_limit(u_before2, 400.0f);
+    }
     status |= induction_motor_guard_input(s, in, u);
     /* the first call advances no time */
     {
@@ -806,15 +813,15 @@ static uint32_t induction_motor_guard_measurement_y1(const induction_motor_state
     /* guard the measurement of y1 */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = induction_motor_within(reading, 3e+38f);
-        const bool t3 = t2 && induction_motor_within(reading, 60.0f) && induction_motor_within(t1, 1e+16f);
+        const bool t2 = induction_motor_within(reading, 60.0f) && induction_motor_within(t1, 1e+16f);
+        const bool t3 = induction_motor_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= INDUCTION_MOTOR_MISSING_Y1;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= INDUCTION_MOTOR_REJECTED_Y1;
         }
     }
@@ -882,15 +889,6 @@ static bool induction_motor_suspect_y1(const induction_motor_state *s, float out
         suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return suspect;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool induction_motor_plausible_y1(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (induction_motor_within(reading, 3e+38f) && induction_motor_within(reading, 60.0f));
-    return sampled;
 }
 
 /* the change of the fault count of an output at this sample, and the sign of its error */
@@ -1001,7 +999,8 @@ static uint32_t induction_motor_run_update_y1(induction_motor_state *s, const in
         }
         suspect = induction_motor_suspect_y1(s, output_error, valid);
         if (suspect) {
-            sampled = induction_motor_plausible_y1(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || induction_motor_within(reading, 60.0f);
             if (sampled) {
                 status |= induction_motor_count_range(s, p);
                 induction_motor_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
@@ -1043,15 +1042,15 @@ static uint32_t induction_motor_guard_measurement_y2(const induction_motor_state
     /* guard the measurement of y2 */
     {
         const float t1 = reading - s->z[1];
-        const bool t2 = induction_motor_within(reading, 3e+38f);
-        const bool t3 = t2 && induction_motor_within(reading, 60.0f) && induction_motor_within(t1, 1e+16f);
+        const bool t2 = induction_motor_within(reading, 60.0f) && induction_motor_within(t1, 1e+16f);
+        const bool t3 = induction_motor_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= INDUCTION_MOTOR_MISSING_Y2;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= INDUCTION_MOTOR_REJECTED_Y2;
         }
     }
@@ -1250,7 +1249,8 @@ static uint32_t induction_motor_run_update_y2(induction_motor_state *s, const in
         }
         status |= induction_motor_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = induction_motor_plausible_y1(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || induction_motor_within(reading, 60.0f);
             if (sampled) {
                 status |= induction_motor_count_range(s, p);
                 induction_motor_find_signs_y2(s, &moves_y_y2, output_error, &side_y_y2);
@@ -1284,8 +1284,8 @@ static uint32_t induction_motor_run_update_y2(induction_motor_state *s, const in
     return status;
 }
 
-INDUCTION_MOTOR_RARELY
 /* nominal parameters */
+INDUCTION_MOTOR_RARELY
 static void induction_motor_nominal(induction_motor_params *p)
 {
     p->ready = INDUCTION_MOTOR_READY;

@@ -153,8 +153,8 @@ static void lithium_cell_flow(float z2, float u, float dz[1])
     dz[0] = -0.00011111111f*z2 - 0.00011111111f*u;
 }
 
-LITHIUM_CELL_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+LITHIUM_CELL_RARELY
 static unsigned lithium_cell_ready(lithium_cell_state *s, const lithium_cell_params *p)
 {
     unsigned status = 0u;
@@ -169,8 +169,8 @@ static unsigned lithium_cell_ready(lithium_cell_state *s, const lithium_cell_par
     return status;
 }
 
-LITHIUM_CELL_RARELY
 /* set the fault counts and their limits as after a reset */
+LITHIUM_CELL_RARELY
 static void lithium_cell_clear_fault_counts(lithium_cell_state *s)
 {
     /* as after a reset */
@@ -238,6 +238,11 @@ static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_ce
     bool capped = false;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = lithium_cell_limit(u_before, 5.0f);
+    }
     /* guard the input */
     {
         const float i_2 = in->i;
@@ -337,6 +342,23 @@ static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_ce
     return status;
 }
 
+/* move the estimate to the nearest one that fits the sample of y */
+static void lithium_cell_fit_y(lithium_cell_state *s, float reading)
+{
+    /* from the sample of y */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+        const float t2 = lithium_cell_slope_ocv(t1);
+        const float t3 = 7.9524f*t2;
+        const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+            + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
+        s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+        s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+    }
+}
+
 /* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned lithium_cell_guard_measurement_y(const lithium_cell_state *s, float *e, float *output_error,
     float reading, bool *valid)
@@ -348,15 +370,15 @@ static unsigned lithium_cell_guard_measurement_y(const lithium_cell_state *s, fl
         const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
         const float t2 = reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u + lithium_cell_slope_ocv(t1)*
             (z1 - t1));
-        const bool t3 = lithium_cell_within(reading, 3e+38f);
-        const bool t4 = t3 && reading >= 1.675f && reading <= 5.56f && lithium_cell_within(t2, 1e+16f);
+        const bool t3 = reading >= 1.675f && reading <= 5.56f && lithium_cell_within(t2, 1e+16f);
+        const bool t4 = lithium_cell_within(reading, 3e+38f);
         *e = t2;
         *output_error = t2;
-        *valid = t4;
-        if (!t3) {
+        *valid = t3;
+        if (!t4) {
             status |= LITHIUM_CELL_MISSING_Y;
         }
-        if (t3 && !t4) {
+        if (t4 && !t3) {
             status |= LITHIUM_CELL_REJECTED_Y;
         }
     }
@@ -417,12 +439,13 @@ static unsigned lithium_cell_suspect_y(const lithium_cell_state *s, float output
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool lithium_cell_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool lithium_cell_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (lithium_cell_within(reading, 3e+38f) && reading >= 1.675f && reading <= 5.56f);
+    sampled = valid || (reading >= 1.675f && reading <= 5.56f);
     return sampled;
 }
 
@@ -501,42 +524,9 @@ static unsigned lithium_cell_recover_y(lithium_cell_state *s, float reading)
         /* the estimate restarts */
         s->z[0] = 0.03f;
         s->z[1] = 0.0f;
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-            const float t2 = lithium_cell_slope_ocv(t1);
-            const float t3 = 7.9524f*t2;
-            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-        }
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-            const float t2 = lithium_cell_slope_ocv(t1);
-            const float t3 = 7.9524f*t2;
-            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-        }
-        /* from the sample of y */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-            const float t2 = lithium_cell_slope_ocv(t1);
-            const float t3 = 7.9524f*t2;
-            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-        }
+        lithium_cell_fit_y(s, reading);
+        lithium_cell_fit_y(s, reading);
+        lithium_cell_fit_y(s, reading);
         /* the estimate has restarted from the sample */
         status |= LITHIUM_CELL_RESTARTED_FROM_SAMPLE;
         /* as after a reset */
@@ -640,7 +630,7 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
         }
         status |= lithium_cell_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = lithium_cell_plausible_y(reading, valid);
+            sampled = lithium_cell_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= lithium_cell_count_faults_y(s, output_error, reading);
             }
@@ -652,8 +642,8 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
     return status;
 }
 
-LITHIUM_CELL_RARELY
 /* nominal parameters */
+LITHIUM_CELL_RARELY
 static void lithium_cell_nominal(lithium_cell_params *p)
 {
     p->ready = LITHIUM_CELL_READY;

@@ -98,8 +98,8 @@ static void lorenz_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -t1; /* F_23 */
 }
 
-LORENZ_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+LORENZ_RARELY
 static unsigned lorenz_ready(lorenz_state *s, const lorenz_params *p)
 {
     unsigned status = 0u;
@@ -114,8 +114,8 @@ static unsigned lorenz_ready(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
-LORENZ_RARELY
 /* set the fault counts and their limits as after a reset */
+LORENZ_RARELY
 static void lorenz_clear_fault_counts(lorenz_state *s)
 {
     /* as after a reset */
@@ -126,8 +126,8 @@ static void lorenz_clear_fault_counts(lorenz_state *s)
     s->fault_checksum = 0.0f;
 }
 
-LORENZ_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+LORENZ_RARELY
 static void lorenz_clear_rest(lorenz_state *s)
 {
     /* as after a reset */
@@ -356,15 +356,15 @@ static unsigned lorenz_guard_measurement_y(const lorenz_state *s, float *e, floa
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = lorenz_within(reading, 3e+38f);
-        const bool t3 = t2 && lorenz_within(reading, 60.0f) && lorenz_within(t1, 1e+16f);
+        const bool t2 = lorenz_within(reading, 60.0f) && lorenz_within(t1, 1e+16f);
+        const bool t3 = lorenz_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= LORENZ_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= LORENZ_REJECTED_Y;
         }
     }
@@ -423,15 +423,6 @@ static unsigned lorenz_suspect_y(const lorenz_state *s, float output_error, bool
         *suspect = lorenz_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool lorenz_plausible_y(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (lorenz_within(reading, 3e+38f) && lorenz_within(reading, 60.0f));
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -633,7 +624,8 @@ static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, con
         }
         status |= lorenz_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = lorenz_plausible_y(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || lorenz_within(reading, 60.0f);
             if (sampled) {
                 status |= lorenz_count_faults_y(s, output_error, reading);
             }
@@ -645,8 +637,8 @@ static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, con
     return status;
 }
 
-LORENZ_RARELY
 /* nominal parameters */
+LORENZ_RARELY
 static void lorenz_nominal(lorenz_params *p)
 {
     p->ready = LORENZ_READY;

@@ -10,6 +10,7 @@
 #define LORENZ_H
 
 #include <stddef.h>
+
 #define LORENZ_DT      0.001f                       /**< sampling period in seconds */
 
 /** the measurement now */
@@ -24,22 +25,24 @@ typedef struct {
 } lorenz_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
-        float Q[3]; /**< process noise, diagonal factor: x, y_, z [z^2/s], 8e-07 .. 2e+06 */
+        float Q[3]; /**< process noise, diagonal factor: x, y_, z [z^2/s], 8e-07 .. 2000000 */
         float R;    /**< output noise: y [y^2 s], 1e-13 .. 0.1 */
     } gain; /**< gains of the observer */
 } lorenz_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, y_, z */
     float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
     float D[3];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -182272 .. 182272 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 178 .. 182272 */
-    float fault_count_range; /**< faulty samples, 0 .. 182272 */
-    float fault_limit_range; /**< fault count at which a guard acts, 178 .. 182272 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -182272 .. 182272 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 178 .. 182272 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 182272 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 178 .. 182272 */
     float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 728732 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
@@ -50,52 +53,52 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void lorenz_init(lorenz_state *s, lorenz_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned lorenz_tune(lorenz_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void lorenz_reset(lorenz_state *s);
 
 /** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void lorenz_estimate(const lorenz_state *s, const lorenz_params *p, lorenz_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p);
 
 /** @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement);
 
 /** @brief write the state as LORENZ_SAVED bytes: LORENZ_LAYOUT, the memory of the struct, a checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved LORENZ_SAVED bytes, at any address */
 void lorenz_save(const lorenz_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved LORENZ_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -108,11 +111,10 @@ unsigned lorenz_restore(lorenz_state *s, const unsigned char *saved, size_t size
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define LORENZ_MISSING_Y             0x0001u
 
-/** y is implausible, outside -60 .. 60, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -60 .. 60: predicted only. To do: check the sensor and the declared range. */
 #define LORENZ_REJECTED_Y            0x0002u
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,

@@ -98,8 +98,8 @@ static void lotka_volterra_jacobian(float z1, float z2, float F[4])
     F[3] = 0.01f*t2 - 0.3f; /* F_22 */
 }
 
-LOTKA_VOLTERRA_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+LOTKA_VOLTERRA_RARELY
 static unsigned lotka_volterra_ready(lotka_volterra_state *s, const lotka_volterra_params *p)
 {
     unsigned status = 0u;
@@ -114,8 +114,8 @@ static unsigned lotka_volterra_ready(lotka_volterra_state *s, const lotka_volter
     return status;
 }
 
-LOTKA_VOLTERRA_RARELY
 /* set the fault counts and their limits as after a reset */
+LOTKA_VOLTERRA_RARELY
 static void lotka_volterra_clear_fault_counts(lotka_volterra_state *s)
 {
     /* as after a reset */
@@ -283,15 +283,15 @@ static unsigned lotka_volterra_guard_measurement_y(const lotka_volterra_state *s
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = lotka_volterra_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -78.0f && reading <= 159.0f && lotka_volterra_within(t1, 1e+16f);
+        const bool t2 = reading >= -78.0f && reading <= 159.0f && lotka_volterra_within(t1, 1e+16f);
+        const bool t3 = lotka_volterra_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= LOTKA_VOLTERRA_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= LOTKA_VOLTERRA_REJECTED_Y;
         }
     }
@@ -351,12 +351,13 @@ static unsigned lotka_volterra_suspect_y(const lotka_volterra_state *s, float ou
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool lotka_volterra_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool lotka_volterra_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (lotka_volterra_within(reading, 3e+38f) && reading >= -78.0f && reading <= 159.0f);
+    sampled = valid || (reading >= -78.0f && reading <= 159.0f);
     return sampled;
 }
 
@@ -547,7 +548,7 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
         }
         status |= lotka_volterra_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = lotka_volterra_plausible_y(reading, valid);
+            sampled = lotka_volterra_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= lotka_volterra_count_faults_y(s, output_error, reading);
             }
@@ -559,8 +560,8 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
     return status;
 }
 
-LOTKA_VOLTERRA_RARELY
 /* nominal parameters */
+LOTKA_VOLTERRA_RARELY
 static void lotka_volterra_nominal(lotka_volterra_params *p)
 {
     p->ready = LOTKA_VOLTERRA_READY;

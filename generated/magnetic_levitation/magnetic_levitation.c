@@ -98,8 +98,8 @@ static void magnetic_levitation_jacobian(float z1, float z3, float F[2])
     F[1] = -(2.0f*t1/t3*0.001f); /* F_23 */
 }
 
-MAGNETIC_LEVITATION_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+MAGNETIC_LEVITATION_RARELY
 static unsigned magnetic_levitation_ready(magnetic_levitation_state *s, const magnetic_levitation_params *p)
 {
     unsigned status = 0u;
@@ -114,8 +114,8 @@ static unsigned magnetic_levitation_ready(magnetic_levitation_state *s, const ma
     return status;
 }
 
-MAGNETIC_LEVITATION_RARELY
 /* set the fault counts and their limits as after a reset */
+MAGNETIC_LEVITATION_RARELY
 static void magnetic_levitation_clear_fault_counts(magnetic_levitation_state *s)
 {
     /* as after a reset */
@@ -126,8 +126,8 @@ static void magnetic_levitation_clear_fault_counts(magnetic_levitation_state *s)
     s->fault_checksum = 0.0f;
 }
 
-MAGNETIC_LEVITATION_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+MAGNETIC_LEVITATION_RARELY
 static void magnetic_levitation_clear_rest(magnetic_levitation_state *s)
 {
     /* as after a reset */
@@ -365,6 +365,11 @@ static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = magnetic_levitation_clamp(u_before, 0.0f, 100.0f);
+    }
     status |= magnetic_levitation_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -392,16 +397,15 @@ static unsigned magnetic_levitation_guard_measurement_y(const magnetic_levitatio
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = magnetic_levitation_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -0.02f && reading <= 0.055f
-            && magnetic_levitation_within(t1, 1e+16f);
+        const bool t2 = reading >= -0.02f && reading <= 0.055f && magnetic_levitation_within(t1, 1e+16f);
+        const bool t3 = magnetic_levitation_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= MAGNETIC_LEVITATION_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= MAGNETIC_LEVITATION_REJECTED_Y;
         }
     }
@@ -468,13 +472,13 @@ static unsigned magnetic_levitation_suspect_y(const magnetic_levitation_state *s
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool magnetic_levitation_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool magnetic_levitation_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (magnetic_levitation_within(reading, 3e+38f) && reading >= -0.02f
-        && reading <= 0.055f);
+    sampled = valid || (reading >= -0.02f && reading <= 0.055f);
     return sampled;
 }
 
@@ -685,7 +689,7 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
         }
         status |= magnetic_levitation_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = magnetic_levitation_plausible_y(reading, valid);
+            sampled = magnetic_levitation_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= magnetic_levitation_count_faults_y(s, output_error, reading);
             }
@@ -697,8 +701,8 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
     return status;
 }
 
-MAGNETIC_LEVITATION_RARELY
 /* nominal parameters */
+MAGNETIC_LEVITATION_RARELY
 static void magnetic_levitation_nominal(magnetic_levitation_params *p)
 {
     p->ready = MAGNETIC_LEVITATION_READY;

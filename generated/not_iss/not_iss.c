@@ -196,8 +196,8 @@ static void not_iss_rate(const not_iss_params *p, const float z[2], const float 
     dP[2] = 2.0f*(t23*P2 + t24*P3) + p->derived.Q_inverse[1] - (t25*P2 + t26*P3) + t22*(t21*P2 + t18*P3);
 }
 
-NOT_ISS_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+NOT_ISS_RARELY
 static unsigned not_iss_ready(not_iss_state *s, const not_iss_params *p)
 {
     unsigned status = 0u;
@@ -212,8 +212,8 @@ static unsigned not_iss_ready(not_iss_state *s, const not_iss_params *p)
     return status;
 }
 
-NOT_ISS_RARELY
 /* set the fault counts and their limits as after a reset */
+NOT_ISS_RARELY
 static void not_iss_clear_fault_counts(not_iss_state *s)
 {
     /* as after a reset */
@@ -271,8 +271,8 @@ static unsigned not_iss_keep_in_box(not_iss_state *s, const not_iss_params *p)
     return status;
 }
 
-NOT_ISS_RARELY
 /* nominal parameters */
+NOT_ISS_RARELY
 static void not_iss_nominal(not_iss_params *p)
 {
     p->ready = NOT_ISS_READY;
@@ -281,6 +281,44 @@ static void not_iss_nominal(not_iss_params *p)
     p->gain.R[0] = 100.0f;
     p->gain.R[1] = 100.0f;
     p->gain.curvature = 5.0f;
+}
+
+/* move the estimate to the nearest one that fits the sample of y2 */
+static void not_iss_fit_y2(not_iss_state *s, const not_iss_output *measurement, const float *valid)
+{
+    /* from the sample of y2 */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float reading_y2 = measurement->y2;
+        const bool t1 = valid[1] > 0.0f || (reading_y2 >= -4.0f && reading_y2 <= 8.0f);
+        s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+        s->z[1] = t1 ? not_iss_keep(reading_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+    }
+}
+
+/* move the estimate to the nearest one that fits the sample of y1 */
+static void not_iss_fit_y1(not_iss_state *s, const not_iss_output *measurement, const float *valid)
+{
+    /* from the sample of y1 */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float reading_y1 = measurement->y1;
+        const bool t1 = valid[0] > 0.0f || (reading_y1 >= -10.0f && reading_y1 <= 20.0f);
+        const float t2 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float u_before = s->u;
+        const float t3 = (t2 + 1.0f)*u_before;
+        const float t4 = 36.0f*t3;
+        const float t5 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t6 = u_before*t5;
+        const float t7 = t5*u_before;
+        const float t8 = 144.0f*t7;
+        const float t9 = (reading_y1 - (u_before*z1 + t6*t2
+            + (t2*u_before*(z1 - t5) + t6*(z2 - t2))))/not_iss_max(t3*t4 + t7*t8, 1e-10f);
+        s->z[0] = t1 ? not_iss_keep(z1 + t4*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+        s->z[1] = t1 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+    }
 }
 
 /* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
@@ -311,38 +349,38 @@ static unsigned not_iss_guard_measurements(const not_iss_state *s, const not_iss
     /* guard the measurements */
     {
         const float reading_y1 = measurement->y1;
-        const bool t1 = not_iss_within(reading_y1, 3e+38f);
         const float u_before = s->u;
         const float z1 = s->z[0];
-        const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
-        const float t3 = u_before*t2;
+        const float t1 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t2 = u_before*t1;
         const float z2 = s->z[1];
-        const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
-        const float t5 = u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4));
-        const bool t6 = t1 && not_iss_inside(reading_y1, -10.0f, 20.0f)
-            && not_iss_within(reading_y1 - t5, 1e+16f);
-        const float t7 = t6 ? reading_y1 : t5;
+        const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float t4 = u_before*z1 + t2*t3 + (t3*u_before*(z1 - t1) + t2*(z2 - t3));
+        const bool t5 = not_iss_inside(reading_y1, -10.0f, 20.0f) && not_iss_within(reading_y1 - t4, 1e+16f);
+        const float t6 = t5 ? reading_y1 : t4;
         const float reading_y2 = measurement->y2;
-        const bool t8 = not_iss_within(reading_y2, 3e+38f);
-        const bool t9 = t8 && not_iss_inside(reading_y2, -4.0f, 8.0f)
-            && not_iss_within(reading_y2 - z2, 1e+16f);
-        const float t10 = t9 ? reading_y2 : z2;
-        y[0] = t7;
-        y[1] = t10;
-        y_last[0] = (t6 && s->y_valid[0] > 0.0f) ? s->y[0] : t7;
-        y_last[1] = (t9 && s->y_valid[1] > 0.0f) ? s->y[1] : t10;
-        valid[0] = t6 ? 1.0f : 0.0f;
-        valid[1] = t9 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t7 = not_iss_inside(reading_y2, -4.0f, 8.0f) && not_iss_within(reading_y2 - z2, 1e+16f);
+        const float t8 = t7 ? reading_y2 : z2;
+        const float y_before1 = s->y[0];
+        const float y_before2 = s->y[1];
+        const bool t9 = not_iss_within(reading_y1, 3e+38f);
+        const bool t10 = not_iss_within(reading_y2, 3e+38f);
+        y[0] = t6;
+        y[1] = t8;
+        y_last[0] = (t5 && s->y_valid[0] > 0.0f && not_iss_inside(y_before1, -10.0f, 20.0f)) ? y_before1 : t6;
+        y_last[1] = (t7 && s->y_valid[1] > 0.0f && not_iss_inside(y_before2, -4.0f, 8.0f)) ? y_before2 : t8;
+        valid[0] = t5 ? 1.0f : 0.0f;
+        valid[1] = t7 ? 1.0f : 0.0f;
+        if (!t9) {
             status |= NOT_ISS_MISSING_Y1;
         }
-        if (t1 && !t6) {
+        if (t9 && !t5) {
             status |= NOT_ISS_REJECTED_Y1;
         }
-        if (!t8) {
+        if (!t10) {
             status |= NOT_ISS_MISSING_Y2;
         }
-        if (t8 && !t9) {
+        if (t10 && !t7) {
             status |= NOT_ISS_REJECTED_Y2;
         }
     }
@@ -486,19 +524,17 @@ static unsigned not_iss_suspect(const not_iss_state *s, const not_iss_output *me
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool not_iss_plausible(const not_iss_output *measurement, const float *valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool not_iss_sample_in_plausible_range(const not_iss_output *measurement, const float *valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
     {
         const float reading_y2 = measurement->y2;
-        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
-            && reading_y2 <= 8.0f);
         const float reading_y1 = measurement->y1;
-        const bool t2 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
-            && reading_y1 <= 20.0f);
-        sampled = t1 || t2;
+        sampled = valid[1] > 0.0f || (reading_y2 >= -4.0f && reading_y2 <= 8.0f) || valid[0] > 0.0f
+            || (reading_y1 >= -10.0f && reading_y1 <= 20.0f);
     }
     return sampled;
 }
@@ -536,16 +572,14 @@ static void not_iss_find_signs(const not_iss_state *s, const not_iss_params *p,
     /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float reading_y2 = measurement->y2;
-        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
-            && reading_y2 <= 8.0f);
+        const bool t1 = valid[1] > 0.0f || (reading_y2 >= -4.0f && reading_y2 <= 8.0f);
         const float z2 = s->z[1];
         const float t2 = reading_y2 - z2;
         const bool t3 = not_iss_within(t2, not_iss_max(0.4f,
             not_iss_min(3.0f*not_iss_sqrt(1.0f/p->gain.R[1]/0.01f + s->P[2]), 1.0f)));
         const float fault_count_y_y2 = s->fault_count_y_y2;
         const float reading_y1 = measurement->y1;
-        const bool t4 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
-            && reading_y1 <= 20.0f);
+        const bool t4 = valid[0] > 0.0f || (reading_y1 >= -10.0f && reading_y1 <= 20.0f);
         const float u_before = s->u;
         const float z1 = s->z[0];
         const float t5 = not_iss_clamp(z1, 0.0f, 2.0f);
@@ -563,89 +597,6 @@ static void not_iss_find_signs(const not_iss_state *s, const not_iss_params *p,
     }
 }
 
-/* which fault counts are at their limits, and must the estimate restart? */
-static void not_iss_choose_recovery(const not_iss_state *s, bool *lost, bool *over_range, bool *over_y_y1,
-    bool *over_y_y2)
-{
-    /* which fault counts are at their limits, and must the estimate restart? */
-    {
-        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
-        const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
-        const float fault_limit_range = s->fault_limit_range;
-        const bool t3 = fault_limit_range <= s->fault_count_range;
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        *over_y_y2 = t1;
-        *over_y_y1 = t2;
-        *over_range = t3;
-        *lost = t1 || t2 || (t3 && (fault_limit_range > 551.0f || z1 < -1.0f || z1 > 3.0f || z2 < -2.0f
-            || z2 > 6.0f));
-    }
-}
-
-/* move the estimate to the nearest one that fits the sample of y2 */
-static void not_iss_fit_y2(not_iss_state *s, const not_iss_output *measurement, const float *valid)
-{
-    /* from the sample of y2 */
-    {
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const float reading_y2 = measurement->y2;
-        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
-            && reading_y2 <= 8.0f);
-        s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-        s->z[1] = t1 ? not_iss_keep(reading_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-    }
-}
-
-/* move the estimate to the nearest one that fits the sample of y1 */
-static void not_iss_fit_y1(not_iss_state *s, const not_iss_output *measurement, const float *valid)
-{
-    /* from the sample of y1 */
-    {
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const float reading_y1 = measurement->y1;
-        const bool t1 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
-            && reading_y1 <= 20.0f);
-        const float t2 = not_iss_clamp(z2, 0.0f, 4.0f);
-        const float u_before = s->u;
-        const float t3 = (t2 + 1.0f)*u_before;
-        const float t4 = 36.0f*t3;
-        const float t5 = not_iss_clamp(z1, 0.0f, 2.0f);
-        const float t6 = u_before*t5;
-        const float t7 = t5*u_before;
-        const float t8 = 144.0f*t7;
-        const float t9 = (reading_y1 - (u_before*z1 + t6*t2
-            + (t2*u_before*(z1 - t5) + t6*(z2 - t2))))/not_iss_max(t3*t4 + t7*t8, 1e-10f);
-        s->z[0] = t1 ? not_iss_keep(z1 + t4*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-        s->z[1] = t1 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
-    }
-}
-
-/* take the nearest estimate that fits the sample, and set all else as after a reset */
-static unsigned not_iss_restart_from_sample(not_iss_state *s, const not_iss_output *measurement,
-    const float *valid)
-{
-    unsigned status = 0u;
-    /* the estimate restarts */
-    s->z[0] = 0.0f;
-    s->z[1] = 0.0f;
-    not_iss_fit_y2(s, measurement, valid);
-    not_iss_fit_y1(s, measurement, valid);
-    not_iss_fit_y2(s, measurement, valid);
-    not_iss_fit_y1(s, measurement, valid);
-    not_iss_fit_y2(s, measurement, valid);
-    not_iss_fit_y1(s, measurement, valid);
-    /* the estimate has restarted from the sample */
-    status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
-    /* as after a reset */
-    s->P[0] = 0.01f;
-    s->P[1] = 0.0f;
-    s->P[2] = 0.01f;
-    return status;
-}
-
 /* a fault count is at its limit: restart from the sample, or project onto the ranges */
 static unsigned not_iss_recover(not_iss_state *s, const not_iss_output *measurement, const float *valid)
 {
@@ -654,7 +605,20 @@ static unsigned not_iss_recover(not_iss_state *s, const not_iss_output *measurem
     bool over_range = false;
     bool over_y_y1 = false;
     bool over_y_y2 = false;
-    not_iss_choose_recovery(s, &lost, &over_range, &over_y_y1, &over_y_y2);
+    /* which fault counts are at their limits, and must the estimate restart? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
+        const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t3 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        over_y_y2 = t1;
+        over_y_y1 = t2;
+        over_range = t3;
+        lost = t1 || t2 || (t3 && (fault_limit_range > 551.0f || z1 < -1.0f || z1 > 3.0f || z2 < -2.0f
+            || z2 > 6.0f));
+    }
     if (over_y_y2) {
         /* the fault limit doubles */
         {
@@ -684,7 +648,21 @@ static unsigned not_iss_recover(not_iss_state *s, const not_iss_output *measurem
         }
     }
     if (lost) {
-        status |= not_iss_restart_from_sample(s, measurement, valid);
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        not_iss_fit_y2(s, measurement, valid);
+        not_iss_fit_y1(s, measurement, valid);
+        not_iss_fit_y2(s, measurement, valid);
+        not_iss_fit_y1(s, measurement, valid);
+        not_iss_fit_y2(s, measurement, valid);
+        not_iss_fit_y1(s, measurement, valid);
+        /* the estimate has restarted from the sample */
+        status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->P[0] = 0.01f;
+        s->P[1] = 0.0f;
+        s->P[2] = 0.01f;
     } else {
         /* the estimate back onto its declared ranges */
         {
@@ -790,6 +768,11 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
         float valid[2];
         float y[2];
         float y_last[2];
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = not_iss_clamp(u_before, 0.0f, 1.0f);
+        }
         status |= not_iss_guard_input(s, in, &u);
         status |= not_iss_guard_measurements(s, measurement, valid, y, y_last);
         /* the first call advances no time */
@@ -812,7 +795,7 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
         s->y_valid[1] = valid[1];
         status |= not_iss_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = not_iss_plausible(measurement, valid);
+            sampled = not_iss_sample_in_plausible_range(measurement, valid);
             if (sampled) {
                 status |= not_iss_count_faults(s, p, measurement, valid);
             }

@@ -10,6 +10,7 @@
 #define NOT_ISS_H
 
 #include <stddef.h>
+
 #define NOT_ISS_DT      0.01f                         /**< sampling period in seconds */
 
 /** the input now */
@@ -28,7 +29,7 @@ typedef struct {
 } not_iss_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[2];      /**< weight of the model's error: x1, x2 [s/z^2], 1e-05 .. 1e+07 */
         float R[2];      /**< weight of the output: y1, y2 [1/(y^2 s)], 0.0001 .. 1e+08 */
@@ -38,18 +39,21 @@ typedef struct {
         float Q_inverse[2]; /**< inverse of Q, diagonal factor [z^2/s] */
     } derived; /**< what `tune` computes of the others */
 } not_iss_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x1, x2 */
     float P[3];              /**< covariance, lower triangle by columns: P11, P21, P22 */
-    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -282624 .. 282624 */
-    float fault_limit_y_y2;  /**< fault count at which a guard acts, 276 .. 282624 */
-    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -282624 .. 282624 */
-    float fault_limit_y_y1;  /**< fault count at which a guard acts, 276 .. 282624 */
-    float fault_count_range; /**< faulty samples, 0 .. 564224 */
-    float fault_limit_range; /**< fault count at which a guard acts, 551 .. 564224 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 2.25784e+06 */
+    /** samples at which y2 is off by 10% of its span, with the sign of the last error, -282624 .. 282624 */
+    float fault_count_y_y2;
+    float fault_limit_y_y2;  /**< fault_count_y_y2 at which a guard acts, 276 .. 282624 */
+    /** samples at which y1 is off by 10% of its span, with the sign of the last error, -282624 .. 282624 */
+    float fault_count_y_y1;
+    float fault_limit_y_y1;  /**< fault_count_y_y1 at which a guard acts, 276 .. 282624 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 564224 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 551 .. 564224 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 2257841 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u;                 /**< last valid input: w, 0 .. 1 */
     float y[2];              /**< last sample, or its estimate: y1, y2 */
@@ -61,41 +65,41 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void not_iss_init(not_iss_state *s, not_iss_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges and computes the derived ones
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned not_iss_tune(not_iss_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void not_iss_reset(not_iss_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_input *in,
     const not_iss_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void not_iss_estimate(const not_iss_state *s, const not_iss_params *p, not_iss_plant *x);
 
 /** @brief write the state as NOT_ISS_SAVED bytes: NOT_ISS_LAYOUT, the memory of the struct, a checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved NOT_ISS_SAVED bytes, at any address */
 void not_iss_save(const not_iss_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved NOT_ISS_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -108,18 +112,16 @@ unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t si
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y1 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y1 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define NOT_ISS_MISSING_Y1            0x0001u
 
-/** y1 is implausible, outside -10 .. 20, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y1 is implausible, outside -10 .. 20: predicted only. To do: check the sensor and the declared range. */
 #define NOT_ISS_REJECTED_Y1           0x0002u
 
-/** y2 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y2 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define NOT_ISS_MISSING_Y2            0x0004u
 
-/** y2 is implausible, outside -4 .. 8, or 1e+16 off its estimate: predicted only. To do: check the sensor and
- * the declared range. */
+/** y2 is implausible, outside -4 .. 8: predicted only. To do: check the sensor and the declared range. */
 #define NOT_ISS_REJECTED_Y2           0x0008u
 
 /** w is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

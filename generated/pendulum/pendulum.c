@@ -118,8 +118,8 @@ static void pendulum_rate(const pendulum_params *p, float z1, float z2, float u,
         + p->derived.K[1]*t1;
 }
 
-PENDULUM_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+PENDULUM_RARELY
 static unsigned pendulum_ready(pendulum_state *s, const pendulum_params *p)
 {
     unsigned status = 0u;
@@ -134,8 +134,8 @@ static unsigned pendulum_ready(pendulum_state *s, const pendulum_params *p)
     return status;
 }
 
-PENDULUM_RARELY
 /* set the fault counts and their limits as after a reset */
+PENDULUM_RARELY
 static void pendulum_clear_fault_counts(pendulum_state *s)
 {
     /* as after a reset */
@@ -174,8 +174,8 @@ static unsigned pendulum_keep_in_box(pendulum_state *s, const pendulum_params *p
     return status;
 }
 
-PENDULUM_RARELY
 /* nominal parameters */
+PENDULUM_RARELY
 static void pendulum_nominal(pendulum_params *p)
 {
     p->ready = PENDULUM_READY;
@@ -210,17 +210,18 @@ static unsigned pendulum_guard_measurements(const pendulum_state *s, const pendu
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = pendulum_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && pendulum_within(reading, 12.0f) && pendulum_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = pendulum_within(reading, 12.0f) && pendulum_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = pendulum_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && pendulum_within(y_before, 12.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= PENDULUM_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= PENDULUM_REJECTED_Y;
         }
     }
@@ -308,18 +309,6 @@ static unsigned pendulum_suspect(const pendulum_state *s, const pendulum_output 
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool pendulum_plausible(const pendulum_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (pendulum_within(reading, 3e+38f) && pendulum_within(reading, 12.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -478,6 +467,11 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = pendulum_limit(u_before, 1.0f);
+        }
         status |= pendulum_guard_input(s, in, &u);
         status |= pendulum_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -498,7 +492,8 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         s->y_valid = valid;
         status |= pendulum_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = pendulum_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || pendulum_within(measurement->y, 12.0f);
             if (sampled) {
                 status |= pendulum_count_faults(s, measurement);
             }

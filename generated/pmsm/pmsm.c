@@ -97,8 +97,8 @@ static void pmsm_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -30.0f - pmsm_limit(z1, 20.0f); /* F_23 */
 }
 
-PMSM_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+PMSM_RARELY
 static uint32_t pmsm_ready(pmsm_state *s, const pmsm_params *p)
 {
     uint32_t status = 0u;
@@ -113,8 +113,8 @@ static uint32_t pmsm_ready(pmsm_state *s, const pmsm_params *p)
     return status;
 }
 
-PMSM_RARELY
 /* set the fault counts and their limits as after a reset */
+PMSM_RARELY
 static void pmsm_clear_fault_counts(pmsm_state *s)
 {
     /* as after a reset */
@@ -127,8 +127,8 @@ static void pmsm_clear_fault_counts(pmsm_state *s)
     s->fault_checksum = 0.0f;
 }
 
-PMSM_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+PMSM_RARELY
 static void pmsm_clear_rest(pmsm_state *s)
 {
     /* as after a reset */
@@ -461,6 +461,13 @@ static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm
     uint32_t status = 0u;
     bool running = false;
     float u[2];
+    /* keep u in its box */
+    {
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        s->u[0] = pmsm_limit(u_before1, 5000.0f);
+        s->u[1] = pmsm_limit(u_before2, 5000.0f);
+    }
     status |= pmsm_guard_input(s, in, u);
     /* the first call advances no time */
     {
@@ -490,15 +497,15 @@ static uint32_t pmsm_guard_measurement_y1(const pmsm_state *s, float *e, float *
     /* guard the measurement of y1 */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = pmsm_within(reading, 3e+38f);
-        const bool t3 = t2 && pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        const bool t2 = pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        const bool t3 = pmsm_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= PMSM_MISSING_Y1;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= PMSM_REJECTED_Y1;
         }
     }
@@ -553,15 +560,6 @@ static bool pmsm_suspect_y1(const pmsm_state *s, float output_error, bool valid)
         suspect = t1 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return suspect;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool pmsm_plausible_y1(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (pmsm_within(reading, 3e+38f) && pmsm_within(reading, 60.0f));
-    return sampled;
 }
 
 /* the change of the fault count of an output at this sample, and the sign of its error */
@@ -661,7 +659,8 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
         }
         suspect = pmsm_suspect_y1(s, output_error, valid);
         if (suspect) {
-            sampled = pmsm_plausible_y1(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || pmsm_within(reading, 60.0f);
             if (sampled) {
                 status |= pmsm_count_range(s, p);
                 pmsm_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
@@ -702,15 +701,15 @@ static uint32_t pmsm_guard_measurement_y2(const pmsm_state *s, float *e, float *
     /* guard the measurement of y2 */
     {
         const float t1 = reading - s->z[1];
-        const bool t2 = pmsm_within(reading, 3e+38f);
-        const bool t3 = t2 && pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        const bool t2 = pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        const bool t3 = pmsm_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= PMSM_MISSING_Y2;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= PMSM_REJECTED_Y2;
         }
     }
@@ -878,7 +877,8 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
         }
         status |= pmsm_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = pmsm_plausible_y1(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || pmsm_within(reading, 60.0f);
             if (sampled) {
                 status |= pmsm_count_range(s, p);
                 pmsm_find_signs_y2(s, &moves_y_y2, output_error, &side_y_y2);
@@ -911,8 +911,8 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
     return status;
 }
 
-PMSM_RARELY
 /* nominal parameters */
+PMSM_RARELY
 static void pmsm_nominal(pmsm_params *p)
 {
     p->ready = PMSM_READY;

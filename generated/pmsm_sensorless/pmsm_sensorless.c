@@ -122,8 +122,8 @@ static void pmsm_sensorless_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = t2; /* F_45 */
 }
 
-PMSM_SENSORLESS_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+PMSM_SENSORLESS_RARELY
 static uint32_t pmsm_sensorless_ready(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
 {
     uint32_t status = 0u;
@@ -138,8 +138,8 @@ static uint32_t pmsm_sensorless_ready(pmsm_sensorless_state *s, const pmsm_senso
     return status;
 }
 
-PMSM_SENSORLESS_RARELY
 /* set the fault counts and their limits as after a reset */
+PMSM_SENSORLESS_RARELY
 static void pmsm_sensorless_clear_fault_counts(pmsm_sensorless_state *s)
 {
     /* as after a reset */
@@ -152,8 +152,8 @@ static void pmsm_sensorless_clear_fault_counts(pmsm_sensorless_state *s)
     s->fault_checksum = 0.0f;
 }
 
-PMSM_SENSORLESS_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+PMSM_SENSORLESS_RARELY
 static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
 {
     /* as after a reset */
@@ -772,6 +772,13 @@ static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm
     uint32_t status = 0u;
     bool running = false;
     float u[2];
+    /* keep u in its box */
+    {
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        s->u[0] = pmsm_sensorless_limit(u_before1, 60.0f);
+        s->u[1] = pmsm_sensorless_limit(u_before2, 60.0f);
+    }
     status |= pmsm_sensorless_guard_input(s, in, u);
     /* the first call advances no time */
     {
@@ -801,15 +808,15 @@ static uint32_t pmsm_sensorless_guard_measurement_y_a(const pmsm_sensorless_stat
     /* guard the measurement of y_a */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = pmsm_sensorless_within(reading, 3e+38f);
-        const bool t3 = t2 && pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        const bool t2 = pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        const bool t3 = pmsm_sensorless_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= PMSM_SENSORLESS_MISSING_Y_A;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= PMSM_SENSORLESS_REJECTED_Y_A;
         }
     }
@@ -879,15 +886,6 @@ static bool pmsm_sensorless_suspect_y_a(const pmsm_sensorless_state *s, float ou
         suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
     }
     return suspect;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool pmsm_sensorless_plausible_y_a(float reading, bool valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    sampled = valid || (pmsm_sensorless_within(reading, 3e+38f) && pmsm_sensorless_within(reading, 75.0f));
-    return sampled;
 }
 
 /* the change of the fault count of an output at this sample, and the sign of its error */
@@ -999,7 +997,8 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
         }
         suspect = pmsm_sensorless_suspect_y_a(s, output_error, valid);
         if (suspect) {
-            sampled = pmsm_sensorless_plausible_y_a(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || pmsm_sensorless_within(reading, 75.0f);
             if (sampled) {
                 status |= pmsm_sensorless_count_range(s, p);
                 pmsm_sensorless_find_signs_y_a(s, &moves_y_y_a, output_error, &side_y_y_a);
@@ -1042,15 +1041,15 @@ static uint32_t pmsm_sensorless_guard_measurement_y_b(const pmsm_sensorless_stat
     /* guard the measurement of y_b */
     {
         const float t1 = reading - s->z[1];
-        const bool t2 = pmsm_sensorless_within(reading, 3e+38f);
-        const bool t3 = t2 && pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        const bool t2 = pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        const bool t3 = pmsm_sensorless_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= PMSM_SENSORLESS_MISSING_Y_B;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= PMSM_SENSORLESS_REJECTED_Y_B;
         }
     }
@@ -1252,7 +1251,8 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
         }
         status |= pmsm_sensorless_suspect_y_b(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = pmsm_sensorless_plausible_y_a(reading, valid);
+            /* is there a sample to judge by? */
+            sampled = valid || pmsm_sensorless_within(reading, 75.0f);
             if (sampled) {
                 status |= pmsm_sensorless_count_range(s, p);
                 pmsm_sensorless_find_signs_y_b(s, &moves_y_y_b, output_error, &side_y_y_b);
@@ -1287,8 +1287,8 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
     return status;
 }
 
-PMSM_SENSORLESS_RARELY
 /* nominal parameters */
+PMSM_SENSORLESS_RARELY
 static void pmsm_sensorless_nominal(pmsm_sensorless_params *p)
 {
     p->ready = PMSM_SENSORLESS_READY;

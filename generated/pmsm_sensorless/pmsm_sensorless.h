@@ -11,6 +11,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
 #define PMSM_SENSORLESS_DT      0.0001f                               /**< sampling period in seconds */
 
 /** the input now */
@@ -33,25 +34,28 @@ typedef struct {
 } pmsm_sensorless_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[5]; /**< process noise, diagonal factor: i_a, i_b, f_a, f_b, w [z^2/s], 1e-10 .. 1e+09 */
         float R[2]; /**< output noise: y_a, y_b [y^2 s], 4e-14 .. 0.04 */
     } gain; /**< gains of the observer */
 } pmsm_sensorless_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[5];              /**< estimate in the form's coordinates: i_a, i_b, f_a, f_b, w */
     float L[10];             /**< L of P = L D L' by columns: L21 .. L54 */
     float D[5];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y_a; /**< faulty samples, sign of the last error, -143360 .. 143360 */
-    float fault_limit_y_y_a; /**< fault count at which a guard acts, 140 .. 143360 */
-    float fault_count_y_y_b; /**< faulty samples, sign of the last error, -143360 .. 143360 */
-    float fault_limit_y_y_b; /**< fault count at which a guard acts, 140 .. 143360 */
-    float fault_count_range; /**< faulty samples, 0 .. 286720 */
-    float fault_limit_range; /**< fault count at which a guard acts, 280 .. 286720 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.14632e+06 */
+    /** samples at which y_a is off by 10% of its span, with the sign of the last error, -143360 .. 143360 */
+    float fault_count_y_y_a;
+    float fault_limit_y_y_a; /**< fault_count_y_y_a at which a guard acts, 140 .. 143360 */
+    /** samples at which y_b is off by 10% of its span, with the sign of the last error, -143360 .. 143360 */
+    float fault_count_y_y_b;
+    float fault_limit_y_y_b; /**< fault_count_y_y_b at which a guard acts, 140 .. 143360 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 286720 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 280 .. 286720 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1146320 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     unsigned used_y_a;       /**< 0: an update with y_a may come, 1: none before the next predict */
     unsigned used_y_b;       /**< 0: an update with y_b may come, 1: none before the next predict */
@@ -63,68 +67,68 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void pmsm_sensorless_init(pmsm_sensorless_state *s, pmsm_sensorless_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t pmsm_sensorless_tune(pmsm_sensorless_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void pmsm_sensorless_reset(pmsm_sensorless_state *s);
 
 /** @brief one sampling period: predict, update_y_a, update_y_b; NaN means a missing sample; the first call
  * advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in, const pmsm_sensorless_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void pmsm_sensorless_estimate(const pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     pmsm_sensorless_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in);
 
 /** @brief part of a step: correct with y_a
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *measurement);
 
 /** @brief part of a step: correct with y_b
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *measurement);
 
 /** @brief write the state as PMSM_SENSORLESS_SAVED bytes: PMSM_SENSORLESS_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved PMSM_SENSORLESS_SAVED bytes, at any address */
 void pmsm_sensorless_save(const pmsm_sensorless_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved PMSM_SENSORLESS_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -137,18 +141,16 @@ unsigned pmsm_sensorless_restore(pmsm_sensorless_state *s, const unsigned char *
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y_a is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y_a is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define PMSM_SENSORLESS_MISSING_Y_A           UINT32_C(0x00000001)
 
-/** y_a is implausible, outside -75 .. 75, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y_a is implausible, outside -75 .. 75: predicted only. To do: check the sensor and the declared range. */
 #define PMSM_SENSORLESS_REJECTED_Y_A          UINT32_C(0x00000002)
 
-/** y_b is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y_b is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define PMSM_SENSORLESS_MISSING_Y_B           UINT32_C(0x00000004)
 
-/** y_b is implausible, outside -75 .. 75, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y_b is implausible, outside -75 .. 75: predicted only. To do: check the sensor and the declared range. */
 #define PMSM_SENSORLESS_REJECTED_Y_B          UINT32_C(0x00000008)
 
 /** u_a is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -166,8 +166,8 @@ static void quadruple_tank_jacobian(float z1, float z2, float z3, float z4, floa
     F[5] = -t2; /* F_44 */
 }
 
-QUADRUPLE_TANK_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+QUADRUPLE_TANK_RARELY
 static uint32_t quadruple_tank_ready(quadruple_tank_state *s, const quadruple_tank_params *p)
 {
     uint32_t status = 0u;
@@ -182,8 +182,8 @@ static uint32_t quadruple_tank_ready(quadruple_tank_state *s, const quadruple_ta
     return status;
 }
 
-QUADRUPLE_TANK_RARELY
 /* set the fault counts and their limits as after a reset */
+QUADRUPLE_TANK_RARELY
 static void quadruple_tank_clear_fault_counts(quadruple_tank_state *s)
 {
     /* as after a reset */
@@ -196,8 +196,8 @@ static void quadruple_tank_clear_fault_counts(quadruple_tank_state *s)
     s->fault_checksum = 0.0f;
 }
 
-QUADRUPLE_TANK_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+QUADRUPLE_TANK_RARELY
 static void quadruple_tank_clear_rest(quadruple_tank_state *s)
 {
     /* as after a reset */
@@ -664,6 +664,13 @@ static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadru
     uint32_t status = 0u;
     bool running = false;
     float u[2];
+    /* keep u in its box */
+    {
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        s->u[0] = quadruple_tank_clamp(u_before1, 0.0f, 6.0f);
+        s->u[1] = quadruple_tank_clamp(u_before2, 0.0f, 6.0f);
+    }
     status |= quadruple_tank_guard_input(s, in, u);
     /* the first call advances no time */
     {
@@ -693,15 +700,15 @@ static uint32_t quadruple_tank_guard_measurement_y1(const quadruple_tank_state *
     /* guard the measurement of y1 */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = quadruple_tank_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        const bool t2 = reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        const bool t3 = quadruple_tank_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= QUADRUPLE_TANK_MISSING_Y1;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= QUADRUPLE_TANK_REJECTED_Y1;
         }
     }
@@ -770,12 +777,13 @@ static bool quadruple_tank_suspect_y1(const quadruple_tank_state *s, float outpu
     return suspect;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool quadruple_tank_plausible_y1(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool quadruple_tank_sample_in_plausible_range_y1(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (quadruple_tank_within(reading, 3e+38f) && reading >= -18.0f && reading <= 39.0f);
+    sampled = valid || (reading >= -18.0f && reading <= 39.0f);
     return sampled;
 }
 
@@ -886,7 +894,7 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
         }
         suspect = quadruple_tank_suspect_y1(s, output_error, valid);
         if (suspect) {
-            sampled = quadruple_tank_plausible_y1(reading, valid);
+            sampled = quadruple_tank_sample_in_plausible_range_y1(reading, valid);
             if (sampled) {
                 status |= quadruple_tank_count_range(s, p);
                 quadruple_tank_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
@@ -928,15 +936,15 @@ static uint32_t quadruple_tank_guard_measurement_y2(const quadruple_tank_state *
     /* guard the measurement of y2 */
     {
         const float t1 = reading - s->z[1];
-        const bool t2 = quadruple_tank_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        const bool t2 = reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        const bool t3 = quadruple_tank_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= QUADRUPLE_TANK_MISSING_Y2;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= QUADRUPLE_TANK_REJECTED_Y2;
         }
     }
@@ -1133,7 +1141,7 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
         }
         status |= quadruple_tank_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = quadruple_tank_plausible_y1(reading, valid);
+            sampled = quadruple_tank_sample_in_plausible_range_y1(reading, valid);
             if (sampled) {
                 status |= quadruple_tank_count_range(s, p);
                 quadruple_tank_find_signs_y2(s, &moves_y_y2, output_error, &side_y_y2);
@@ -1167,8 +1175,8 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
     return status;
 }
 
-QUADRUPLE_TANK_RARELY
 /* nominal parameters */
+QUADRUPLE_TANK_RARELY
 static void quadruple_tank_nominal(quadruple_tank_params *p)
 {
     p->ready = QUADRUPLE_TANK_READY;

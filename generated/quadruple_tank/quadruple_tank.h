@@ -11,6 +11,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
 #define QUADRUPLE_TANK_DT      1.0f                                 /**< sampling period in seconds */
 
 /** the input now */
@@ -32,24 +33,27 @@ typedef struct {
 } quadruple_tank_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
         float Q[4]; /**< process noise, diagonal factor: h1, h2, h3, h4 [z^2/s], 6e-09 .. 6000 */
         float R[2]; /**< output noise: y1, y2 [y^2 s], 4e-10 .. 400 */
     } gain; /**< gains of the observer */
 } quadruple_tank_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: h1, h2, h3, h4 */
     float L[6];              /**< L of P = L D L' by columns: L21 .. L43 */
     float D[4];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -117760 .. 117760 */
-    float fault_limit_y_y1;  /**< fault count at which a guard acts, 115 .. 117760 */
-    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -117760 .. 117760 */
-    float fault_limit_y_y2;  /**< fault count at which a guard acts, 115 .. 117760 */
-    float fault_count_range; /**< faulty samples, 0 .. 234496 */
-    float fault_limit_range; /**< fault count at which a guard acts, 229 .. 234496 */
+    /** samples at which y1 is off by 10% of its span, with the sign of the last error, -117760 .. 117760 */
+    float fault_count_y_y1;
+    float fault_limit_y_y1;  /**< fault_count_y_y1 at which a guard acts, 115 .. 117760 */
+    /** samples at which y2 is off by 10% of its span, with the sign of the last error, -117760 .. 117760 */
+    float fault_count_y_y2;
+    float fault_limit_y_y2;  /**< fault_count_y_y2 at which a guard acts, 115 .. 117760 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 234496 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 229 .. 234496 */
     float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 939573 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
@@ -62,68 +66,68 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void quadruple_tank_init(quadruple_tank_state *s, quadruple_tank_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t quadruple_tank_tune(quadruple_tank_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void quadruple_tank_reset(quadruple_tank_state *s);
 
 /** @brief one sampling period: predict, update_y1, update_y2; NaN means a missing sample; the first call
  * advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in, const quadruple_tank_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void quadruple_tank_estimate(const quadruple_tank_state *s, const quadruple_tank_params *p,
     quadruple_tank_plant *x);
 
 /** @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in);
 
 /** @brief part of a step: correct with y1
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *measurement);
 
 /** @brief part of a step: correct with y2
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 uint32_t quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *measurement);
 
 /** @brief write the state as QUADRUPLE_TANK_SAVED bytes: QUADRUPLE_TANK_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved QUADRUPLE_TANK_SAVED bytes, at any address */
 void quadruple_tank_save(const quadruple_tank_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved QUADRUPLE_TANK_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -136,18 +140,16 @@ unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *sa
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y1 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y1 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define QUADRUPLE_TANK_MISSING_Y1            UINT32_C(0x00000001)
 
-/** y1 is implausible, outside -18 .. 39, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y1 is implausible, outside -18 .. 39: predicted only. To do: check the sensor and the declared range. */
 #define QUADRUPLE_TANK_REJECTED_Y1           UINT32_C(0x00000002)
 
-/** y2 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y2 is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define QUADRUPLE_TANK_MISSING_Y2            UINT32_C(0x00000004)
 
-/** y2 is implausible, outside -18 .. 39, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y2 is implausible, outside -18 .. 39: predicted only. To do: check the sensor and the declared range. */
 #define QUADRUPLE_TANK_REJECTED_Y2           UINT32_C(0x00000008)
 
 /** v1 is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the

@@ -89,8 +89,8 @@ static void roessler_rate(const roessler_params *p, float z1, float z2, float z3
     dz[2] = (roessler_limit(z2, 12.0f) - 5.7f)*roessler_clamp(z3, -25.0f, 0.0f) - 0.2f + p->derived.K[2]*t1;
 }
 
-ROESSLER_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+ROESSLER_RARELY
 static unsigned roessler_ready(roessler_state *s, const roessler_params *p)
 {
     unsigned status = 0u;
@@ -105,8 +105,8 @@ static unsigned roessler_ready(roessler_state *s, const roessler_params *p)
     return status;
 }
 
-ROESSLER_RARELY
 /* set the fault counts and their limits as after a reset */
+ROESSLER_RARELY
 static void roessler_clear_fault_counts(roessler_state *s)
 {
     /* as after a reset */
@@ -152,8 +152,8 @@ static unsigned roessler_keep_in_box(roessler_state *s, const roessler_params *p
     return status;
 }
 
-ROESSLER_RARELY
 /* nominal parameters */
+ROESSLER_RARELY
 static void roessler_nominal(roessler_params *p)
 {
     p->ready = ROESSLER_READY;
@@ -168,17 +168,18 @@ static unsigned roessler_guard_measurements(const roessler_state *s, const roess
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = roessler_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && roessler_within(reading, 36.0f) && roessler_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = roessler_within(reading, 36.0f) && roessler_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = roessler_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && roessler_within(y_before, 36.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= ROESSLER_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= ROESSLER_REJECTED_Y;
         }
     }
@@ -278,18 +279,6 @@ static unsigned roessler_suspect(const roessler_state *s, const roessler_output 
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool roessler_plausible(const roessler_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (roessler_within(reading, 3e+38f) && roessler_within(reading, 36.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -473,7 +462,8 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
         s->y_valid = valid;
         status |= roessler_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = roessler_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || roessler_within(measurement->y, 36.0f);
             if (sampled) {
                 status |= roessler_count_faults(s, measurement);
             }

@@ -95,8 +95,8 @@ static void series_dc_motor_jacobian(float z1, float z2, float F[3])
     F[2] = 0.03f*t1; /* F_12 */
 }
 
-SERIES_DC_MOTOR_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+SERIES_DC_MOTOR_RARELY
 static unsigned series_dc_motor_ready(series_dc_motor_state *s, const series_dc_motor_params *p)
 {
     unsigned status = 0u;
@@ -111,8 +111,8 @@ static unsigned series_dc_motor_ready(series_dc_motor_state *s, const series_dc_
     return status;
 }
 
-SERIES_DC_MOTOR_RARELY
 /* set the fault counts and their limits as after a reset */
+SERIES_DC_MOTOR_RARELY
 static void series_dc_motor_clear_fault_counts(series_dc_motor_state *s)
 {
     /* as after a reset */
@@ -123,8 +123,8 @@ static void series_dc_motor_clear_fault_counts(series_dc_motor_state *s)
     s->fault_checksum = 0.0f;
 }
 
-SERIES_DC_MOTOR_RARELY
 /* set what the observer remembers besides the estimate as after a reset */
+SERIES_DC_MOTOR_RARELY
 static void series_dc_motor_clear_rest(series_dc_motor_state *s)
 {
     /* as after a reset */
@@ -355,6 +355,11 @@ static unsigned series_dc_motor_run_predict(series_dc_motor_state *s, const seri
     unsigned status = 0u;
     bool running = false;
     float u = 0.0f;
+    /* keep u in its box */
+    {
+        const float u_before = s->u;
+        s->u = series_dc_motor_clamp(u_before, 0.0f, 5000.0f);
+    }
     status |= series_dc_motor_guard_input(s, in, &u);
     /* the first call advances no time */
     {
@@ -382,15 +387,15 @@ static unsigned series_dc_motor_guard_measurement_y(const series_dc_motor_state 
     /* guard the measurement of y */
     {
         const float t1 = reading - s->z[0];
-        const bool t2 = series_dc_motor_within(reading, 3e+38f);
-        const bool t3 = t2 && reading >= -48.0f && reading <= 99.0f && series_dc_motor_within(t1, 1e+16f);
+        const bool t2 = reading >= -48.0f && reading <= 99.0f && series_dc_motor_within(t1, 1e+16f);
+        const bool t3 = series_dc_motor_within(reading, 3e+38f);
         *e = t1;
         *output_error = t1;
-        *valid = t3;
-        if (!t2) {
+        *valid = t2;
+        if (!t3) {
             status |= SERIES_DC_MOTOR_MISSING_Y;
         }
-        if (t2 && !t3) {
+        if (t3 && !t2) {
             status |= SERIES_DC_MOTOR_REJECTED_Y;
         }
     }
@@ -456,12 +461,13 @@ static unsigned series_dc_motor_suspect_y(const series_dc_motor_state *s, float 
     return status;
 }
 
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool series_dc_motor_plausible_y(float reading, bool valid)
+/* is there a sample in the plausible range of its sensor? It judges the estimate, even where it is too far
+ * off to correct it */
+static bool series_dc_motor_sample_in_plausible_range_y(float reading, bool valid)
 {
     bool sampled = false;
     /* is there a sample to judge by? */
-    sampled = valid || (series_dc_motor_within(reading, 3e+38f) && reading >= -48.0f && reading <= 99.0f);
+    sampled = valid || (reading >= -48.0f && reading <= 99.0f);
     return sampled;
 }
 
@@ -670,7 +676,7 @@ static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const ser
         }
         status |= series_dc_motor_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            sampled = series_dc_motor_plausible_y(reading, valid);
+            sampled = series_dc_motor_sample_in_plausible_range_y(reading, valid);
             if (sampled) {
                 status |= series_dc_motor_count_faults_y(s, output_error, reading);
             }
@@ -682,8 +688,8 @@ static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const ser
     return status;
 }
 
-SERIES_DC_MOTOR_RARELY
 /* nominal parameters */
+SERIES_DC_MOTOR_RARELY
 static void series_dc_motor_nominal(series_dc_motor_params *p)
 {
     p->ready = SERIES_DC_MOTOR_READY;

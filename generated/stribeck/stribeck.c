@@ -111,8 +111,8 @@ static void stribeck_rate(const stribeck_params *p, float z1, float z2, float u,
     dz[1] = u - stribeck_table_friction(stribeck_limit(z2, 0.8f)) + p->derived.K[1]*t1;
 }
 
-STRIBECK_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+STRIBECK_RARELY
 static unsigned stribeck_ready(stribeck_state *s, const stribeck_params *p)
 {
     unsigned status = 0u;
@@ -127,8 +127,8 @@ static unsigned stribeck_ready(stribeck_state *s, const stribeck_params *p)
     return status;
 }
 
-STRIBECK_RARELY
 /* set the fault counts and their limits as after a reset */
+STRIBECK_RARELY
 static void stribeck_clear_fault_counts(stribeck_state *s)
 {
     /* as after a reset */
@@ -167,8 +167,8 @@ static unsigned stribeck_keep_in_box(stribeck_state *s, const stribeck_params *p
     return status;
 }
 
-STRIBECK_RARELY
 /* nominal parameters */
+STRIBECK_RARELY
 static void stribeck_nominal(stribeck_params *p)
 {
     p->ready = STRIBECK_READY;
@@ -203,17 +203,18 @@ static unsigned stribeck_guard_measurements(const stribeck_state *s, const strib
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = stribeck_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && stribeck_within(reading, 6.6f) && stribeck_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = stribeck_within(reading, 6.6f) && stribeck_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = stribeck_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && stribeck_within(y_before, 6.6f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= STRIBECK_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= STRIBECK_REJECTED_Y;
         }
     }
@@ -301,18 +302,6 @@ static unsigned stribeck_suspect(const stribeck_state *s, const stribeck_output 
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool stribeck_plausible(const stribeck_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (stribeck_within(reading, 3e+38f) && stribeck_within(reading, 6.6f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -471,6 +460,11 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before = s->u;
+            s->u = stribeck_limit(u_before, 6.0f);
+        }
         status |= stribeck_guard_input(s, in, &u);
         status |= stribeck_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -491,7 +485,8 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
         s->y_valid = valid;
         status |= stribeck_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = stribeck_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || stribeck_within(measurement->y, 6.6f);
             if (sampled) {
                 status |= stribeck_count_faults(s, measurement);
             }

@@ -88,8 +88,8 @@ static void van_der_pol_rate(const van_der_pol_params *p, float z1, float z2, fl
     dz[1] = (1.0f - t2*t2)*van_der_pol_limit(z2, 6.0f) - t2 + p->derived.K[1]*t1;
 }
 
-VAN_DER_POL_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+VAN_DER_POL_RARELY
 static unsigned van_der_pol_ready(van_der_pol_state *s, const van_der_pol_params *p)
 {
     unsigned status = 0u;
@@ -104,8 +104,8 @@ static unsigned van_der_pol_ready(van_der_pol_state *s, const van_der_pol_params
     return status;
 }
 
-VAN_DER_POL_RARELY
 /* set the fault counts and their limits as after a reset */
+VAN_DER_POL_RARELY
 static void van_der_pol_clear_fault_counts(van_der_pol_state *s)
 {
     /* as after a reset */
@@ -144,8 +144,8 @@ static unsigned van_der_pol_keep_in_box(van_der_pol_state *s, const van_der_pol_
     return status;
 }
 
-VAN_DER_POL_RARELY
 /* nominal parameters */
+VAN_DER_POL_RARELY
 static void van_der_pol_nominal(van_der_pol_params *p)
 {
     p->ready = VAN_DER_POL_READY;
@@ -160,17 +160,18 @@ static unsigned van_der_pol_guard_measurements(const van_der_pol_state *s,
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = van_der_pol_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && van_der_pol_within(reading, 9.0f) && van_der_pol_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = van_der_pol_within(reading, 9.0f) && van_der_pol_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = van_der_pol_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && van_der_pol_within(y_before, 9.0f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= VAN_DER_POL_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= VAN_DER_POL_REJECTED_Y;
         }
     }
@@ -256,18 +257,6 @@ static unsigned van_der_pol_suspect(const van_der_pol_state *s, const van_der_po
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool van_der_pol_plausible(const van_der_pol_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (van_der_pol_within(reading, 3e+38f) && van_der_pol_within(reading, 9.0f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -442,7 +431,8 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p,
         s->y_valid = valid;
         status |= van_der_pol_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = van_der_pol_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || van_der_pol_within(measurement->y, 9.0f);
             if (sampled) {
                 status |= van_der_pol_count_faults(s, measurement);
             }

@@ -10,6 +10,7 @@
 #define VAN_DER_POL_H
 
 #include <stddef.h>
+
 #define VAN_DER_POL_DT      0.001f                            /**< sampling period in seconds */
 
 /** the measurement now */
@@ -23,23 +24,25 @@ typedef struct {
 } van_der_pol_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
-        float theta; /**< high-gain parameter, 1 .. 5 */
+        float theta; /**< high-gain parameter, 1 .. 5; convergence is proved above 7.1 */
     } gain; /**< gains of the observer */
     struct {
         float K[2]; /**< observer gain: theta K_1, theta^2 K_2 */
     } derived; /**< what `tune` computes of the others */
 } van_der_pol_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x1, x2 */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -2.54566e+06 .. 2.54566e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 2486 .. 2.54566e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 2.54566e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 2486 .. 2.54566e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.01777e+07 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -2545664 .. 2545664 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 2486 .. 2545664 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 2545664 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 2486 .. 2545664 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.0177684e+07 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
@@ -50,41 +53,41 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void van_der_pol_init(van_der_pol_state *s, van_der_pol_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges and computes the derived ones
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned van_der_pol_tune(van_der_pol_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void van_der_pol_reset(van_der_pol_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p,
     const van_der_pol_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void van_der_pol_estimate(const van_der_pol_state *s, const van_der_pol_params *p, van_der_pol_plant *x);
 
 /** @brief write the state as VAN_DER_POL_SAVED bytes: VAN_DER_POL_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved VAN_DER_POL_SAVED bytes, at any address */
 void van_der_pol_save(const van_der_pol_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved VAN_DER_POL_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -97,11 +100,10 @@ unsigned van_der_pol_restore(van_der_pol_state *s, const unsigned char *saved, s
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define VAN_DER_POL_MISSING_Y             0x0001u
 
-/** y is implausible, outside -9 .. 9, or 1e+16 off its estimate: predicted only. To do: check the sensor and
- * the declared range. */
+/** y is implausible, outside -9 .. 9: predicted only. To do: check the sensor and the declared range. */
 #define VAN_DER_POL_REJECTED_Y            0x0002u
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,

@@ -142,8 +142,8 @@ static void warm_bearing_rate(const warm_bearing_params *p, float z1, float z2, 
     dz[1] = u1 - warm_bearing_table_friction(warm_bearing_limit(z2, 0.8f), u2) + p->derived.K[1]*t1;
 }
 
-WARM_BEARING_RARELY
 /* memory without its mark is not used: the state begins anew, which the status says */
+WARM_BEARING_RARELY
 static unsigned warm_bearing_ready(warm_bearing_state *s, const warm_bearing_params *p)
 {
     unsigned status = 0u;
@@ -158,8 +158,8 @@ static unsigned warm_bearing_ready(warm_bearing_state *s, const warm_bearing_par
     return status;
 }
 
-WARM_BEARING_RARELY
 /* set the fault counts and their limits as after a reset */
+WARM_BEARING_RARELY
 static void warm_bearing_clear_fault_counts(warm_bearing_state *s)
 {
     /* as after a reset */
@@ -198,8 +198,8 @@ static unsigned warm_bearing_keep_in_box(warm_bearing_state *s, const warm_beari
     return status;
 }
 
-WARM_BEARING_RARELY
 /* nominal parameters */
+WARM_BEARING_RARELY
 static void warm_bearing_nominal(warm_bearing_params *p)
 {
     p->ready = WARM_BEARING_READY;
@@ -244,17 +244,18 @@ static unsigned warm_bearing_guard_measurements(const warm_bearing_state *s,
     /* guard the measurements */
     {
         const float reading = measurement->y;
-        const bool t1 = warm_bearing_within(reading, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && warm_bearing_within(reading, 6.6f) && warm_bearing_within(reading - z1, 1e+16f);
-        const float t3 = t2 ? reading : z1;
-        *y = t3;
-        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        *valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
+        const bool t1 = warm_bearing_within(reading, 6.6f) && warm_bearing_within(reading - z1, 1e+16f);
+        const float t2 = t1 ? reading : z1;
+        const float y_before = s->y;
+        const bool t3 = warm_bearing_within(reading, 3e+38f);
+        *y = t2;
+        *y_last = (t1 && s->y_valid > 0.0f && warm_bearing_within(y_before, 6.6f)) ? y_before : t2;
+        *valid = t1 ? 1.0f : 0.0f;
+        if (!t3) {
             status |= WARM_BEARING_MISSING_Y;
         }
-        if (t1 && !t2) {
+        if (t3 && !t1) {
             status |= WARM_BEARING_REJECTED_Y;
         }
     }
@@ -343,19 +344,6 @@ static unsigned warm_bearing_suspect(const warm_bearing_state *s, const warm_bea
             || !(valid > 0.0f);
     }
     return status;
-}
-
-/* is there a plausible sample, by which the estimate can be judged? */
-static bool warm_bearing_plausible(const warm_bearing_output *measurement, float valid)
-{
-    bool sampled = false;
-    /* is there a sample to judge by? */
-    {
-        const float reading = measurement->y;
-        sampled = valid > 0.0f || (warm_bearing_within(reading, 3e+38f)
-            && warm_bearing_within(reading, 6.6f));
-    }
-    return sampled;
 }
 
 /* is a fault count or limit out of its range, or does the checksum differ? */
@@ -514,6 +502,13 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
+        /* keep u in its box */
+        {
+            const float u_before1 = s->u[0];
+            const float u_before2 = s->u[1];
+            s->u[0] = warm_bearing_limit(u_before1, 6.0f);
+            s->u[1] = warm_bearing_clamp(u_before2, -10.0f, 90.0f);
+        }
         status |= warm_bearing_guard_input(s, in, u);
         status |= warm_bearing_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
@@ -535,7 +530,8 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
         s->y_valid = valid;
         status |= warm_bearing_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            sampled = warm_bearing_plausible(measurement, valid);
+            /* is there a sample to judge by? */
+            sampled = valid > 0.0f || warm_bearing_within(measurement->y, 6.6f);
             if (sampled) {
                 status |= warm_bearing_count_faults(s, measurement);
             }

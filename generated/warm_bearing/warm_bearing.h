@@ -10,6 +10,7 @@
 #define WARM_BEARING_H
 
 #include <stddef.h>
+
 #define WARM_BEARING_DT      0.001f                             /**< sampling period in seconds */
 
 /** the input now */
@@ -28,23 +29,25 @@ typedef struct {
 } warm_bearing_plant;
 /** parameters: change gain, then call tune */
 typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    unsigned ready; /**< mark that init and PARAMS_INIT write; parameters without it are not used */
     struct {
-        float theta; /**< high-gain parameter, 1 .. 100 */
+        float theta; /**< high-gain parameter, 1 .. 100; convergence is proved above 15 */
     } gain; /**< gains of the observer */
     struct {
         float K[2]; /**< observer gain: theta K_1, theta^2 K_2 */
     } derived; /**< what `tune` computes of the others */
 } warm_bearing_params;
-/** what a step remembers: yours to copy, save and restore; a call keeps what it computes in its box */
+/** the memory of the observer between calls: yours to copy, save and restore; a call keeps what it computes
+ * in its box */
 typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    unsigned ready;          /**< mark that init and reset write; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x, v */
-    float fault_count_y;     /**< faulty samples, sign of the last error, -2.44838e+06 .. 2.44838e+06 */
-    float fault_limit_y;     /**< fault count at which a guard acts, 2391 .. 2.44838e+06 */
-    float fault_count_range; /**< faulty samples, 0 .. 2.44838e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 2391 .. 2.44838e+06 */
-    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 9.78875e+06 */
+    /** samples at which y is off by 10% of its span, with the sign of the last error, -2448384 .. 2448384 */
+    float fault_count_y;
+    float fault_limit_y;     /**< fault_count_y at which a guard acts, 2391 .. 2448384 */
+    float fault_count_range; /**< samples at which the estimate is out of a range by 5% of it, 0 .. 2448384 */
+    float fault_limit_range; /**< fault_count_range at which a guard acts, 2391 .. 2448384 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 9788754 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u[2];              /**< last valid input: u, T */
     float y;                 /**< last sample, or its estimate: y */
@@ -56,42 +59,42 @@ extern "C" {
 #endif
 
 /** @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[out] p the parameters */
 void warm_bearing_init(warm_bearing_state *s, warm_bearing_params *p);
 
 /** @brief after a change of parameters: limits them to their ranges and computes the derived ones
  * @param[in,out] p the parameters
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned warm_bearing_tune(warm_bearing_params *p);
 
 /** @brief the state as before the first call
- * @param[out] s the state: what a step remembers */
+ * @param[out] s the state: the memory of the observer between calls */
 void warm_bearing_reset(warm_bearing_state *s);
 
 /** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
- * @param[in,out] s the state: what a step remembers
+ * @param[in,out] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[in] in the input now
  * @param[in] measurement the measurement now
- * @return 0, or an or of the status bits */
+ * @return 0, or the bitwise OR of status bits */
 unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, const warm_bearing_input *in,
     const warm_bearing_output *measurement);
 
 /** @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[in] p the parameters
  * @param[out] x the estimate of the plant's state */
 void warm_bearing_estimate(const warm_bearing_state *s, const warm_bearing_params *p, warm_bearing_plant *x);
 
 /** @brief write the state as WARM_BEARING_SAVED bytes: WARM_BEARING_LAYOUT, the memory of the struct, a
  * checksum
- * @param[in] s the state: what a step remembers
+ * @param[in] s the state: the memory of the observer between calls
  * @param[out] saved WARM_BEARING_SAVED bytes, at any address */
 void warm_bearing_save(const warm_bearing_state *s, unsigned char *saved);
 
 /** @brief read a state that this program saved; refuse any other, and one with another bit
- * @param[out] s the state: what a step remembers
+ * @param[out] s the state: the memory of the observer between calls
  * @param[in] saved WARM_BEARING_SAVED bytes, at any address
  * @param[in] size how many bytes there are
  * @return 0: restored; 1: refused, the state is unchanged */
@@ -104,11 +107,10 @@ unsigned warm_bearing_restore(warm_bearing_state *s, const unsigned char *saved,
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
+/** y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
 #define WARM_BEARING_MISSING_Y             0x0001u
 
-/** y is implausible, outside -6.6 .. 6.6, or 1e+16 off its estimate: predicted only. To do: check the sensor
- * and the declared range. */
+/** y is implausible, outside -6.6 .. 6.6: predicted only. To do: check the sensor and the declared range. */
 #define WARM_BEARING_REJECTED_Y            0x0002u
 
 /** u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
