@@ -4,6 +4,8 @@ The order of statements and operations, names, counts and layout are the same in
 those of `str.format`.
 """
 
+# Takes apart: a decimal, of which it leaves out a point and zero.
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

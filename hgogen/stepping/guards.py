@@ -205,8 +205,8 @@ def implausible(signal: Signal, reading: tuple[float, float], form: Form) -> str
     range."""
     low, high = plausible_range(signal, reading)
     place = f"outside {low:g} .. {high:g}" if high - low < INF else f"beyond {HUGE:g}"
-    near = high - low < INF and all(state.bounded for state in form.states)
-    return place if near else f"{place}, or {10 * HUGE:g} off its estimate"
+    bounded = high - low < INF and all(state.bounded for state in form.states)
+    return place if bounded else f"{place}, or {10 * HUGE:g} off its estimate"
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
