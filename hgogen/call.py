@@ -144,7 +144,7 @@ class CallableStep(Step):
             ending = "_at"
         status = self._entries["estimate"]() if not y else 0
         if y and "gate" in self._entries:
-            for name in self._take.keys() - samples.keys():
+            for name in set(known) - samples.keys():
                 self._take[name](np.nan)
             status |= self._entries["gate"]()
         for name in (signal.name for signal in self.outputs if signal.name in y):
@@ -180,7 +180,7 @@ class CallableStep(Step):
         x, traces, status = self._kept.run(engine, u, y)
         for share in gate_shares(self, status):
             if share.excessive:
-                warnings.warn(str(share), RejectsMany, stacklevel=2)
+                warnings.warn(share.sentence, RejectsMany, stacklevel=2)
         times = self._times(spent)
         return Run(
             t=times,

@@ -352,6 +352,67 @@ def test_an_estimate_ten_sigma_off_finds_its_way_back(kind: str) -> None:
     assert np.abs(run.x - x)[60:].max() < 2
 
 
+@pytest.mark.ordinary("riccati-turning", "ukf-direction")
+@pytest.mark.parametrize("make", [turning, direction])
+@pytest.mark.parametrize("kind", ["riccati", "ukf", "iterated_ekf"])
+def test_recovery_on_a_circle(kind: str, make: Callable[[], hg.Form]) -> None:
+    """A sensor that is mounted anew, nearly half a turn off: the rate, or the bias of the gyro, keeps its estimate.
+    On x^2 + y^2 = 1 the first accepted sample is corrected by one output after the other, and a second one is needed.
+    In float as well."""
+    (u, y), form = course(make), make()
+    off = y.copy()
+    off[200:] = (y[200:] + 3 + np.pi) % (2 * np.pi) - np.pi if make is turning else -y[200:]
+    gate = {tuple(output.name for output in form.system.outputs): hg.Gate(0.999, accept_after=5)}
+    gains = {"Q": [1e-4, 1e-2] if make is turning else [1e-4, 1e-4, 1e-6], "R": 1e-5, "accept": ACCEPT}
+    start = {"w": np.pi / 2} if make is turning else {"c": 1.0}
+    observer = getattr(hg.observers, kind)(form, gate=gate, initial=start, **gains)
+    run = hg.sample(observer, dt=DT, engine="python", real="float").run(u=u, y=off)
+    (share,) = run.gates
+    errors = run.x[:, : y.shape[1]] - off
+    errors = (errors + np.pi) % (2 * np.pi) - np.pi if make is turning else errors
+    assert share.beyond <= (6 if make is turning else 12)
+    assert np.abs(errors[204]).max() > 1
+    assert np.abs(errors[220:]).max() < 0.05
+    assert np.abs(np.diff(run.x[199:230, -1])).max() < 0.1
+
+
+def test_a_count_that_was_spoiled_accepts_the_next_sample() -> None:
+    step = lost(accept_after=3)
+    step(y=[6, 8, np.nan])
+    (place,) = (each for each in step._kept.places if each.name == "gate_count_x_y")
+    for spoiled in (4, 10**6, 2**32 - 1):
+        step._kept.places[place][...] = spoiled
+        assert "REACQUIRED_X_Y" in step(y=[30, 8, np.nan]).flags
+        assert step(y=[6, 8, np.nan]).flags[-1] == "GATED_X_Y"
+        for _ in range(3):
+            step(y=[6, 8, np.nan])
+
+
+def test_a_rejected_sample_does_not_renew_the_age_of_its_output() -> None:
+    step = made(gate={("x", "y"): 0.999}, report=("age",))
+    ages = [step(y=y).traces for y in ([6, 8, 10], [30, 8, 10], [30, 8, np.nan], [6, 8, 10])]
+    assert [[each[f"age_{name}"] for name in ("x", "y", "rho")] for each in ages] == [
+        [0, 0, 0],
+        [1, 1, 0],
+        [2, 2, 1],
+        [0, 0, 0],
+    ]
+
+
+@pytest.mark.parametrize("kind", ["riccati", "ukf", "iterated_ekf"])
+def test_a_discrete_plant_has_gates(kind: str) -> None:
+    x, v = hg.Signal("x", low=-9, high=9), hg.Signal("v", low=-9, high=9)
+    flow = [x + v / 10, 0.99 * v]
+    plant = hg.System("drift", states=(x, v), outputs=(hg.Signal("y"),), flow=flow, output=[x], discrete=True)
+    gains = {"Q_per_sample": [1e-4, 1e-4], "R_per_sample": 1e-2, "gate": {"y": 0.9999}}
+    observer = getattr(hg.observers, kind)(hg.forms.original(plant), **gains)
+    y = 0.1 * np.random.default_rng(0).standard_normal(300)
+    y[[50, 120]] += 5
+    run = hg.sample(observer, dt=1.0, engine="python").run(y=y)
+    assert (run.gates[0].count, run.gates[0].beyond) == (300, 2)
+    assert np.isnan(run.innovations[[50, 120]]).all()
+
+
 def test_rejected_samples_are_no_evidence_for_a_restart() -> None:
     """A sensor that is stuck: without a gate the estimate restarts from it, with one it never does."""
     stuck = np.tile([30.0, np.nan, np.nan], (4000, 1))

@@ -39,6 +39,7 @@ from hgogen.commands.output import Bar, Written, cell, folder_of, headed, note, 
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
+from hgogen.estimators.gate import Gates
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
@@ -61,6 +62,10 @@ TunedOn = Annotated[
     typer.Option("--tune-on", help="Choose gains by predictions, or by the truth of --truth."),
 ]
 
+Gating = Annotated[
+    list[str] | None,
+    typer.Option("--gate", metavar="A,B=P", help="Innovation gate of outputs that pass together; repeatable."),
+]
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
 
 
@@ -165,6 +170,7 @@ def tune_(
     between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "line",
     held_out: HeldOut = 0.3,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
+    gate: Gating = None,
     segments: Annotated[
         int, typer.Option(min=2, help="Of each record, by which gains that others chose are judged.")
     ] = 5,
@@ -214,6 +220,7 @@ def tune_(
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             rows=requested_forms(loaded, deep),
+            gate=gates_of(gate or ()),
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
@@ -222,6 +229,19 @@ def tune_(
     lines = equations(plant)
     report = TuneReport(loaded.path, lines, logs, calibration, ahead, segments, rows, notes, bool(held_out))
     return folder.save(report, "tuned.json")
+
+
+def gates_of(texts: Iterable[str]) -> Gates:
+    """Return the probabilities of gates by their outputs, from texts such as "px, py=0.999". Raises: `BadParameter`."""
+    gates: dict[str | tuple[str, ...], Any] = {}
+    for text in texts:
+        outputs, _, probability = text.rpartition("=")
+        try:
+            gates[outputs.strip()] = float(probability)
+        except ValueError:
+            reason = f"{text!r:.60} is not OUTPUTS=PROBABILITY, such as y=0.999"
+            raise typer.BadParameter(reason, param_hint="--gate") from None
+    return gates
 
 
 def _judged(
@@ -241,7 +261,8 @@ def _judged(
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
     judgements = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
-    notes = (*logs.notes(), *difference_notes(rates), *judgements, *too_far(aheads, rows[0].errors))
+    shares = (f"left out as outliers: {share}" for share in calibration.gates)
+    notes = (*logs.notes(), *difference_notes(rates), *shares, *judgements, *too_far(aheads, rows[0].errors))
     return tuple(_row(calibration, row) for row in rows), notes
 
 

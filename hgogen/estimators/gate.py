@@ -13,7 +13,7 @@ Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), s
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, lru_cache
 from math import nextafter
 from typing import Any, TypeAlias
@@ -68,6 +68,18 @@ class GatedGroup:
     def name(self) -> str:
         """The name of the group in status bits and in memory."""
         return "_".join(self.names)
+
+    @property
+    def expected(self) -> float:
+        """The share of samples beyond the gate where model, Q and R are right."""
+        return round(1 - self.gate.probability, 15)
+
+    @property
+    def entry(self) -> tuple[str, float | dict[str, Any]]:
+        """The outputs as one text, and the gate as a table of its arguments, or its probability, as model files have
+        them."""
+        plain = self.gate == Gate(self.gate.probability)
+        return ", ".join(self.names), self.gate.probability if plain else asdict(self.gate)
 
     @cached_property
     def limits(self) -> tuple[float, ...]:

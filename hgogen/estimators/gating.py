@@ -5,6 +5,7 @@ writes the verdict on its samples into the state. All decisions come before the 
 `estimators.gate`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Protocol
@@ -126,19 +127,7 @@ def _decision(filter: Filter, group: GatedGroup) -> Program:
     usable = [_usable(filter, j) for j in group.outputs]
     biased = zip(group.outputs, ca.vertsplit(joint.bias), strict=True)
     errors = [filter.part.dynamics.output_error(j, innovations[j], bias) for j, bias in biased]
-    r = [ca.if_else(ok, error, 0) for ok, error in zip(usable, errors, strict=True)]
-    S = ca.SX(k, k)
-    for i in range(k):
-        for m in range(k):
-            both = usable[i] if i == m else ca.logic_and(usable[i], usable[m])
-            S[i, m] = ca.if_else(both, joint.covariance[i, m], float(i == m))
-    L, D = pivots(S)
-    distance = ca.SX(0)
-    for i in range(k):
-        r[i] = r[i] - sum(L[i, m] * r[m] for m in range(i))
-        distance += r[i] * r[i] / D[i]
-    number = sum(usable[1:], usable[0])
-    limit = reduce(lambda other, i: ca.if_else(number < i + 1.5, group.limits[i], other), reversed(range(k)), INF)
+    distance, number = squared_distance(errors, usable, joint.covariance), sum(usable[1:], usable[0])
     beyond = ca.logic_not(distance <= sym("work", "limit"))
     counted, sampled = sym("state", _count(group)), number > 0
     outside, often = ca.logic_and(sampled, beyond), counted >= group.gate.accept_after
@@ -161,9 +150,34 @@ def _decision(filter: Filter, group: GatedGroup) -> Program:
     names = ", ".join(group.names)
     return (
         *joint.program,
-        Block(f"how many samples of {names} are there?", {Place("work", "limit"): limit}),
+        Block(f"how many samples of {names} are there?", {Place("work", "limit"): passing_limit(group, usable)}),
         Block(f"is the joint innovation of {names} beyond its gate?", writes, {"distance": distance}),
     )
+
+
+def squared_distance(errors: Sequence[Graph], usable: Sequence[Graph], covariance: Graph) -> Graph:
+    """Return d = r' S^-1 r of the `usable` (k) of the innovations r = `errors` (k), S = `covariance` (k, k), SX."""
+    k = len(errors)
+    r = [ca.if_else(ok, error, 0) for ok, error in zip(usable, errors, strict=True)]
+    S = ca.SX(k, k)
+    for i in range(k):
+        for m in range(k):
+            both = usable[i] if i == m else ca.logic_and(usable[i], usable[m])
+            S[i, m] = ca.if_else(both, covariance[i, m], float(i == m))
+    L, D = pivots(S)
+    distance = ca.SX(0)
+    for i in range(k):
+        r[i] = r[i] - sum(L[i, m] * r[m] for m in range(i))
+        distance += r[i] * r[i] / D[i]
+    return distance
+
+
+def passing_limit(group: GatedGroup, usable: Sequence[Graph]) -> Graph:
+    """Return the largest d that passes the gate of a group for as many samples as are `usable`, SX."""
+    number, most = sum(usable[1:], usable[0]), ca.SX(INF)
+    for i in reversed(range(len(usable))):
+        most = ca.if_else(number < i + 1.5, group.limits[i], most)
+    return most
 
 
 def _acceptance(filter: Filter, group: GatedGroup) -> Program:

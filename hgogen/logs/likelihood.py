@@ -3,7 +3,17 @@
     e_j = y_j - h_j(x-),   s_j = H_j P- H_j' + r_j,   x = x- + K e,   P = P- - K s K'      outputs one after the other
     x- = F(x, u),   P- = Phi P Phi' + q(Phi),   Phi = dF/dx                                the next sample
 
-A missing sample is skipped. An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
+A missing sample is skipped. With innovation gates (`estimators.gate`) a sample beyond its gate is an outlier, which is
+missing, too, for the filter and for the likelihood of Q and R. The samples that are left have smaller innovations than
+all: the mean of d = r' S^-1 r over those with d <= gamma is k kappa instead of k for k samples that pass together,
+
+    kappa = F_(k+2)(gamma)/F_k(gamma),   F_k: the distribution function of chi-square with k degrees of freedom
+
+so that e^2 is divided by kappa. Outliers are sought by a fit with a corner (below), then by gates and fits in turn,
+until they repeat. So no fit decides what is an outlier: with a cost for each, Q and R -> 0 would make all samples
+outliers, or none, as the units of y decide.
+
+An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
 log, but for a constant. With a corner c the innovation is reduced to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 +
 (r/c)^2), before it corrects, and costs the integral of psi instead of r^2/2: an outlier then moves the estimate little.
 
@@ -16,7 +26,7 @@ Transactions on Automatic Control 22 (1977).
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -24,13 +34,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import sympy as sp
+from flint import arb
 
 from hgogen.analysis.dynamics import clamp
 from hgogen.discretisation.runge_kutta import open_loop
+from hgogen.estimators.gate import GatedGroup
+from hgogen.estimators.gating import passing_limit, squared_distance
 from hgogen.form import Form
 from hgogen.graph import wrapped
 from hgogen.logs.records import Log, reading_of
 from hgogen.program import column
+from hgogen.run.consistency import CORNER
 from hgogen.signal import Signal, resting
 from hgogen.starting import Scale
 
@@ -51,7 +65,8 @@ def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: I
 class Innovations:
     """An extended Kalman filter as CasADi functions of its parameters theta (q): `move` (x, u now, u then, theta) -> x
     at the next sample, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p) of the
-    `outputs`. A correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares."""
+    `outputs`. A correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares; `gates`: of
+    the innovations."""
 
     move: Any
     read: Any
@@ -60,6 +75,7 @@ class Innovations:
     outputs: tuple[Signal, ...]
     ends: Array
     corner: float = math.inf
+    gates: tuple[GatedGroup, ...] = ()
 
     @property
     def n(self) -> int:
@@ -69,34 +85,87 @@ class Innovations:
     def along(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
         """Return the cost (1, N) of a log's samples, their innovations e (p, N) and variances s (p, N); `memory`: the
         predicted state x- and covariance P- at the first sample, which corrects only if `first`."""
+        _, cost, e, s, _ = self._over(self._step, record, memory, theta, first)
+        return cost, e, s
+
+    def decided(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
+        """Return the mask (N, p) of the samples of a log that the gates admit, decided along the log, the innovations e
+        (p, N) and variances s (p, N) of the filter that corrects by these; arguments as of `along`."""
+        counted = ca.vertcat(memory, ca.DM.zeros(len(self.gates)))
+        _, _, e, s, valid = self._over(self._deciding_step, record, counted, theta, first)
+        return np.array(valid).T > 0, e, s
+
+    def _over(self, step: Any, record: Log, memory: Any, theta: Any, first: bool) -> tuple[Any, ...]:
         N = len(record.y)
         there = np.isfinite(record.y)
         y, valid = np.where(there, record.y, 0.0), there.astype(float)
         valid[0] *= first
-        columns = (record.u.T, record.u[np.minimum(np.arange(1, N + 1), N - 1)].T, y.T, valid.T)
-        over = self._step.mapaccum("over", N, {"base": AT_ONCE})
-        _, cost, e, s = over(memory, *columns, ca.repmat(theta, 1, N))
-        return cost, e, s
+        columns = (record.u.T, record.u[np.minimum(np.arange(1, N + 1), N - 1)].T, y.T, valid.T, self._kappa(there).T)
+        results: tuple[Any, ...] = step.mapaccum("over", N, {"base": AT_ONCE})(memory, *columns, ca.repmat(theta, 1, N))
+        return results
+
+    def _kappa(self, there: Array) -> Array:
+        """Return the mean kappa (N, p) of e^2/s over samples that pass their gates, `there` (N, p); 1 without a
+        gate."""
+        kappa = np.ones(there.shape)
+        for group in self.gates:
+            means = np.array([1.0, *(truncated_mean(limit, k) for k, limit in enumerate(group.limits, 1))])
+            kappa[:, group.outputs] = means[there[:, group.outputs].sum(axis=1)][:, None]
+        return kappa
 
     @cached_property
     def _step(self) -> Any:
-        """The CasADi function (x- and P-, u now, u then, y, valid, theta)
-        -> (next x- and P-, cost, e, s), - before the sample y."""
-        n, memory, theta = self.n, ca.SX.sym("memory", self.n * (self.n + 1)), ca.SX.sym("theta", *self.move.size_in(3))
+        return self._advanced(deciding=False)
+
+    @cached_property
+    def _deciding_step(self) -> Any:
+        return self._advanced(deciding=True)
+
+    def _advanced(self, deciding: bool) -> Any:
+        """Return the CasADi function (x- and P-, u now, u then, y, valid, kappa, theta) -> (next x- and P-, cost, e, s,
+        valid), - before the sample y. A `deciding` one has the counts of gates after P-, and sets `valid` to 0 for
+        samples beyond them."""
+        n, counts, theta = self.n, len(self.gates) * deciding, ca.SX.sym("theta", *self.move.size_in(3))
+        memory = ca.SX.sym("memory", n * (n + 1) + counts)
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
-        y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
-        entries = (memory, now, then, y, valid, theta)
-        x, P, *outputs = self._corrected(memory[:n], ca.reshape(memory[n:], n, n), now, y, valid, theta)
+        y, valid, kappa = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid", "kappa"))
+        entries = (memory, now, then, y, valid, kappa, theta)
+        before, P = memory[:n], ca.reshape(memory[n : n * (n + 1)], n, n)
+        admitted, counted = self._decided(before, P, now, y, valid, memory[n * (n + 1) :], theta)
+        x, P, *outputs = self._corrected(before, P, now, y, admitted if deciding else valid, kappa, theta)
         at = ca.SX.sym("x", n)
         advanced = self.move(at, now, then, theta)
         linear = ca.Function("linear", [at, now, then, theta], [advanced, ca.jacobian(advanced, at)])
         advanced, Phi = linear(x, now, then, theta)
         P = Phi @ P @ Phi.T + self.process(theta, Phi)
-        return ca.Function("filter", list(entries), [ca.vertcat(advanced, ca.vec(P)), *outputs])
+        after = ca.vertcat(advanced, ca.vec(P), *counted)
+        return ca.Function("filter", list(entries), [after, *outputs, admitted if deciding else valid])
 
-    def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
+    def _decided(
+        self, before: Any, P: Any, u: Any, y: Any, valid: Any, counts: Any, theta: Any
+    ) -> tuple[Any, list[Any]]:
+        """Return `valid` (p) with 0 for samples beyond their gates, and the `counts` of these in a row, by group; no
+        counts, no decisions."""
+        if not counts.numel():
+            return valid, []
+        predicted, r, after, admitted = self.read(before, u, theta), self.sensor(theta), [], ca.SX(valid)
+        H = ca.jacobian(predicted, before)
+        S = H @ P @ H.T + ca.diag(r)
+        for group, count in zip(self.gates, ca.vertsplit(counts), strict=True):
+            those = list(group.outputs)
+            usable = [valid[j] > 0 for j in those]
+            errors = [wrapped(y[j] - predicted[j], self.outputs[j].period) for j in those]
+            inside = squared_distance(errors, usable, S[those, those]) <= passing_limit(group, usable)
+            sampled = sum(usable[1:], usable[0]) > 0
+            rejected = ca.logic_and(ca.logic_and(sampled, ca.logic_not(inside)), count < group.gate.accept_after)
+            for j in those:
+                admitted[j] = ca.if_else(rejected, 0, valid[j])
+            after.append(ca.if_else(rejected, count + 1, ca.if_else(sampled, 0, count)))
+        return admitted, after
+
+    def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, kappa: Any, theta: Any) -> tuple[Any, ...]:
         """Return the corrected x and P, the cost, and the innovation e with its variance
-        s, after the sample `y`. `valid` (p): 1 for an output with a sample, else 0."""
+        s, after the sample `y`. `valid` (p): 1 for an output with a sample, else 0; `kappa` (p): the mean of e^2/s."""
         predicted, r, x, cost = self.read(before, u, theta), self.sensor(theta), before, ca.SX(0)
         H, errors, variances = ca.jacobian(predicted, before), [], []
         for j in range(predicted.numel()):
@@ -104,7 +173,7 @@ class Innovations:
             s = row @ P @ row.T + r[j]
             e = wrapped(y[j] - predicted[j] - row @ (x - before), self.outputs[j].period)
             gain = valid[j] * P @ row.T / s
-            pulled, loss, c = e, e * e / s / 2, self.corner
+            pulled, loss, c = e, e * e / (kappa[j] * s) / 2, self.corner
             if c < math.inf:
                 pulled = e / ca.sqrt(1 + e * e / (s * c**2))
                 loss = c**2 * (ca.sqrt(1 + e * e / (s * c**2)) - 1)
@@ -116,8 +185,16 @@ class Innovations:
         return x, (P + P.T) / 2, cost, ca.vertcat(*errors), ca.vertcat(*variances)
 
 
+def truncated_mean(limit: float, k: int) -> float:
+    """Return kappa, the mean of d/k over d <= `limit`, d chi-square with `k` degrees of freedom."""
+    most = arb(limit) / 2
+    upper, lower = (most.gamma_lower(arb(degrees) / 2, regularized=1) for degrees in (k + 2, k))
+    return float(upper / lower)
+
+
 Ended = tuple[float, Array, bool]  # log L per sample, logarithms, whether the search settled
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process and sample noise, in units
+ROUNDS = 20  # of gates and fits
 BOUND = 32.0  # bound of these logarithms
 SAME = 0.1  # difference of logarithms within one maximum
 _OPTIONS: Any = {
@@ -147,18 +224,47 @@ class Noise:
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood of logs on a form, as a function of process and sensor noise; `scale`: the units; `between`:
-    inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample."""
+    inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample; `gates`: of the innovations, of which
+    the `records` have no outliers (`without_outliers`); `corner`: of the loss."""
 
     form: Form
     records: Sequence[Log]
     scale: Scale
     between: str
     steps: int
+    gates: tuple[GatedGroup, ...] = ()
+    corner: float = math.inf
 
     def ended(self, number: int) -> Ended:
         """Return where the search for a maximum ended that began from start `number` of `STARTS`."""
         process, sample = STARTS[number]
-        start = [process] * len(self._noisy) + [sample] * len(self.form.output)
+        return self._ended([process] * len(self._noisy) + [sample] * len(self.form.output))
+
+    def without_outliers(self) -> tuple[Log, ...]:
+        """Return the logs without the samples that the gates reject at the most likely noise of those that are left."""
+        if not self.gates:
+            return tuple(self.records)
+        robust = replace(self, gates=(), corner=CORNER)
+        ends = [end for end in map(robust.ended, range(len(STARTS))) if np.isfinite(end[0])]
+        if not ends:
+            return tuple(self.records)
+        logs, cleaned = max(ends, key=lambda end: end[0])[1], list(self.records)
+        for _ in range(ROUNDS):
+            pairs = zip(self.records, cleaned, strict=True)
+            admitted = [self._admitted(record, self._start(last), logs) for record, last in pairs]
+            if all(np.array_equal(a.y, b.y, equal_nan=True) for a, b in zip(admitted, cleaned, strict=True)):
+                break
+            cleaned = admitted
+            logs = replace(self, records=cleaned)._ended(logs)[1]
+        return tuple(cleaned)
+
+    def _admitted(self, record: Log, memory: Array, logs: Array) -> Log:
+        """Return a log without the samples that the gates reject; the first sample, which corrects nothing, stays."""
+        mask, _, _ = self._filter.decided(record, memory, ca.DM(logs), first=False)
+        mask[0] = True
+        return replace(record, y=np.where(mask, record.y, np.nan))
+
+    def _ended(self, start: Any) -> Ended:
         end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
         return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
 
@@ -175,11 +281,11 @@ class Likelihood:
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
         """Return the innovations e (N - 1, p) of a filter with this noise along a log, and variances s, NaN if
-        missing."""
+        missing or beyond a gate."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
-        _, e, s = self._filter.along(record, self._start(record), ca.DM(logs), first=False)
-        there = np.isfinite(record.y[1:])
+        there, e, s = self._filter.decided(record, self._start(record), ca.DM(logs), first=False)
+        there = there[1:]
         return tuple(np.where(there, np.array(each).T[1:], np.nan) for each in (e, s))
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
@@ -214,6 +320,8 @@ class Likelihood:
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
             self.form.system.outputs,
             np.array([[-np.inf] * n, [np.inf] * n]),  # the form clamps the argument of its dynamics itself
+            self.corner,
+            self.gates,
         )
 
     def _start(self, record: Log) -> Array:

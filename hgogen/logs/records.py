@@ -13,6 +13,7 @@ one; its error is the root of the mean over the segments.
 """
 
 import math
+import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +26,7 @@ from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
 from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
+from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
 from hgogen.signal import Signal, derived, differences, in_turn, resting
@@ -204,7 +206,7 @@ class Judge:
             E_s = mean over j of the mean over segment s of (e_j/c_j)^2
         """
         errors = []
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=RejectsMany):
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
                 record = self.records[k].of(step.inputs)
                 step.reset()

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from inspect import signature
 from itertools import product
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -22,6 +23,8 @@ from hgogen.check import refuted
 from hgogen.emit.cost import cost
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest
+from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
+from hgogen.form import Form
 from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable
@@ -29,6 +32,7 @@ from hgogen.modelfiles.tuning import First, everywhere, value
 from hgogen.reading.given import count, requires_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
+from hgogen.run.gates import GateShare
 from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
 from hgogen.step import StepMayFail
 from hgogen.system import System
@@ -38,6 +42,7 @@ from hgogen.which_forms import Row
 Array = np.ndarray
 Result = TypeVar("Result")
 STEEPEST = 2.0  # least 1/(theta dt)
+GATE = "gate"  # the argument of filters that have gates
 GRID = 9  # values of theta, or of the longest time
 LONG = np.geomspace(1e-2, 1e2, GRID)  # factors of the longest time
 SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  # of poles, and of filters
@@ -95,12 +100,13 @@ class Tuned:
 @dataclass(frozen=True, eq=False)
 class Task:
     """The problem of tuning observers on logs: `judge` gives the errors of a step, `rows` are the candidate forms in
-    order, `sampling` the method and its options."""
+    order, `sampling` the method and its options, `gates` those of filters that have any."""
 
     records: tuple[Log, ...]
     judge: Judge
     sampling: Mapping[str, str]
     rows: tuple[Row, ...]
+    gates: tuple[GatedGroup, ...] = ()
     _likelihoods: dict[int, Likelihood] = field(default_factory=dict)
 
     @property
@@ -113,15 +119,14 @@ class Task:
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None
-            steps, _ = paced(form.system, self.dt)
-            base = scale(form, self.dt)
-            records = [record.of(form.system.inputs) for record in self.records]
-            self._likelihoods[row] = Likelihood(form, records, base, self.sampling["between"], steps)
+            self._likelihoods[row] = likelihood_of(form, self.records, self.sampling["between"], self.gates)
         return self._likelihoods[row]
 
     def make_step(self, name: str, row: Row, gains: Gains) -> First:
-        """Return the step of the observer `name` on the form of a row with these gains, at the period of the logs.
-        Raises: as the observer and `sample` do."""
+        """Return the step of the observer `name` on the form of a row with these gains, at the period of the logs, and
+        with the gates if it has any. Raises: as the observer and `sample` do."""
+        gated = self.gates and GATE in signature(getattr(every, name)).parameters
+        gains = {**gains, GATE: dict(group.entry for group in self.gates)} if gated else gains
         return first_of(name, row, gains, self.dt, self.sampling)
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
@@ -325,13 +330,15 @@ class Search:
 @dataclass(frozen=True)
 class Calibration:
     """The result of `tune`: `rows` of observers, the best first; `refused`: by observer why others have none. Gains
-    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log."""
+    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log;
+    `gates`: the samples beyond gates, which were left out."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
     ahead: int
     segments: int
     truth: tuple[str, ...] = ()
+    gates: tuple[GateShare, ...] = ()
 
     @property
     def tied(self) -> tuple[Tuned, ...]:
@@ -374,6 +381,7 @@ def tune(
     truth: Sequence[Mapping[str, np.ndarray]] = (),
     rows: Iterable[Row] | None = None,
     deep: bool = False,
+    gate: Gates | None = None,
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> Calibration:
@@ -383,8 +391,10 @@ def tune(
     which includes riccati; `ahead`: the prediction horizon in samples, 1 for an estimate of the present; `method` by
     name, `between` and `real`: as in `sample`; `segments`: of each record for cross-validation, each of a sample at
     least; `truth`: the courses (N) of hidden states by name, a mapping for each record, which then replace predictions;
-    `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `jobs`: processes that
-    try gains, None for one for each core; `each(what)` is called after every trial.
+    `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation
+    gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
+    for all observers (`logs.likelihood`); `jobs`: processes that try gains, None for one for each core; `each(what)` is
+    called after every trial.
 
     Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
     """
@@ -393,6 +403,9 @@ def tune(
     period = _common_period(records)
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(replace(readable(plant, record, k), dt=period) for k, record in enumerate(records, 1))
+    gates, candidates = gated_groups(gate, plant.outputs), tuple(everywhere(plant, deep=deep) if rows is None else rows)
+    sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
+    logs, shares = _without_outliers(logs, gates, candidates, sampling)
     true = _truth(plant, truth, logs)
     named = {x.name: x for x in plant.declared.states}
     hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
@@ -402,8 +415,7 @@ def tune(
         reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
     count("segments", segments, 2, judge.most)
-    sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
-    task = Task(logs, judge, sampling, tuple(everywhere(plant, deep=deep) if rows is None else rows))
+    task = Task(logs, judge, sampling, candidates, gates)
     work = partial(_results, Workers(task, jobs), each)
     ends = dict(together({name: tuned(task, name) for name in names}, work))
     done = {name: ends[name] for name in names}
@@ -414,7 +426,32 @@ def tune(
     if not best:
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
-    return Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else ())
+    return Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else (), shares)
+
+
+def _without_outliers(
+    logs: tuple[Log, ...], gates: tuple[GatedGroup, ...], rows: Iterable[Row], sampling: Mapping[str, str]
+) -> tuple[tuple[Log, ...], tuple[GateShare, ...]]:
+    """Return the logs without the samples beyond the gates, by the likelihood on the first form, and their shares."""
+    form = next((row.form for row in rows if row.form is not None and not refuted(row.form.checks)), None)
+    if not gates or form is None:
+        return logs, ()
+    likelihood = likelihood_of(form, logs, sampling["between"], gates)
+    cleaned = likelihood.without_outliers()
+    shares = []
+    for group in gates:
+        pairs = [(log.y[:, group.outputs], left.y[:, group.outputs]) for log, left in zip(logs, cleaned, strict=True)]
+        counts = np.array([np.isfinite(y).any(axis=1).sum() for pair in pairs for y in pair]).reshape(-1, 2)
+        count, left = map(int, counts.sum(axis=0))
+        shares.append(GateShare(group.names, count, count - left, 0, group.expected))
+    return tuple(replace(log, y=left.y) for log, left in zip(logs, cleaned, strict=True)), tuple(shares)
+
+
+def likelihood_of(form: Form, logs: Iterable[Log], between: str, gates: tuple[GatedGroup, ...]) -> Likelihood:
+    """Return the likelihood of logs of one period on a form, with inputs `between` samples, "line" or "hold"."""
+    records = [log.of(form.system.inputs) for log in logs]
+    steps, _ = paced(form.system, records[0].dt)
+    return Likelihood(form, records, scale(form, records[0].dt), between, steps, gates)
 
 
 def _common_period(records: Sequence[Log]) -> float:

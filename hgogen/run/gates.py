@@ -52,12 +52,16 @@ class GateShare:
         return replace(self, count=self.count + other.count, beyond=beyond, reacquired=reacquired)
 
     def __str__(self) -> str:
+        outputs, share = ", ".join(self.outputs), f"{100 * self.share:.3g} % of {self.count} samples"
         opened = f", and {self.reacquired} were accepted after too many in a row" if self.reacquired else ""
+        return f"{share} of {outputs} are beyond the gate, {100 * self.expected:.3g} % are expected{opened}"
+
+    @property
+    def sentence(self) -> str:
+        """An excessive share, with the action."""
         return (
-            f"{100 * self.share:.3g} % of {self.count} samples of {', '.join(self.outputs)} are beyond the gate, "
-            f"{100 * self.expected:.3g} % are expected{opened}: check the NIS first, by hg.consistency of a run "
-            "without the gate over a part without outliers; above 1, raise Q and R or correct the model, else "
-            "check the sensor"
+            f"{self}: check the NIS first, by hg.consistency of a run without the gate over a part without outliers; "
+            "above 1, raise Q and R or correct the model, else check the sensor"
         )
 
 
@@ -81,7 +85,7 @@ def gate_shares(step: Step, status: np.ndarray) -> tuple[GateShare, ...]:
             count=len(status) - int(unused[:, group.outputs].all(axis=1).sum()),
             beyond=int(beyond[:, k].sum()),
             reacquired=int(reacquired[:, k].sum()),
-            expected=round(1 - group.gate.probability, 15),
+            expected=group.expected,
         )
         for k, group in enumerate(groups)
     )

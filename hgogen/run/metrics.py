@@ -274,7 +274,7 @@ class Interventions:
     @property
     def excessive(self) -> tuple[str, ...]:
         """A sentence for each gate with far more samples beyond it than its probability says."""
-        return tuple(str(share) for share in self.gates if share.excessive)
+        return tuple(share.sentence for share in self.gates if share.excessive)
 
     def sentence(self, unit: str) -> str:
         """Return a clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4
