@@ -168,7 +168,8 @@ class Pieces:
     those on the step's memory; `congruence`: returns, for an SX N (n, n), statements that replace P by N P N';
     `project`: statements that project the estimates of members onto their ranges; `constrain`: statements that project
     the estimate onto the plant's invariants; `gate`: statements before the updates that decide which samples they may
-    use; `verdicts`: the state's field with the verdict on an output, for each output with a gate.
+    use; `verdicts`: the state's field with the verdict on an output, for each output with a gate; `correct`: statements
+    after the updates, which then store their samples only.
     """
 
     fields: tuple[Field, ...] = ()
@@ -191,6 +192,7 @@ class Pieces:
     constrain: Program = ()
     gate: Program = ()
     verdicts: Mapping[int, str] = field(default_factory=dict)
+    correct: Program = ()
 
 
 class Part:

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -372,6 +372,16 @@ def sure_columns() -> hg.Step:
     return hg.sample(bank, dt=0.01, prefer="flash", report=("sigma", "age"))
 
 
+def joint(kind: str) -> hg.Step:
+    """Samples that correct together, with correlated noises, of two outputs of which one is not linear."""
+    (q, w), (u, y, v) = signals("q w", -4, 4), signals("u y v")
+    flow, output = [w, u - 4 * sp.sin(q) - w / 4], [q + sp.sin(q) / 2, w + q / 4]
+    plant = hg.System(f"joint_{kind}", states=(q, w), inputs=(u,), outputs=(y, v), flow=flow, output=output)
+    gains = {"Q": [0.1, 0.1], "R": [[0.1, 0.03], [0.03, 0.2]], "update": "joint"}
+    accept = ("original.lipschitz", "original.order")
+    return hg.sample(getattr(hg.observers, kind)(hg.forms.original(plant), accept=accept, **gains), dt=0.05)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -413,6 +423,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "varying": varying,
     "varying_integrated": varying_integrated,
     "sure_columns": sure_columns,
+    **{f"joint_{kind}": partial(joint, kind) for kind in ("riccati", "ukf", "iterated_ekf")},
 }
 
 

@@ -21,6 +21,7 @@ from hgogen.emit.cost import cost, counted
 from hgogen.emit.interface import FIRST_CALL
 from hgogen.emit.naming import renaming_sentence
 from hgogen.emit.syntax import Real, Syntax
+from hgogen.estimators.joint import WAITS
 from hgogen.estimators.noise import deviation_lines
 from hgogen.observer import Observer
 from hgogen.program import Place
@@ -326,10 +327,12 @@ def parts(step: Step, name: str) -> list[str]:
             "For a missing sample leave its update out: NaN spoils the state. An update that comes again corrects "
             "again.",
         ]
+    together = "An update stores its sample. `adapt`, once after all updates, corrects the estimate by all of them."
     judged = "`gate` takes the samples of all outputs that have a gate, NaN for a missing one."
     return [
         f"{order} Call them one by one, and or their statuses, where a sample comes later than the input.",
         *[judged] * any(section.name == "gate" for section in step.code.sections),
+        *[together] * any(field.name.startswith(WAITS) for field in step.layout.state),
         "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. OUTSIDE_BOX "
         "comes from the last part only, the others from any.",
         "An update that comes again, or before a predict, does not correct, and raises a bit.",

@@ -17,9 +17,11 @@ add the noise: n^2 operations for each such diagonal, and n^3/3.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import combinations
+from math import sqrt
 from typing import Any
 
 import casadi as ca
@@ -29,6 +31,7 @@ from hgogen.discretisation import kernels
 from hgogen.discretisation.kernel_graphs import carried_out, written
 from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
 from hgogen.estimators.gating import Joint, raised, with_gating
+from hgogen.estimators.joint import decorrelated, errors, waiting, where_waiting, whitened, with_joint
 from hgogen.estimators.riccati_part import (
     Riccati,
     factor,
@@ -121,7 +124,8 @@ class FilterStep:
 
     def variance(self, output: int) -> Graph:
         """Return r = R_theta/h, the variance of one sample of an output, SX scalar; h is its sampling period."""
-        return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
+        R, theta, period = self.part.output_noise[output, output], self.part.theta.value, self.clock.period(output)
+        return self.part.scaling.variance(R, theta, output, period)
 
     def common(self) -> dict[str, Any]:
         """Return keyword arguments of `Pieces` for any factored P: the status bit of its limit and, with forgetting at
@@ -191,6 +195,47 @@ class FactoredStep(FilterStep, ABC):
         """Return r, as far as a gate has raised it, with which a sample of an output corrects, SX scalar."""
         return self.variance(output) + raised(self.part, output)
 
+    def sample_noise(self, outputs: Sequence[int]) -> Graph:
+        """Return the covariance (k, k) of the noise of one sample of these outputs, SX."""
+        noise = ca.diag(column(map(self.variance, outputs)))
+        if self.part.correlated is not None:
+            rates = [1 / self.clock.period(j) for j in outputs]
+            for a, b in combinations(range(len(outputs)), 2):
+                value = self.part.output_noise[outputs[a], outputs[b]] * sqrt(rates[a] * rates[b])
+                noise[a, b] = noise[b, a] = value
+        return noise
+
+    def used_noise(self) -> Graph:
+        """Return the covariance (p, p) of one sample of all outputs, as far as gates have raised it, SX."""
+        every = range(self.clock.outputs)
+        return self.sample_noise(every) + ca.diag(column(raised(self.part, j) for j in every))
+
+    def correction(self, output: int) -> Program:
+        """Return the statements that correct z and P by the sample of the output with index `output`."""
+        return self.scalar_update(self.row(output), self.used_variance(output), sym("work", "e"))
+
+    @abstractmethod
+    def scalar_update(self, row: Graph, r: Graph, error: Graph) -> Program:
+        """Return the statements that correct z and P by a sample of variance `r` of c z, c = `row` (1, n), whose
+        innovation is `error`."""
+
+    def joint_correction(self) -> Program:
+        """Return the statements that correct by all samples that wait, linearised at the prediction."""
+        every, start = range(self.clock.outputs), Place("work", "predicted_z")
+        L, d = decorrelated(self.used_noise(), waiting(self))
+        predicted = self.part.dynamics.output(self.z, self.clock.u_now)
+        rows, slopes = _in_memory("rows", whitened(L, ca.vertcat(*map(self.row, every))))
+        variances, computed = _in_memory("variances", d)
+        error = {Place("work", "errors"): whitened(L, errors(self, predicted)), start: self.z}
+        read, shift = sym("work", "errors", len(every)), self.z - sym(*start, self.part.dynamics.n)
+        each = [self.scalar_update(rows[j, :], variances[j], read[j] - rows[j, :] @ shift) for j in every]
+        return (
+            Block(
+                "the innovations and rows at the prediction, with independent noises", {**error, **slopes, **computed}
+            ),
+            *where_waiting(self, each),
+        )
+
     @abstractmethod
     def projected(self, rows: Graph) -> tuple[Program, Graph]:
         """Return C P C' (k, k), C = `rows` (k, n), SX, and the program that computes what it reads."""
@@ -198,7 +243,7 @@ class FactoredStep(FilterStep, ABC):
     def joint(self, outputs: tuple[int, ...]) -> Joint:
         """Return the joint innovations of these outputs, linearised at the prediction."""
         program, spread = self.projected(ca.vertcat(*map(self.row, outputs)))
-        return Joint(program, ca.SX.zeros(len(outputs)), spread + ca.diag(column(map(self.variance, outputs))))
+        return Joint(program, ca.SX.zeros(len(outputs)), spread + self.sample_noise(outputs))
 
     def state_variances(self, states: list[int]) -> tuple[Program, list[Graph]]:
         """Return the variances P_ii of these states, and the program that computes what they read."""
@@ -294,7 +339,7 @@ class Unrolled(FactoredStep):
             update=tuple(map(self.correction, range(self.clock.outputs))),
             rule=self.named,
         )
-        return with_gating(pieces, self)
+        return with_joint(with_gating(pieces, self), self)
 
     def prediction(self) -> Program:
         """Return the statements that advance z, and the factors to those of Phi P Phi' + h Q_theta."""
@@ -334,10 +379,10 @@ class Unrolled(FactoredStep):
             When(Place("work", "capped"), (Block("cap", {**self.scaled(scale), **limited}),)),
         )
 
-    def correction(self, output: int) -> Program:
-        """Return the statements that correct z and P by the sample of the output with index `output`."""
-        factors, gain = self.sample_update(self.row(output), self.used_variance(output))
-        return self.corrected(gain, sym("work", "e"), factors)
+    def scalar_update(self, row: Graph, r: Graph, error: Graph) -> Program:
+        """Return the block that corrects z and P by a sample of variance `r` of c z, c = `row` (1, n)."""
+        factors, gain = self.sample_update(row, r)
+        return self.corrected(gain, error, factors)
 
     def corrected(
         self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
@@ -450,7 +495,7 @@ class Looped(FactoredStep):
             update=tuple(map(self.correction, range(self.clock.outputs))),
             rule="discrete, L D L'" if self.motion.map else "",
         )
-        return with_gating(pieces, self)
+        return with_joint(with_gating(pieces, self), self)
 
     def projected(self, rows: Graph) -> tuple[Program, Graph]:
         """Return C P C' (k, k), C = `rows` (k, n), SX, and the program that computes f = L'c for each row c."""
@@ -528,16 +573,16 @@ class Looped(FactoredStep):
         limit = Kernel(name, n, _COLUMNS, arguments, result=limited)
         return (limits, limit, When(limited, (raised, Loop("column", n, (restart,)))))
 
-    def correction(self, output: int) -> Program:
-        """Return the statements that correct z and P by the sample of the output with index `output`."""
-        n, c = self.part.dynamics.n, self.row(output)
-        row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.used_variance(output)}
+    def scalar_update(self, c: Graph, r: Graph, error: Graph) -> Program:
+        """Return the statements that correct z and P by a sample of variance `r` of `c` z, `c` (1, n)."""
+        n = self.part.dynamics.n
+        row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): r}
         arguments = ((_D, n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
         read = max(c.sparsity().get_col(), default=-1) + 1  # elements of c from here on are 0
         return (
             Block("the measurement's row and variance", row),
             Kernel("correct", n, _COLUMNS, arguments, counts=(read,)),
-            Block("correct", {Place("state", self.part.z.name): self.z + sym("work", "K", n) * sym("work", "e")}),
+            Block("correct", {Place("state", self.part.z.name): self.z + sym("work", "K", n) * error}),
         )
 
 

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgogen.check import Check, Verdict
-from hgogen.estimators.riccati_part import positive_numbers, semidefinite, spd
+from hgogen.estimators.riccati_part import is_diagonal, output_noise, positive_numbers, semidefinite, spd
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
-from hgogen.reading.given import BadGain, by_coordinate, by_output, demand_switch, in_order, names_of, positive
+from hgogen.reading.given import BadGain, by_coordinate, demand_switch, in_order, names_of, positive
 from hgogen.sentence import because
 
 if TYPE_CHECKING:
@@ -47,15 +47,15 @@ _OPEN = because("its numbers follow from the noise of a sample and dt: ask the o
 @dataclass(frozen=True)
 class Noise:
     """The noise of an observer as declared: either densities `Q`, `R` and `U`, as the observer accepts them, or the
-    covariance `process` (n, n) that a step adds, the variances `samples` (p) of one sample of each output and those of
-    `inputs` by name; None for what is given in the other way, or not at all. `inverse`: the observer accepts weights,
-    Q^-1 and R^-1."""
+    covariance `process` (n, n) that a step adds, the covariance `samples` (p, p) of one sample of the outputs and the
+    variances of `inputs` by name; None for what is given in the other way, or not at all. `inverse`: the observer
+    accepts weights, Q^-1 and R^-1."""
 
     Q: Any = None
     R: Any = None
     U: Any = None
     process: np.ndarray | None = None
-    samples: tuple[float, ...] | None = None
+    samples: np.ndarray | None = None
     inputs: Mapping[str, float] | None = None
     inverse: bool = False
 
@@ -72,8 +72,11 @@ class Noise:
             density = self.process / process_dt
             Q = np.linalg.inv(density) if self.inverse else density
         if self.samples is not None:
-            each = [variance * period for variance, period in zip(self.samples, periods[1:], strict=True)]
+            roots = np.sqrt(periods[1:])
+            each = (np.diag(self.samples) * periods[1:]).tolist()
             R = [1 / r for r in each] if self.inverse else each
+            if not is_diagonal(self.samples):
+                R = self.samples * np.outer(roots, roots)
         if self.inputs is not None:
             U = {name: variance * periods[0] for name, variance in self.inputs.items()}
         return {name: value for name, value in (("Q", Q), ("R", R), ("U", U)) if value is not None}
@@ -164,10 +167,12 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
         read = spd if inverse else semidefinite
         process = read("Q_per_sample", by_coordinate("Q_per_sample", known["Q_per_sample"], form), form.n)
     if "R_per_sample" in known:
-        samples = positive_numbers("R_per_sample", by_output("R_per_sample", known["R_per_sample"], form), outputs)
+        samples = output_noise("R_per_sample", known["R_per_sample"], form)
+        if "update" not in own and not is_diagonal(samples):
+            raise BadGain("R_per_sample", f"is a matrix, and {observer} takes a number for each output")
     if noise:
         squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
-        samples = positive_numbers("the squares of noise", squares, outputs)
+        samples = np.diag(positive_numbers("the squares of noise", squares, outputs))
     return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse)
 
 

@@ -46,10 +46,10 @@ from hgogen.reading.given import (
     Matrix,
     Values,
     by_coordinate,
-    by_output,
     in_order,
     matrix_line,
     names_of,
+    quadratic,
     reals,
 )
 from hgogen.rigor import definite
@@ -206,7 +206,7 @@ class Riccati(Part):
     rho. `measured_state`: the function of (z, u, y, valid) that returns z with measurements instead of estimates, at
     which A(u, z) and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of
     the inputs; `gates`: of the innovations; `disturbed`: noise of inputs, which adds f_u U f_u' to Q, f_u = d(A z +
-    b)/du.
+    b)/du; `joint`: whether all samples of a call correct together; `correlated`: the factor L of R = L diag(`R`) L'.
     """
 
     dynamics: Dynamics
@@ -224,6 +224,8 @@ class Riccati(Part):
     period: float | None = None
     gates: tuple[GatedGroup, ...] = ()
     disturbed: InputNoise = InputNoise()
+    joint: bool = False
+    correlated: np.ndarray | None = None
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -256,6 +258,14 @@ class Riccati(Part):
     def rho(self) -> Graph:
         """The forgetting rate, SX scalar; 0 without forgetting."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
+
+    @property
+    def output_noise(self) -> Graph:
+        """R (p, p), SX."""
+        if self.correlated is None:
+            return ca.diag(self.R)
+        factor = ca.sparsify(ca.SX(ca.DM(self.correlated)))
+        return factor @ ca.diag(self.R) @ factor.T
 
     @cached_property
     def noise_covariance(self) -> definite.Matrix:
@@ -561,6 +571,7 @@ def extended(
     tangent: bool = True,
     gate: Gates | None = None,
     U: Mapping[str, float] | None = None,
+    update: str = "sequential",
 ) -> Extended:
     """Return the Riccati observer of the arguments of `observers.riccati`, `covariance` = P(0); theta is 1 by default.
     `tangent`: whether outputs are extended by their tangents outside of the box, consistently with their Jacobians.
@@ -572,8 +583,11 @@ def extended(
 
     noise = semidefinite("Q", by_coordinate("Q", Q, form), n)
     start = spd("covariance", np.ones(n) if covariance is None else by_coordinate("covariance", covariance, form), n)
-    variances = positive_numbers("R", by_output("R", R, form), outputs)
+    measured = output_noise("R", R, form)
+    variances = tuple(np.diag(measured).tolist())
     shape, weights = factor(noise)
+    _demand_update(form, update, measured, theta)
+    correlated = None if is_diagonal(measured) else factor(measured)
     z, disturbed = state_field(form, initial, theta.peak), input_noise(form, U)
     most = noise + average(dynamics, disturbed)
     part = Riccati(
@@ -589,19 +603,49 @@ def extended(
         nominal=(noise, np.array(variances)),
         gates=gated_groups(gate, form.system.outputs),
         disturbed=disturbed,
+        joint=update == "joint",
+        correlated=correlated and correlated[0],
     )
     units = ("z^2", "y^2", "u^2") if form.system.discrete else ("z^2/s", "y^2 s", "u^2 s")
+    kind, unit = ("output noise, diagonal factor", "y y'") if correlated else ("output noise", units[1])
     gains: tuple[Field, ...] = (
         wide("Q", weights, "process noise, diagonal factor", units[0], form.names),
-        wide("R", variances, "output noise", units[1], names_of(form.system.outputs)),
+        wide("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
     )
     equations = (*matrix_line("Q", noise, form), *(group.equation for group in part.gates))
+    if part.joint:
+        rows = ", ".join(str(row) for row in measured.tolist()) if correlated else "diagonal"
+        equations += (f"all samples of a call correct together, outputs at the prediction; R: {rows}",)
     if disturbed:
         names = tuple(form.system.inputs[i].name for i in disturbed.inputs)
         gains += (wide("U", disturbed.densities, "input noise", units[2], names),)
         at = "" if form.system.discrete else " at mid-step"
         equations += (f"Q + f_u U f_u' for Q, f_u = df/du{at}, u = ({', '.join(names)})",)
     return Extended(part, gains, equations)
+
+
+def output_noise(name: str, value: Any, form: Form) -> np.ndarray:
+    """Return R (p, p) from a number, a number for each output, or a symmetric matrix, in order or by the outputs'
+    names. Raises: `BadGain`, `BadNames`."""
+    names = names_of(form.system.outputs)
+    rows = quadratic(name, value, names) if isinstance(value, Mapping) else value
+    if np.ndim(reals(name, rows)) < 2:
+        return np.diag(positive_numbers(name, rows, len(names)))
+    return spd(name, rows, len(names))
+
+
+UPDATES = ("sequential", "joint")
+
+
+def _demand_update(form: Form, update: str, R: np.ndarray, theta: Theta) -> None:
+    if not isinstance(update, str) or update not in UPDATES:
+        raise BadGain(f"update = {update!r:.60}", 'must be "sequential", one output after the other, or "joint"')
+    if is_diagonal(R):
+        return
+    if update != "joint":
+        raise BadGain("R", 'correlates outputs, which a sequential update takes one by one; give update = "joint"')
+    if theta.peak != 1:
+        raise BadGain("R", "correlates outputs, which theta does not scale; take theta = 1, or a diagonal R")
 
 
 def average(dynamics: Dynamics, noise: InputNoise) -> np.ndarray:

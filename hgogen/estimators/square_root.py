@@ -46,8 +46,9 @@ halved steps, Skoglund, Hendeby, Axehill, "Extended Kalman filter modifications 
 FUSION 2015.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from itertools import product
 from math import sqrt
 from typing import Any
@@ -58,7 +59,8 @@ import numpy as np
 from hgogen.analysis.dynamics import HUGE, near
 from hgogen.estimators.factored import Unrolled, Writes, largest
 from hgogen.estimators.gating import Joint
-from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, unpack_lower
+from hgogen.estimators.joint import decorrelated, errors, used_block, waiting, where_waiting, whitened
+from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, solve, unpack_lower
 from hgogen.graph import Graph
 from hgogen.part import Pieces
 from hgogen.program import Bit, Block, Field, Place, Program, sym
@@ -187,6 +189,26 @@ class SquareRoot(Unrolled):
         S, names = triangle(N @ self.root, least)
         return self.writes(S), names
 
+    def together(self, rows: Graph, r: Graph, error: Graph | None = None) -> Program:
+        """Return the statements that correct by the samples that wait in units of the prediction, z + S w: S by all,
+        and z where the innovations `error` (p) are given, of independent noises `r` (p); `rows` (p, n) are c S."""
+        n = self.part.dynamics.n
+        root, offset = Place("work", "relative_root"), Place("work", "offset")
+        T, w = unpack_lower(sym(*root, n * (n + 1) // 2), n), sym(*offset, n)
+        none = {} if error is None else {offset: ca.SX.zeros(n)}
+        each = list[Program]()
+        for j in range(rows.shape[0]):
+            a = rows[j, :].T
+            after, gain = carlson(T, T.T @ a, r[j])
+            step = {} if error is None else {offset: w + gain * (error[j] - ca.dot(a, w))}
+            each.append((Block("correct by the scalar update", {root: pack(after), **step}),))
+        z = {Place("state", self.part.z.name): self.z + self.root @ w}
+        return (
+            Block("units of the prediction", {root: pack(ca.SX.eye(n)), **none}),
+            *where_waiting(self, each),
+            Block("correct by the offset", {**z, **self.writes(self.root @ T)}),
+        )
+
     def linear(self, output: int) -> bool:
         """Return whether the output with index `output` is linear in z: its row c = dh/dz is free of z."""
         return not ca.depends_on(self.row(output), self.z)
@@ -296,9 +318,9 @@ class Unscented(SquareRoot):
         above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
         return self.transformed(middle, above, below)
 
-    def joint(self, outputs: tuple[int, ...]) -> Joint:
-        """Return the joint innovations of these outputs, of which those that are not linear are evaluated at the sigma
-        points."""
+    def observed(self, outputs: Sequence[int]) -> tuple[Graph, Graph, Graph]:
+        """Return the slopes (k, n), the part of the covariance (k, k) that is not due to these, and the drift (k) of
+        outputs, of which those that are not linear are evaluated at the sigma points."""
         n, rows = self.part.dynamics.n, []
         for j in outputs:
             if self.linear(j):
@@ -308,8 +330,28 @@ class Unscented(SquareRoot):
                 rows.append(self.sums(j))
         drift = ca.vertcat(*(row.drift for row in rows))
         a, b = (ca.vertcat(*parts) for parts in zip(*((row.slopes, row.curvatures) for row in rows), strict=True))
-        spread = a @ a.T + b @ b.T + max(0.0, self.more) * (drift @ drift.T)
-        return Joint((), drift, spread + ca.diag(ca.vertcat(*map(self.variance, outputs))))
+        return a, b @ b.T + max(0.0, self.more) * (drift @ drift.T), drift
+
+    def joint(self, outputs: tuple[int, ...]) -> Joint:
+        """Return the joint innovations of these outputs."""
+        a, curved, drift = self.observed(outputs)
+        return Joint((), drift, a @ a.T + curved + self.sample_noise(outputs))
+
+    def joint_correction(self) -> Program:
+        """Return the statements that correct by all samples that wait, from the sigma points of the prediction."""
+        n, every = self.part.dynamics.n, range(self.clock.outputs)
+        a, curved, drift = self.observed(every)
+        L, d = decorrelated(self.used_noise() + curved, waiting(self))
+        error = whitened(L, errors(self, self.part.dynamics.output(self.z, self.clock.u_now), drift))
+        rows, values = Place("work", "rows"), {Place("work", "errors"): error, Place("work", "variances"): d}
+        values[rows] = ca.densify(ca.vec(whitened(L, a)))
+        read = ca.reshape(sym(*rows, n * len(every)), len(every), n)
+        limited = () if all(map(self.linear, every)) else self.limited
+        return (
+            *limited,
+            Block("what the sigma points read, with independent noises", values),
+            *self.together(read, sym("work", "variances", len(every)), sym("work", "errors", len(every))),
+        )
 
     def correction(self, output: int) -> Program:
         """Return the update by a sample of an output; a nonlinear output is evaluated at the sigma points."""
@@ -347,27 +389,63 @@ class Iterated(SquareRoot):
         """Return the cost J(w) = |w|^2 + (y - h(z + S w))^2/r of a sample of an output of variance r, SX scalar."""
         return ca.sumsqr(w) + self.error(w, output) ** 2 / self.used_variance(output)
 
+    def joint_correction(self) -> Program:
+        """Return the Gauss-Newton passes on the cost of all samples that wait, then z and S."""
+        n, every, used = self.part.dynamics.n, range(self.clock.outputs), waiting(self)
+        if all(map(self.linear, every)):
+            return super().joint_correction()
+        w, dynamics = sym("work", "offset", n), self.part.dynamics
+        noise = self.used_noise()
+        L, d = decorrelated(noise, used)
+
+        def rows(w: Graph) -> Graph:
+            return dynamics.output_jacobian(self.z + self.root @ w, self.clock.u_now) @ self.root
+
+        def error(w: Graph) -> Graph:
+            return errors(self, dynamics.output(self.z + self.root @ w, self.clock.u_now))
+
+        def cost(w: Graph) -> Graph:
+            return ca.sumsqr(w) + ca.dot(whitened(L, error(w)) ** 2, 1 / d)
+
+        a = ca.vertcat(*(ca.if_else(ok, 1, 0) * rows(w)[j, :] for j, ok in enumerate(used)))
+        target = a.T @ solve(a @ a.T + used_block(noise, used), error(w) + a @ w)
+        passes = self.by_halved_steps(target, cost)
+        at = {Place("work", "rows"): ca.densify(ca.vec(whitened(L, rows(w)))), Place("work", "variances"): d}
+        read = ca.reshape(sym("work", "rows", n * len(every)), len(every), n)
+        return (
+            *passes,
+            Block("the rows at the estimate, with independent noises", at),
+            *self.together(read, sym("work", "variances", len(every))),
+        )
+
+    def by_halved_steps(self, target: Graph, cost: Callable[[Graph], Graph]) -> Program:
+        """Return the passes w <- w + s (target - w) from w = 0, in which no `cost` J(w) increases."""
+        n = self.part.dynamics.n
+        w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
+        begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}
+        tried = w + share * (target - w)
+        value = cost(tried)
+        better = value < before
+        again = {
+            Place("work", "offset"): ca.if_else(better, tried, w),
+            Place("work", "cost"): ca.if_else(better, value, before),
+            Place("work", "share"): ca.if_else(better, 1, share / 2),
+        }
+        return (
+            Block("begin at the prediction", {**begin, Place("work", "cost"): cost(ca.SX.zeros(n))}),
+            *(Block(f"pass {k + 1}", again) for k in range(self.passes)),
+        )
+
     def correction(self, output: int) -> Program:
         """Return the Gauss-Newton passes as blocks, then z and S; for a linear output the scalar update."""
         if self.linear(output):
             return super().correction(output)
-        n, root = self.part.dynamics.n, self.root
-        w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
-        begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}
+        w, root = sym("work", "offset", self.part.dynamics.n), self.root
         f, r = self.scaled_row(w, output), self.used_variance(output)
         target = f * (self.error(w, output) + ca.dot(f, w)) / (r + ca.sumsqr(f))
-        tried = w + share * (target - w)
-        cost = self.cost(tried, output)
-        better = cost < before
-        again = {
-            Place("work", "offset"): ca.if_else(better, tried, w),
-            Place("work", "cost"): ca.if_else(better, cost, before),
-            Place("work", "share"): ca.if_else(better, 1, share / 2),
-        }
         S, _ = carlson(root, f, r)
         after = {Place("state", self.part.z.name): self.z + root @ w, **self.writes(S)}
         return (
-            Block("begin at the prediction", {**begin, Place("work", "cost"): self.cost(ca.SX.zeros(n), output)}),
-            *(Block(f"pass {k + 1}", again) for k in range(self.passes)),
+            *self.by_halved_steps(target, partial(self.cost, output=output)),
             Block("correct by the offset, and P at the estimate", after),
         )

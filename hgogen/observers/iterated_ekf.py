@@ -59,12 +59,13 @@ def iterated_ekf(
     initial: Values | None = None,
     covariance: Matrix | None = None,
     gate: Gates | None = None,
+    update: str = "sequential",
     accept: Iterable[str] = (),
 ) -> Observer:
     """The iterated extended Kalman filter of `form`, of up to 7 states: at a sample, Gauss-Newton passes minimise |w|^2
     + (y_j - h_j(z + S w))^2/r over w, P = S S', and z <- z + S w.
 
-    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `passes` (1 to 10) of
+    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate`, `update` as in `riccati`; `passes` (1 to 10) of
     Gauss-Newton for each sample of an output that is not linear in the state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
@@ -74,7 +75,7 @@ def iterated_ekf(
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
-    filter = extended(form, Q, R, covariance, initial, U=U, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, U=U, gate=gate, update=update)
     part = filter.part
     observer = Observer(
         form=form,

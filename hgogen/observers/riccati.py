@@ -60,6 +60,7 @@ def riccati(
     initial: Values | None = None,
     covariance: Matrix | None = None,
     gate: Gates | None = None,
+    update: str = "sequential",
     accept: Iterable[str] = (),
 ) -> Observer:
     """The high-gain extended Kalman filter of `form`: z' = f(z, u) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta
@@ -75,9 +76,11 @@ def riccati(
     `Q_per_sample` in place of Q: the covariance that a step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I +
     dt F + (dt F)^2/2 by the default method, Q = Q_per_sample/dt; `density` says that Q and R are densities
     (`estimators.noise`); `gate` innovation gates, by an output or a tuple of outputs that pass together: a probability
-    such as 0.999, or an `hg.Gate` (`estimators.gate`), by default none; `accept` ids of refuted checks to ignore. A
-    matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2. Of a discrete plant Q, R
-    and U are those of a sample, and theta is 1.
+    such as 0.999, or an `hg.Gate` (`estimators.gate`), by default none; `update` "sequential", one output after the
+    other, or "joint": h and dh/dz of all outputs at the prediction, as other libraries do, with R a number, one for
+    each output, or a matrix (p, p) (`estimators.joint`); `accept` ids of refuted checks to ignore. A matrix that is
+    symmetric up to rounding (1e-12) is replaced by (Q + Q')/2. Of a discrete plant Q, R and U are those of a sample,
+    and theta is 1.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
     where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
@@ -90,7 +93,7 @@ def riccati(
     theta = theta if isinstance(theta, Theta) else constant(theta)
     discrete.demand_plain_gain(form, theta.peak)
     _demand_scaled(form, theta)
-    filter = extended(form, Q, R, covariance, initial, theta, U=U, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, theta, U=U, gate=gate, update=update)
     dynamics, z = filter.part.dynamics, filter.part.z
     mapped = form.system.discrete
     convergence = discrete.no_proof("riccati") if mapped else _convergence(theta, form, filter.part)
@@ -139,8 +142,9 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
     """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
-    if part.disturbed:
-        reason = because("the proof is made for a constant Q, without noise of inputs")
+    if part.disturbed or part.correlated is not None:
+        why = "a constant Q, without noise of inputs" if part.disturbed else "outputs with independent noises"
+        reason = because("the proof is made for {why}", why=why)
         return Check(id, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=_TRIALS)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         Q, R = part.noise_covariance, part.nominal[1].tolist()

@@ -79,15 +79,16 @@ def ukf(
     initial: Values | None = None,
     covariance: Matrix | None = None,
     gate: Gates | None = None,
+    update: str = "sequential",
     accept: Iterable[str] = (),
 ) -> Observer:
     """The unscented Kalman filter of `form`, of up to 7 states: P = S S', and mean and covariance after the model from
     its values at the sigma points z, z +- g s_i, s_i the columns of S.
 
-    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate` as in `riccati`; `alpha` > 0, `beta` and `kappa` >
-    -n of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g
-    = alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds
-    about 6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
+    Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate`, `update` as in `riccati`; `alpha` > 0, `beta` and
+    `kappa` > -n of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a
+    point lies g = alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision,
+    rounding adds about 6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -96,7 +97,7 @@ def ukf(
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
-    filter = extended(form, Q, R, covariance, initial, tangent=False, U=U, gate=gate)
+    filter = extended(form, Q, R, covariance, initial, tangent=False, U=U, gate=gate, update=update)
     part = filter.part
     observer = Observer(
         form=form,

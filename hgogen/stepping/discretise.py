@@ -69,6 +69,8 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
             riccati = method.riccati(part, clock)
             if part.gates and not riccati.gate:
                 raise CorrectsAtSamples(method.name, "a filter with a gate")
+            if part.joint and not riccati.correct:
+                raise CorrectsAtSamples(method.name, "a filter with a joint update")
             return riccati
         case Curved():
             return curved(part, method, clock)

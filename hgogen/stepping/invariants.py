@@ -50,7 +50,8 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
     return replace(
         pieces,
         predict=(*pieces.predict, *call),
-        update=tuple((*update, *call) if update else () for update in pieces.update),
+        update=tuple((*each, *call) if each and not pieces.correct else each for each in pieces.update),
+        correct=(*pieces.correct, *call) if pieces.correct else (),
         inner=(*pieces.inner, section),
         constrain=call,
     )

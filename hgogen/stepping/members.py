@@ -94,7 +94,7 @@ class Substitution:
                 return replace(statement, columns=columns, arguments=arguments, result=result)
 
 
-_PROGRAMS = ("tune", "predict", "adapt", "project", "gate")
+_PROGRAMS = ("tune", "predict", "adapt", "project", "gate", "correct")
 _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 

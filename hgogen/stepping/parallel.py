@@ -85,6 +85,8 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     alone = joined(map(pieces, part.member.parts))
     if alone.gate:
         raise BadGain("a bank", "compares its members on the same samples; leave the gate of its member out")
+    if alone.correct:
+        raise BadGain("a bank", "corrects its members by each sample; leave out update of its member")
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
     published = [field for field in alone.fields if field.name in part.published]

@@ -217,6 +217,11 @@ class Assembly:
         """The law that restarts or projects a lost estimate."""
         return Recovery(self.observer, self.clock, self.combined, max(1, len(self.correcting)))
 
+    @property
+    def correct(self) -> Program:
+        """The program that corrects by all samples together, after the updates of a call; () where each corrects."""
+        return self.combined.correct
+
     @cached_property
     def adapt(self) -> Program:
         """The program that runs once after the updates of a call, such as the law of theta."""
@@ -234,9 +239,11 @@ class Assembly:
 
     @cached_property
     def still(self) -> bool:
-        """Whether `adapt` leaves the estimate unchanged."""
+        """Whether the section after the updates leaves the estimate unchanged."""
         read_places = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
-        return not any(read_places & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
+        return not any(
+            read_places & s.writes.keys() for s in walk((*self.correct, *self.adapt)) if isinstance(s, Block)
+        )
 
     @cached_property
     def correcting(self) -> tuple[int, ...]:
@@ -265,7 +272,7 @@ class Assembly:
         """All fields of the step's state: those of the parts, of the law of recovery, and of the clock: calls, the last
         input, and the last sample where predict reads it."""
         system = self.observer.form.system
-        counted = period_fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
+        counted = period_fields(system.outputs, self.completes) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
         most, later = (2, ", then 2") if self.adapt else (1, "")
         predicts = self.clock.first == "predict"
@@ -293,7 +300,7 @@ class Assembly:
     def sections(self) -> tuple[Section, ...]:
         """The sections predict, update of each output, adapt, without statements whose results are never read."""
         sections = [self._predict, *self._gate, *map(self._update, self.correcting), *self._adapt]
-        last = len(sections) - (2 if self.adapt and self.still else 1)  # the last one that can change the estimate
+        last = len(sections) - (2 if self.completes and self.still else 1)  # the last one that can change the estimate
         outside = () if self._watched else (outside_bit(self.observer),)
         notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
         finished = []
@@ -340,7 +347,8 @@ class Assembly:
         states to their boxes; none without guards."""
         if not self.clock.guarded:
             return ()
-        programs = (self.combined.predict, self.combined.gate, *map(self._correct, self.correcting), self.adapt)
+        updates = map(self._correct, self.correcting)
+        programs = (self.combined.predict, self.combined.gate, *updates, self.correct, self.adapt)
         guarded_fields = [*estimate_fields(self.observer, self.state)]
         guarded_fields += [field for program in programs for field in guarded(program, self.state)]
         program = boxed([field for field in self.state if field in guarded_fields], self.state, self._fresh)
@@ -360,7 +368,7 @@ class Assembly:
         program: list[Statement] = self._remembered
         program += [guard_input(observer)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
-        program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
+        program += [tick(observer.form.system.outputs, self.completes)] if self.rated else []
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
@@ -443,14 +451,22 @@ class Assembly:
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
 
     @property
+    def completes(self) -> bool:
+        """Whether there is a section after the updates."""
+        return bool(self.correct or self.adapt)
+
+    @property
     def _adapt(self) -> tuple[Section, ...]:
-        if not self.adapt:
+        if not self.completes:
             return ()
+        program: Program = self._guarded(self.correct, before=self.combined.predict) if self.correct else ()
         passed = {Place("work", "running"): sym("state", "calls") >= 2}
         running = Block("no time has passed before the second call", passed)
-        program: Program = (running, When(Place("work", "running"), self._guarded(self.adapt), part="adapt_gain"))
+        adapting = When(Place("work", "running"), self._guarded(self.adapt), part="adapt_gain")
+        program = (*program, running, adapting) if self.adapt else program
         program = adapt_once(program) if self.rated else program
-        return (Section("adapt", "adapt the gain; once after the updates", program),)
+        what = " and ".join(["correct by all samples"] * bool(self.correct) + ["adapt the gain"] * bool(self.adapt))
+        return (Section("adapt", f"{what}; once after the updates", program),)
 
 
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
