@@ -33,6 +33,8 @@ from hgogen.estimators import theta as theta
 from hgogen.estimators.gate import Gate as Gate
 from hgogen.form import Form as Form
 from hgogen.logs.advise import advise as advise
+from hgogen.logs.findings import Finding as Finding
+from hgogen.logs.findings import inspect as inspect
 from hgogen.logs.fit import Fit as Fit
 from hgogen.logs.fit import fit as fit
 from hgogen.logs.records import Log as Log

@@ -56,6 +56,7 @@ LIBRARY = {"models": [{"name": "one", "states": ["x"], "f": ["-x"], "outputs": [
 CALLS = [
     *("list", "new tank", "check neuron --bound x1", "check --library library.json", "build neuron", "generate neuron"),
     *("simulate neuron", "simulate neuron --runs 2 --repeat 1 --jobs 1 --vary x0", "compare neuron --seeds 1"),
+    "inspect spring " + " ".join(LOG),
     *("compare neuron --runs 2 --jobs 1", "window neuron", "run spring --horizon 1 " + " ".join(LOG)),
     "noise neuron --data quiet.csv --period 0.01 --map y=y --map u=y",
     *("response spring --omega 1,100", "design spring --rates 0.1", "recheck spring.json"),

@@ -62,14 +62,30 @@ def test_a_column_is_shifted_and_its_ends_are_missing() -> None:
 def test_the_shift_by_which_a_log_was_made_fits_best(step: CallableStep, lag: int) -> None:
     one = better(step, *driven(lag), 100, "c")
     assert one is not None
-    assert (one.signal, one.shift, one.sign) == ("tau", lag, 1)
+    assert (one.signal, one.shift, one.factor) == ("tau", lag, 1)
     assert f"--shift tau={lag + 1}" in one.sentence(1, "tau")
+
+
+def test_a_long_shift_is_found_and_both_readings_of_it_are_named(step: CallableStep) -> None:
+    one = better(step, *driven(8), 100, "c")
+    assert one is not None
+    assert (one.signal, one.shift, one.late) == ("tau", 8, ("y",))
+    assert "samples of y come 8 late, say delays = {y = 8}" in one.sentence(0, "tau")
+    assert "or tau acts 8 late, say --shift tau=8" in one.sentence(0, "tau")
+
+
+def test_an_input_in_another_unit_is_found(step: CallableStep) -> None:
+    u, y = driven(0)
+    one = better(step, u / 1000, y, 100, "c")
+    assert one is not None
+    assert (one.signal, one.factor, one.shift) == ("tau", 1e3, 0)
+    assert '--map tau="1000*tau"' in one.sentence(0, "tau")
 
 
 def test_the_other_sign_is_said(step: CallableStep) -> None:
     one = better(step, *driven(0, -1), 100, "c")
     assert one is not None
-    assert (one.signal, one.shift, one.sign) == ("tau", 0, -1)
+    assert (one.signal, one.shift, one.factor) == ("tau", 0, -1)
     assert '--map tau="-[u (V)]"' in one.sentence(0, "[u (V)]")
 
 

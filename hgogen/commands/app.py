@@ -25,6 +25,7 @@ _FILES = {
     "generate": "building",
     "simulate": "building",
     "run": "running",
+    "inspect": "running",
     "noise": "running",
     "advise": "calibrating",
     "fit": "fitting",

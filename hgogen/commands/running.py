@@ -1,5 +1,5 @@
-"""The commands `run`, `noise` and `window`: an observer on a measured log, the noise of a resting plant's log, and the
-observability of windows.
+"""The commands `run`, `inspect`, `noise` and `window`: an observer on a measured log, the faults of a log, the noise of
+a resting plant's log, and the observability of windows.
 """
 
 import csv
@@ -40,6 +40,7 @@ from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, tru
 from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.estimators.noise import deviation_lines
+from hgogen.logs.findings import Finding, findings
 from hgogen.logs.records import Log, beyond, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -81,7 +82,7 @@ class RecordRun(ModelReport):
 
     json_keys = (
         "model engine=run.engine record=record.report status acted initial predictions hidden "
-        "innovations=sure.outputs nees=sure.states real=step.real better rejected from_double notes files"
+        "innovations=sure.outputs nees=sure.states real=step.real findings better rejected from_double notes files"
     )
 
     step: CallableStep
@@ -91,7 +92,10 @@ class RecordRun(ModelReport):
     truth: Mapping[str, np.ndarray]  # the measured course of each state of --truth
     initial: Annotated[dict[str, float], "states that the first samples or --initial give"]
     predictions: Annotated[tuple[Prediction, ...], "RMS errors of predictions, by output and samples ahead"]
-    better: Annotated[Better | None, "another shift or sign of a signal with which predictions are clearly better"]
+    findings: Annotated[tuple[Finding, ...], "faults of the log"]
+    better: Annotated[
+        Better | None, "another shift, sign or unit of a signal with which predictions are clearly better"
+    ]
     rejected: Annotated[tuple[Rejection, ...], "outputs most of whose samples the observer rejects; exit status 1"]
     from_double: Annotated[tuple[Difference, ...], "with --real float, how far each state is from the run in double"]
     doubts: tuple[tuple[str, ...], tuple[str, ...]]  # doubts about the samples; about horizons and shifts
@@ -121,15 +125,9 @@ class RecordRun(ModelReport):
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = coarse(self.from_double, self.step.time)
         known, more = self.doubts
-        return (
-            *known,
-            *no_better(self.predictions),
-            *self.sure.sentences(),
-            *differing,
-            *acted,
-            *self.acted.excessive,
-            *more,
-        )
+        faults, faulty = map(str, self.findings), {one.signal for one in self.findings}
+        judged = *no_better(self.predictions), *self.sure.sentences(faulty)
+        return (*faults, *known, *judged, *differing, *acted, *self.acted.excessive, *more)
 
     @property
     def status(self) -> dict[str, int]:
@@ -260,7 +258,10 @@ def _over_record(
     more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     messages = doubts, tuple(more)
-    return RecordRun(model.path, step, record, done, counted, truth, begins, errors, other, wrong, single, messages)
+    faults = tuple(findings(step, done, u, y))
+    return RecordRun(
+        model.path, step, record, done, counted, truth, begins, errors, faults, other, wrong, single, messages
+    )
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
@@ -355,6 +356,80 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
         text = "".join([pattern % row for row in rows])
         stream.write(_NAN.sub("", text) if missing[first : first + PIECE].any() else text)
     return stream.getvalue()
+
+
+@dataclass(frozen=True, eq=False)
+class InspectReport(ModelReport):
+    """The faults of a log, before gains are learned from it."""
+
+    json_keys = "model record=record.report findings better notes files"
+
+    step: CallableStep
+    record: Record
+    findings: Annotated[tuple[Finding, ...], "faults of the log"]
+    better: Annotated[
+        Better | None, "another shift, sign or unit of a signal with which predictions are clearly better"
+    ]
+    notes: Annotated[tuple[str, ...], "what else looks doubtful"]
+    files: Written = ()
+
+    def tables(self) -> Iterator[Any]:
+        """Yield the log, and a line for each fault."""
+        yield log_summary(self.record.report)
+        for one in self.findings:
+            yield Text.assemble((f"{one.signal}, {one.fault}: ", "bold"), str(one))
+        yield from map(Text, self.notes)
+        if not (self.findings or self.notes):
+            yield "no fault found, in the signals and in the innovations of the model's observer"
+
+    def written(self, name: str) -> dict[str, str | bytes]:
+        """Return the figure of the signals with their faults, by file name; `name` is that of the log."""
+        from hgogen.run import figures
+
+        signals = (*self.step.inputs, *self.step.outputs)
+        rows = {s.name: [each for one in self.findings if one.signal == s.name for each in one.rows] for s in signals}
+        drawn = figures.log_faults(signals, self.record.t, self.record.of(signals), rows, self.step.time)
+        return {**rendered({f"{name}_signals": drawn})}
+
+
+@command(InspectReport)
+def inspect_(
+    model: ModelArgument,
+    data: Data,
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
+    columns: Columns = NO_COLUMNS,
+    out: Out = None,
+    shift: Shift = None,
+) -> InspectReport:
+    """Look for faults in a measured log before gains are learned from it: sensors, the file, delays, signs and units.
+
+    Each line names a fault, its samples, and what mends it. Signals are judged by their courses and by the innovations
+    of the model's observer, or of the tuning --observer. A figure shows the signals with the faults marked.
+    """
+    with Bar("reading the log", 4) as bar:
+        loaded = _timed(load(model).set(setting), data, columns)
+        folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
+        folder.demand(f"{name}_faults.json")
+        step = loaded.step(observer)
+        shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
+        record = _record(step, data, columns, (*step.inputs, *step.samples)).shifted(shifts)
+        bar.tick("running the observer")
+        u, samples, engine = record.of(step.inputs), record.of(step.samples), engine_here()
+        y = step.in_time(samples)
+        step, _ = _begun(step, y, None)
+        done = step.run(u=u, y=samples, engine=engine)
+        bar.tick("other shifts, signs and units")
+        judge, judged = _judged(step, done, u, y, engine)
+        wrong = rejections(judge, judged, u, y, record.operands, engine)
+        other = None if wrong else better(judge, u, y, 0, engine)
+        notes = [*map(str, wrong), *clamped(step, u, record.operands)]
+        notes += jumps_by_turns(unwrapped_outputs(loaded.plant), y, step.dt, step.time)
+        if other:
+            notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
+        report = InspectReport(loaded.path, step, record, tuple(findings(step, done, u, y)), other, tuple(notes))
+        bar.tick("the figure")
+    return folder.save(report, f"{name}_faults.json", report.written(name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,12 @@ _BEAT = 0.01  # of a period, from a whole multiple: beyond it rows and samples d
 _AMBIGUOUS = 0.4  # of a period, from a whole multiple: beyond it the number of periods of a step is ambiguous
 LONGEST = 10_000_000  # samples on the grid; with more the times are hardly seconds
 _SPARSE, _LONG = 500, 1_000_000  # nor if rows are so many samples apart on a grid of so many samples
+_CLOCK, _EVEN, _JITTER, _SAME = (
+    40,
+    0.01,
+    0.05,
+    0.02,
+)  # rows of a clock; scatter of steps that are even, or not; its pace
 _INSIDE = 0.51  # of a turn, from its middle: a sample farther off is given in another turn
 _PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
 _HOLD_NOTE = "every row held until the next, so that the integral is kept"
@@ -233,6 +239,7 @@ def read(
     if time is not None:
         log, clock, _ = converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
+        log = replace(log, notes=(*log.notes, *_other_clock(log, time, times, columns.values())))
     else:
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
@@ -294,6 +301,35 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
                 f"{max(pauses):.4g}: --period lays the rows one after the other and closes these gaps. Say --time "
                 f"{shlex.quote(name)} to have missing samples there"
             )
+
+
+def _other_clock(log: Table, time: str, times: np.ndarray, mapped: Iterable[str]) -> Iterator[str]:
+    """Yield a note for an unmapped column that runs with the times (rows,), and scatters where these are even: it may
+    hold the true times."""
+    if _scatter(times) > _EVEN:
+        return
+    for name in dict.fromkeys(log.header):
+        if not name or name in (time, *mapped) or log.header.count(name) > 1:
+            continue
+        other = log.column(name).values
+        there = np.isfinite(other) & np.isfinite(times)
+        if there.sum() < _CLOCK or not np.all(np.diff(other[there]) > 0):
+            continue
+        pace, scatter = np.ptp(other[there]) / np.ptp(times[there]), _scatter(other)
+        power = 10.0 ** round(math.log10(pace))
+        if abs(pace / power - 1) < _SAME and scatter > _JITTER:
+            yield (
+                f"the column {name!r} runs like a clock, too, and its steps scatter by {100 * scatter:.2g} % of a "
+                f"period, where those of {time!r} are even: it may hold the true times, --time {shlex.quote(name)}"
+            )
+
+
+def _scatter(times: np.ndarray) -> float:
+    """Return the standard deviation of the steps between times over their median, without pauses."""
+    steps = np.diff(times[np.isfinite(times)])
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    usual = steps[np.abs(steps) <= 3 * middle]
+    return float(np.std(usual)) / middle if middle > 0 else math.inf
 
 
 def _dates(log: Table, name: str) -> np.ndarray:

@@ -35,7 +35,7 @@ the mean alone, the threshold of Boizot, Busvelle, Gauthier 2010, four times in 
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -168,10 +168,11 @@ class Consistency:
     outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
 
-    def sentences(self) -> tuple[str, ...]:
-        """Return a sentence for each statistic that contradicts the observer's covariance."""
+    def sentences(self, explained: Iterable[str] = ()) -> tuple[str, ...]:
+        """Return a sentence for each statistic that contradicts the observer's covariance, without those of the outputs
+        `explained` by faults of the log."""
         sentences = []
-        for one in self.outputs:
+        for one in (each for each in self.outputs if each.output not in explained):
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
                 factor = math.sqrt(one.nis)
                 sentences.append(

@@ -266,7 +266,7 @@ def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
 
 def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
     """Add a legend above the panels, with each name once."""
-    lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections)}
+    lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections, *axis.patches)}
     order = [name for name in names if name in lines]
     room = int(WIDTH / (HANDLE + LETTER * max(map(len, order))))  # columns that fit
     figure.legend(
@@ -355,6 +355,23 @@ def record_innovations(step: Step, t: Array, run: Run) -> Figure:
             _band(axis, t[there], np.zeros(int(there.sum())), np.sqrt(run.variances[there, j]))
         caption(axis, signal.name, signal.unit, f"innovation of {signal.meaning or signal.name}")
     legend(figure, axes, ("innovation", "2 sigma"))
+    return figure
+
+
+@rc_context(STYLE)
+def log_faults(
+    signals: Sequence[Signal], t: Array, values: Array, faults: Mapping[str, Sequence[tuple[int, int]]], unit: str
+) -> Figure:
+    """Return a figure with a panel for each of the `signals`, its `values` (N, k) at times t (N,), and the stretches of
+    samples, first and last, of its `faults` shaded; `unit`: of time."""
+    figure, axes = panels(len(signals), t, unit)
+    half = float(np.median(np.diff(t))) / 2
+    for axis, signal, column in zip(axes, signals, values.T, strict=True):
+        _measured(axis, t, column, "measured", MEASURED, 0.8)
+        for first, last in faults[signal.name]:
+            axis.axvspan(t[first] - half, t[last] + half, color=ESTIMATE, alpha=0.25, linewidth=0, label="fault")
+        caption(axis, signal.name, signal.unit, signal.meaning or signal.name)
+    legend(figure, axes, ("measured", "fault"))
     return figure
 
 

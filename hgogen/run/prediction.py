@@ -13,15 +13,17 @@ outside the output's range, and the step rejects them. A few maps are tried. Amo
 into the declared range we prefer the smallest ratio of the model's error to that of copying; among maps of nearly the
 same ratio a map of units, and an offset last.
 
-A signal that the step accepts is tried with a shift by a few samples, or negated:
+A signal that the step accepts is tried with a shift, or negated:
 
     J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
 
-J is the median over `SEGMENTS` segments of the log, since the first depends on a wrong first estimate. A common shift
-of all signals has no effect, so the only output of a plant is shifted by shifting its inputs. A shift or sign is better
-if sqrt(J) is less than `CLEAR` times the present one, less in nearly all segments, and less than that of copying, since
-a worse model says nothing about signals. The other sign must also be better than the signal with only its mean negated:
-an offset, or a wrong estimate of an unobservable state, has the effect of the mean.
+J is the median over `SEGMENTS` segments of the log, since the first depends on a wrong first estimate. Longer shifts
+are tried until J has passed its minimum. A common shift of all signals has no effect, so the only output of a plant is
+shifted by shifting its inputs: of a plant with one input, an input that acts late and outputs of which all samples come
+late give the same log, up to its ends. A shift or sign is better if sqrt(J) is less than `CLEAR` times the present one,
+less in nearly all segments, and less than that of copying, since a worse model says nothing about signals. The other
+sign, or unit, must also be better than the signal with only its mean so changed: an offset, or a wrong estimate of an
+unobservable state, has the effect of the mean.
 """
 
 import math
@@ -176,7 +178,7 @@ FITS = 0.9  # least share of values that a fitting map brings into the declared 
 AHEAD = 5  # samples ahead of the predictions that compare maps, shifts and signs
 AS_WELL = 1.5  # factor on the least error up to which a map counts as equally good
 ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
-MOST_SHIFT = 3  # samples of the largest shift
+LEAST_SHIFT = 3  # samples up to which shifts are tried, and beyond the best one
 LONGEST = 20_000  # most samples of a comparison
 CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early input helps an observer that lags
 SEGMENTS = 8
@@ -320,27 +322,47 @@ def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Eng
     return ratios[0] if ratios else math.inf
 
 
+FACTORS = {  # of an input that is tried in another unit
+    -1.0: ("the other sign of {}", "-{}"),
+    1e-3: ("a thousandth of {}, as of milli", "{}/1000"),
+    1e3: ("a thousand times {}, as of kilo", "1000*{}"),
+    math.pi / 180: ("{} from degrees to radians", "pi/180*{}"),
+    180 / math.pi: ("{} from radians to degrees", "180/pi*{}"),
+}
+
+
 @dataclass(frozen=True)
 class Better:
-    """A signal with which the log fits the model better if it is shifted by samples, or has the other sign; errors are
+    """A signal with which the log fits the model better if it is shifted by samples, or times a factor; errors are
     medians over segments of the log."""
 
     signal: Annotated[str, "the signal"]
     shift: Annotated[int, "samples later than it was logged"]
-    sign: Annotated[int, "1 or -1"]
+    factor: Annotated[float, "-1 for the other sign, else of another unit"]
     error: Annotated[float, "RMS error with it over that of copying"]
     present: Annotated[float, "RMS error as it is over that of copying"]
+    late: Annotated[tuple[str, ...], "outputs of which samples that come so late give the same log"] = ()
 
     def sentence(self, before: int, operand: str) -> str:
         """Return the advice for the command line; `before`: the shift in samples that is set already, `operand`: the
         signal's column in an expression."""
         errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
-        if self.sign < 0:
-            other, fix = f"the other sign of {self.signal}", f'--map {self.signal}="-{operand}"'
+        if self.factor != 1:
+            what, text = FACTORS[self.factor]
+            other, fix = what.format(self.signal), f'--map {self.signal}="{text.format(operand)}"'
         else:
             count = f"{abs(self.shift)} sample{'s' * (abs(self.shift) > 1)} {'later' if self.shift > 0 else 'earlier'}"
             other, fix = f"{self.signal} taken {count}", f"--shift {self.signal}={before + self.shift}"
-        return f"with {other} predictions are clearly better, {errors}: {fix}"
+        better = f"with {other} predictions are clearly better, {errors}"
+        if not self.late:
+            return f"{better}: {fix}"
+        names, delays = " and ".join(self.late), ", ".join(f"{y} = {self.shift}" for y in self.late)
+        return (
+            f"{better}. Two readings fit equally: samples of {names} come {self.shift} late, say delays = {{{delays}}} "
+            f"in the model and --map {self.late[0]}_age={self.shift}, by which the estimate is of now; or "
+            f"{self.signal} acts {self.shift} late, say {fix} and delay it in the firmware too. Another output without "
+            "delay, a --truth, or a look at the hardware decides"
+        )
 
 
 def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
@@ -349,44 +371,68 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     if len(y) - first < SEGMENTS * LEAST:
         return None
     scale, copying = _scale(step.outputs, y), math.sqrt(y.shape[1])
-    present = _squares(step, u, y, first, scale, engine)
+
+    def squares(other: tuple[Array, Array]) -> Array:
+        return _squares(step, *other, first, scale, engine)
+
+    present = squares((u, y))
     if not np.isfinite(present).any():
         return None
     now = _typical(present)
     best: Better | None = None
-    for signal, shift, sign, other_u, other_y in _others(step, u, y):
-        squares = _squares(step, other_u, other_y, first, scale, engine)
-        error = _typical(squares)
-        if not (error < CLEAR * now and error < (best.error if best else copying)):
+    for j, signal in enumerate((*step.inputs, *step.outputs)):
+        if signal.name in derived(step.inputs) or (j >= u.shape[1] and y.shape[1] == 1):
             continue
-        gains = _means(present - squares)
-        if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
-            continue  # by chance nearly all are above 0 in one of 28 logs
-        level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
-        if level is None or error < CLEAR * _typical(level):
-            best = Better(signal, shift, sign, error, now)
+        factors = FACTORS if j < u.shape[1] else (-1.0,)
+        tried = [(0, factor, squares(_changed(step, u, y, j, 0, factor))) for factor in factors]
+        for way in (1, -1):
+            tried += [(shift, 1.0, those) for shift, those in _shifts(step, u, y, j, way, squares)]
+        for shift, factor, those in tried:
+            error = _typical(those)
+            if not (error < CLEAR * now and error < (best.error if best else copying)):
+                continue
+            gains = _means(present - those)
+            if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
+                continue  # by chance nearly all are above 0 in one of 28 logs
+            others = () if factor == 1 else _alternatives(step, u, y, j, factor)
+            if all(error < CLEAR * _typical(squares(other)) for other in others):
+                late = step.outputs if u.shape[1] - len(derived(step.inputs)) == 1 > j and shift > 0 else ()
+                best = Better(signal.name, shift, factor, error, now, tuple(each.name for each in late))
     return best
 
 
-def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, int, Array, Array]]:
-    whole, m = np.hstack([u, y]), u.shape[1]
-    names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
-    rates = derived(step.inputs)
-    alone = [j for j in range(len(names)) if (j < m or y.shape[1] > 1) and names[j] not in rates]
-    shifts = [k for size in range(1, MOST_SHIFT + 1) for k in (size, -size)]
-    for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
-        derivatives = (names.index(name) for name, (source, _) in rates.items() if source == names[j])
-        other, columns = whole.copy(), [j, *derivatives]
-        other[:, columns] = sign * np.column_stack([shifted(whole[:, i], shift) for i in columns])
-        yield names[j], shift, sign, other[:, :m], other[:, m:]
+def _shifts(
+    step: CallableStep, u: Array, y: Array, j: int, way: int, squares: Callable[[tuple[Array, Array]], Array]
+) -> Iterator[tuple[int, Array]]:
+    """Yield shifts of the signal number `j` and their squared errors, in one direction until the error has been above
+    its minimum for a few."""
+    least, at = math.inf, 0
+    for size in range(1, len(y) // SEGMENTS):
+        those = squares(_changed(step, u, y, j, way * size, 1.0))
+        yield way * size, those
+        error = _typical(those)
+        if error < least:
+            least, at = error, size
+        if size >= LEAST_SHIFT + (at if at > 1 else 0):
+            return
 
 
-def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
-    whole = np.hstack([u, y])
-    signals = (*step.inputs, *step.outputs)
-    j = [s.name for s in signals].index(signal)
-    whole[:, j] -= 2 * signals[j].mean(whole[:, j])
+def _changed(step: CallableStep, u: Array, y: Array, j: int, shift: int, factor: float) -> tuple[Array, Array]:
+    """Return u (N, m), y (N, p) with the signal number `j`, and its derivatives, shifted and times a factor."""
+    whole, names = np.hstack([u, y]), [s.name for s in (*step.inputs, *step.outputs)]
+    derivatives = (names.index(name) for name, (source, _) in derived(step.inputs).items() if source == names[j])
+    columns = [j, *derivatives]
+    whole[:, columns] = factor * np.column_stack([shifted(whole[:, i], shift) for i in columns])
     return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
+
+
+def _alternatives(step: CallableStep, u: Array, y: Array, j: int, factor: float) -> Iterator[tuple[Array, Array]]:
+    """Yield u (N, m), y (N, p) with only the mean of the signal number `j` times a factor, and with that mean alone."""
+    whole, signal = np.hstack([u, y]), (*step.inputs, *step.outputs)[j]
+    mean = signal.mean(whole[:, j])
+    for values in (whole[:, j] + (factor - 1) * mean, np.full(len(u), factor * mean)):
+        whole[:, j] = values
+        yield whole[:, : u.shape[1]].copy(), whole[:, u.shape[1] :].copy()
 
 
 def _scale(outputs: Sequence[Signal], y: Array) -> Array:

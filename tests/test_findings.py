@@ -1,0 +1,220 @@
+"""Faults that a log shows: each kind in logs that have it, and none in healthy ones."""
+
+import json
+import warnings
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from test_cli import hgogen
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.logs.records import Log
+
+a, b, c = (hg.Signal(name, low=-20, high=20) for name in "abc")
+u, y, y2 = hg.Signal("u", low=-10, high=10), hg.Signal("y", unit="V"), hg.Signal("y2")
+PLANTS = {
+    "spring": (
+        hg.System("spring", states=(a, b), inputs=(u,), outputs=(y,), flow=(b, u - 4 * a - b), output=(a,)),
+        0.05,
+    ),
+    "walk": (hg.System("walk", states=(a,), outputs=(y,), flow=(sp.Integer(0),), output=(a,)), 1.0),
+    "chain": (
+        hg.System(
+            "chain", states=(a, b, c), inputs=(u,), outputs=(y, y2), flow=(b, c - a, u - c), output=(a, b + c / 10)
+        ),
+        0.1,
+    ),
+    "pendulum": (
+        hg.System("pendulum", states=(a, b), inputs=(u,), outputs=(y,), flow=(b, u - 4 * sp.sin(a) - b), output=(a,)),
+        0.05,
+    ),
+}
+SIGMA = 0.02
+
+
+@cache
+def healthy(name: str, seed: int, count: int = 500) -> tuple[CallableStep, Log]:
+    """A log of a plant with process noise and readings' noise, as its filter takes them; of some seeds with rounded
+    readings, as of a converter; inputs held, drawn at random, or a step."""
+    plant, dt = PLANTS[name]
+    draw, n = np.random.default_rng(seed), len(plant.states)
+    shapes = (
+        np.repeat(draw.normal(size=(count // 20 + 1, 1)), 20, axis=0)[:count] * 3,
+        3 * np.sin(np.arange(count) / draw.uniform(5, 50))[:, None],
+        np.where(np.arange(count)[:, None] > count // 3, 3.0, 0.0),
+    )
+    inputs = np.clip(shapes[seed % 3], -10, 10)[:, : len(plant.inputs)]
+    rate = sp.lambdify([plant.states, plant.inputs], list(plant.flow))
+    read = sp.lambdify([plant.states, plant.inputs], list(plant.output))
+    x, rows = draw.uniform(1, 3, n), []
+    for now in inputs:
+        rows.append(np.ravel(read(x, now)) + SIGMA * draw.normal(size=len(plant.outputs)))
+        for _ in range(10):
+            half = x + dt / 20 * np.array(rate(x, now))
+            x = x + dt / 10 * np.array(rate(half, now))
+        x = x + SIGMA * np.sqrt(dt) * draw.normal(size=n)
+    values, sigma = np.array(rows), SIGMA
+    if seed % 2:
+        step = SIGMA * draw.uniform(0.2, 1.5)
+        values, sigma = np.round(values / step) * step, float(np.hypot(SIGMA, step / np.sqrt(12)))
+    Q, noise = [SIGMA**2] * n, {signal.name: sigma for signal in plant.outputs}
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=Q, noise=noise, covariance=[1.0] * n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return hg.sample(observer, dt=dt), Log(inputs, np.round(values, 5), dt)
+
+
+def faulty(kind: str, log: Log, draw: np.random.Generator) -> Log:
+    """The log with a fault in its first output."""
+    values, count = log.y.copy(), len(log.y)
+    first = values[:, 0]
+    if kind == "still":
+        first[count // 3 : count // 3 + 60] = first[count // 3]
+    if kind == "outliers":
+        first[draw.choice(count, 15, replace=False)] += 250 * SIGMA
+    if kind == "code":
+        first[draw.choice(count, 9, replace=False)] = -999
+    if kind == "held":
+        first[:] = np.repeat(first[::4], 4)
+    if kind == "drawn":
+        first[:] = np.interp(np.arange(count), np.arange(0, count, 5), first[::5])
+    if kind == "clipped":
+        first[:] = np.minimum(first, np.quantile(first, 0.85))
+    if kind == "quantum":
+        first[:] = np.round(first / (12 * SIGMA)) * 12 * SIGMA
+    if kind == "offset":
+        values[:, -1] += 12 * SIGMA
+    return Log(log.u, values, log.dt)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_healthy_log_has_no_finding(name: str, seed: int) -> None:
+    step, log = healthy(name, seed)
+    assert hg.inspect(step, log) == ()
+
+
+@pytest.mark.full
+def test_of_many_healthy_logs_one_in_fifty_has_a_finding_at_most() -> None:
+    each = [
+        hg.inspect(*healthy(name, seed, count)) for name in PLANTS for seed in range(2, 27) for count in (200, 1500)
+    ]
+    assert sum(map(bool, each)) <= len(each) / 50
+
+
+@pytest.mark.parametrize("kind", ["still", "outliers", "code", "held", "drawn", "clipped", "quantum"])
+@pytest.mark.parametrize("name", ["spring", "walk", "chain"])
+def test_a_fault_has_its_name(name: str, kind: str) -> None:
+    step, log = healthy(name, 4)
+    log = faulty(kind, log, np.random.default_rng(1))
+    faults = hg.inspect(step, log)
+    cut_off = {one for one in faults if kind == "clipped" and "is it cut off there" in one.fix}  # at one place alone
+    one = next(each for each in faults if each.signal == "y" and (each.fault == kind or each in cut_off))
+    assert one.strength > 1
+    assert str(one).startswith(one.finding)
+    if kind == "still":
+        assert one.rows == ((166, 225),)
+        assert "samples 166 to 225" in one.finding
+    if kind in ("outliers", "code"):
+        changed = np.flatnonzero(np.abs(log.y - healthy(name, 4)[1].y)[:, 0] > 1)
+        assert len(one.rows) > len(changed) / 3
+        assert all(np.abs(changed - first).min() <= 1 for first, _ in one.rows)  # one between two may count
+    if kind in ("held", "drawn"):
+        assert one.strength == {"held": 4, "drawn": 5}[kind]
+
+
+def test_an_offset_is_seen_where_the_model_has_no_state_that_learns_it() -> None:
+    step, log = healthy("chain", 2)
+    faults = hg.inspect(step, faulty("offset", log, np.random.default_rng(1)))
+    assert {one.fault for one in faults} == {"offset"}
+    assert all("standard errors from 0" in one.finding and f"--offset {one.signal}" in one.fix for one in faults)
+
+
+def test_a_state_that_is_held_is_named() -> None:
+    drift = hg.Signal("drift", low=-1, high=1)
+    plant = hg.System(
+        "gyro", states=(a, drift), inputs=(u,), outputs=(y,), flow=(u - drift, sp.Integer(0)), output=(a,)
+    )
+    form = hg.forms.original(plant)
+    observer = hg.observers.riccati(form, Q=[1e-4, 1e-14], noise={"y": 0.01}, covariance=[1e-2, 1e-10])
+    draw, rates = np.random.default_rng(4), np.sin(np.arange(300) / 20)[:, None]
+    angle = np.cumsum(np.append(0, rates[:-1, 0])) * 0.02
+    log = Log(rates + 0.3, (angle + 0.01 * draw.normal(size=300))[:, None], 0.02)
+    (one,) = hg.inspect(hg.sample(observer, dt=0.02), log)
+    assert (one.fault, "drift, held by Q and P(0)" in one.fix) == ("offset", True)
+
+
+def test_what_stands_still_with_all_others_is_at_rest() -> None:
+    """A plant without noise that rests, and then moves."""
+    step, log = healthy("spring", 2)
+    quiet = np.concatenate([np.zeros(200), 1 - np.cos(np.arange(300) / 20)])[:, None]
+    resting = Log(np.concatenate([np.zeros((200, 1)), np.ones((300, 1))]), quiet, log.dt)
+    assert "still" not in {one.fault for one in hg.inspect(step, resting)}
+
+
+def test_a_coarse_sensor_repeats_itself_by_chance() -> None:
+    """Of a course that takes the next level with 5 of 100, a value comes 8 times in a row, and 60 times, by chance."""
+    step, log = healthy("spring", 1)
+    levels = np.cumsum(np.random.default_rng(3).choice([-1.0, 0.0, 1.0], p=[0.025, 0.95, 0.025], size=(500, 1)), axis=0)
+    assert "still" not in {one.fault for one in hg.inspect(step, Log(log.u, levels, log.dt))}
+
+
+def test_few_and_missing_samples_raise_nothing() -> None:
+    step, log = healthy("spring", 0)
+    assert hg.inspect(step, Log(log.u[:39], log.y[:39], log.dt)) == ()
+    assert hg.inspect(step, Log(log.u, np.full_like(log.y, np.nan), log.dt)) == ()
+    gaps = np.where(np.random.default_rng(2).uniform(size=log.y.shape) < 0.3, np.nan, log.y)
+    assert hg.inspect(step, Log(log.u, gaps, log.dt)) == ()
+
+
+SPRING = """
+name = "spring"
+states.a = {low = -20, high = 20, flow = "b"}
+states.b = {low = -20, high = 20, flow = "u - 4*a - b"}
+inputs.u = {low = -10, high = 10}
+outputs.y = {equation = "a"}
+observer = {kind = "ekf", dt = 0.05, Q_per_sample = [2e-5, 2e-5], noise = {y = 0.02}, covariance = [1, 1]}
+"""
+
+
+@pytest.fixture(name="folder")
+def _folder(tmp_path: Path) -> Path:
+    _, log = healthy("spring", 0, 400)
+    values = faulty("still", log, np.random.default_rng(0)).y
+    rows = "".join(
+        f"{0.05 * k:g},{0.05 * k + 0.01 * (k % 3):g},{u:.6g},{y:.6g}\n"
+        for k, (u, y) in enumerate(np.hstack([log.u, values]))
+    )
+    (tmp_path / "log.csv").write_text(f"t,stamp,u,y\n{rows}")
+    (tmp_path / "spring.toml").write_text(SPRING)
+    return tmp_path
+
+
+def test_the_command_names_the_fault_and_the_better_clock(folder: Path) -> None:
+    words = [
+        "inspect",
+        str(folder / "spring.toml"),
+        "--data",
+        str(folder / "log.csv"),
+        "--time",
+        "t",
+        "-o",
+        str(folder),
+    ]
+    printed = " ".join(hgogen(*words)[0].split())
+    assert "y, still: y stands still at samples 133 to 192" in printed
+    assert "the column 'stamp' runs like a clock, too" in printed
+    report = json.loads((folder / "log_faults.json").read_text())
+    assert [(one["signal"], one["fault"], one["rows"]) for one in report["findings"]] == [("y", "still", [[133, 192]])]
+    assert (folder / "log_signals.svg").stat().st_size > 1000
+
+
+def test_a_run_says_the_fault_in_place_of_its_effect(folder: Path) -> None:
+    words = ["run", str(folder / "spring.toml"), "--data", str(folder / "log.csv"), "--time", "t", "-o", str(folder)]
+    printed = " ".join(hgogen(*words)[0].split())
+    assert "y stands still at samples 133 to 192" in printed
+    assert "R, Q or both are too small" not in printed
