@@ -143,10 +143,11 @@ class CallableStep(Step):
             self._kept.places[AT][0] = int(at) % ROUND
             ending = "_at"
         status = self._entries["estimate"]() if not y else 0
-        if y and "gate" in self._entries:
-            for name in set(known) - samples.keys():
-                self._take[name](np.nan)
-            status |= self._entries["gate"]()
+        joint = [self._entries[name] for name in ("innovate", "gate") if y and name in self._entries]
+        for name in set(known) - samples.keys() if joint else ():
+            self._take[name](np.nan)
+        for section in joint:
+            status |= section()
         for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._output_bytes(), status)
@@ -424,7 +425,8 @@ def sample(
     bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
     user's cache. `real`: the precision, "float" as on small firmware, or "double". `report`: functions of the emitted
     code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "sigma", the
-    standard deviation of each state, and "age", the samples since the last used one of each output.
+    standard deviation of each state, "age", the samples since the last used one of each output, and "innovation", the
+    innovations of all outputs before any sample is used, with their covariance.
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;

@@ -156,6 +156,16 @@ class Clock:
         return sym("state", "y_valid", self.outputs) > 0 if self.guarded else ca.SX.ones(self.outputs)
 
 
+@dataclass(frozen=True)
+class Joint:
+    """The joint innovations of k outputs: `program` computes places that the graphs read; `bias` (k) is subtracted from
+    y - h(z); `covariance` (k, k) is S = H P H' + R; SX."""
+
+    program: Program
+    bias: Graph
+    covariance: Graph
+
+
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """The contribution of a part to a step: memory, and statements for each section.
@@ -164,7 +174,8 @@ class Pieces:
     measurement; `bits`: bits of the part, or its words for the step's; `rule`: the method that integrates the part,
     where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
     call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `projected`: returns, for an SX
-    C (k, n), C P C' and the statements that compute what it reads; `inside`: returns statements on these fields as
+    C (k, n), C P C' and the statements that compute what it reads; `joint`: returns the joint
+    innovations of outputs at the prediction; `inside`: returns statements on these fields as
     those on the step's memory; `congruence`: returns, for an SX N (n, n), statements that replace P by N P N';
     `project`: statements that project the estimates of members onto their ranges; `constrain`: statements that project
     the estimate onto the plant's invariants; `gate`: statements before the updates that decide which samples they may
@@ -186,6 +197,7 @@ class Pieces:
     inner: tuple[Section, ...] = ()
     covariance: Graph | None = None
     projected: Callable[[Graph], tuple[Program, Graph]] | None = None
+    joint: Callable[[tuple[int, ...]], Joint] | None = None
     inside: Callable[[Program], Program] = tuple
     congruence: Callable[[Graph], Program] | None = None
     project: Program = ()

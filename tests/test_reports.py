@@ -64,6 +64,9 @@ METHODS: dict[str, Callable[[], Any]] = {
 }
 
 
+REPORTED = {"at samples": ("age", "innovation", "sigma"), "integrated": ("age", "sigma")}
+
+
 @pytest.mark.parametrize("guards", ["all", "none"])
 @pytest.mark.parametrize("method", METHODS)
 def test_ages_count_the_calls_since_a_sample_was_used(method: str, guards: Any) -> None:
@@ -81,8 +84,7 @@ def test_ages_count_the_calls_since_a_sample_was_used(method: str, guards: Any) 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_engine_reports_the_same(method: str, real: Any) -> None:
     u, y = samples()
-    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report=("age", "sigma"), real=real)
-    assert step.traces == ("sigma_q", "sigma_w", "age_y", "age_v")
+    step = hg.sample(filter_of(pendulum()), METHODS[method](), dt=0.02, report=REPORTED[method], real=real)
     runs = []
     for engine in ("c", "python"):
         step.reset()
@@ -95,7 +97,7 @@ def test_every_engine_reports_the_same(method: str, real: Any) -> None:
         assert np.array_equal(runs[0].traces[name], runs[1].traces[name], equal_nan=True)
         assert np.array_equal(runs[0].traces[name], many.traces[name][1], equal_nan=True)
         if real == "double":
-            assert np.allclose(traces[:, j], runs[0].traces[name], rtol=1e-12, equal_nan=True)
+            assert np.allclose(traces[:, j], runs[0].traces[name], rtol=1e-12, atol=1e-15, equal_nan=True)
     step.reset()
     single = [step(u=u[k], y=y[k]).traces for k in range(N)]
     assert all(
@@ -331,3 +333,112 @@ def test_an_observer_without_a_covariance_refuses_sigma(name: str) -> None:
     with pytest.raises(BadGain, match=f"report 'sigma' needs a covariance, which {name} has not; take an observer"):
         hg.sample(observer, dt=0.01, report=("sigma",))
     assert hg.sample(observer, dt=0.01, report=("age",)).traces[-1] == "age_y"
+
+
+# --- innovation -----------------------------------------------------------------------------------------------------
+
+
+def joint_of(run: hg.Run, outputs: tuple[str, ...] = ("y", "v")) -> tuple[np.ndarray, np.ndarray]:
+    """The innovations e (N, p) of a run and their covariance S (N, p, p), as the step reports them."""
+    e = np.column_stack([run.traces[f"innovation_{name}"] for name in outputs])
+    S = np.zeros((*e.shape, len(outputs)))
+    for j, b in enumerate(outputs):
+        for i, a in list(enumerate(outputs))[j:]:
+            S[:, i, j] = S[:, j, i] = run.traces[f"innovation_S_{a}_{b}"]
+    return e, S
+
+
+@FILTERS
+def test_innovations_of_a_linear_plant_are_the_kalman_filter_s(observer: Any) -> None:
+    """All at the prediction: an output after another is not predicted from its sample."""
+    y = measured()
+    step = hg.sample(linear(observer), dt=H, report=("innovation",), engine="python")
+    e, S = joint_of(run := step.run(y=y))
+    for k, (_, _, known_e, known_S) in enumerate(known(y, observer)):
+        assert e[k] == pytest.approx(known_e, rel=1e-11, abs=1e-12, nan_ok=True)
+        assert S[k] == pytest.approx(known_S, rel=1e-12)
+    assert np.array_equal(run.traces["innovation_count"], np.isfinite(y).sum(axis=1))
+
+
+def test_a_rejected_sample_has_an_innovation() -> None:
+    observer = filter_of(pendulum(), gate={"y": 0.9})
+    step = hg.sample(observer, dt=0.02, report=("innovation",), engine="python")
+    step(u=0.0, y=(0.1, NAN))
+    sample = step(u=0.0, y=(9.0, -1e20))
+    assert {"GATED_Y", "REJECTED_V"} <= set(sample.flags)
+    assert sample.traces["innovation_y"] == pytest.approx(9, abs=0.5)
+    assert sample.traces["innovation_v"] == pytest.approx(-1e20)
+    assert sample.traces["innovation_count"] == 2
+    sample = step(u=0.0, y=(np.inf, NAN))
+    assert np.isnan([sample.traces["innovation_y"], sample.traces["innovation_v"]]).all()
+    assert sample.traces["innovation_count"] == 0
+    assert sample.traces["innovation_S_y_y"] > 0
+
+
+def test_a_prediction_alone_has_no_innovation() -> None:
+    step = hg.sample(filter_of(pendulum()), dt=0.02, report=("innovation",), engine="python")
+    step(u=0.0, y=(0.1, 0.1))
+    assert step.predict(u=0.0).traces["innovation_count"] == 0
+    sample = step.update(v=0.3)
+    assert sample.traces["innovation_count"] == 1
+    assert np.isnan(sample.traces["innovation_y"])
+    assert np.isfinite(sample.traces["innovation_v"])
+
+
+def test_an_innovation_of_an_angle_is_the_shorter_way_round() -> None:
+    period = 2 * np.pi
+    a, w = hg.Signal("a", "rad", period=period), hg.Signal("w", low=-2, high=2)
+    plant = hg.System("turn", states=(a, w), outputs=(hg.Signal("y", "rad", period=period),), flow=[w, -w], output=[a])
+    step = hg.sample(filter_of(plant, initial={"a": 3.1}), dt=0.02, report=("innovation",), engine="python")
+    assert step(y=-3.1).traces["innovation_y"] == pytest.approx(period - 6.2)
+
+
+def test_innovations_of_a_bank_are_those_of_the_selected_member() -> None:
+    u, y = samples()
+    bank = hg.observers.bank(filter_of(pendulum()), count=3, period=0.1)
+    step = hg.sample(bank, dt=0.02, report=("innovation", "sigma"), engine="python")
+    run = step.run(u=u, y=y)
+    e, S = joint_of(run)
+    assert np.array_equal(np.isnan(e), np.isnan(y))
+    assert len(set(run.traces["selected"])) > 1
+    k = np.flatnonzero(np.diff(run.traces["selected"]) == 0)[3] + 1
+    alone = hg.sample(filter_of(pendulum()), dt=0.02, report=("innovation",), engine="python")
+    assert joint_of(alone.run(u=u[:1], y=y[:1]))[1][0] == pytest.approx(S[0], rel=1e-12)
+    assert (np.linalg.eigvalsh(S[k]) > 0).all()
+
+
+def test_nis_of_a_healthy_linear_plant_has_the_mean_of_its_degrees_of_freedom() -> None:
+    draw, Phi, n = np.random.default_rng(5), transition(A, H)[0], 20_000
+    x, noise = draw.multivariate_normal(np.zeros(3), START), draw.multivariate_normal(np.zeros(3), H * Q, n)
+    y = np.zeros((n, 2))
+    for k in range(n):
+        x = Phi @ x + noise[k] if k else x
+        y[k] = C @ x + draw.normal(size=2) * np.sqrt(np.diag(R))
+    y[draw.random(y.shape) < 0.1] = NAN
+    run = hg.sample(linear(), dt=H, report=("innovation",)).run(y=y, engine="python")
+    e, S = joint_of(run)
+    there = np.isfinite(e)
+    S = np.where(there[:, :, None] & there[:, None, :], S, np.eye(2))
+    nis = np.einsum("ki,kij,kj->k", np.nan_to_num(e), np.linalg.inv(S), np.nan_to_num(e))
+    freedom = run.traces["innovation_count"].sum()
+    assert abs(nis.sum() / freedom - 1) < 4 * np.sqrt(2 / freedom)
+    assert np.abs(S[:, 0, 1] / np.sqrt(S[:, 0, 0] * S[:, 1, 1])).max() > 0.2  # correlated
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "says"),
+    [
+        ("rk4", {}, "needs a prediction with a covariance, which riccati by this method has not"),
+        ("rk4_covariance", {}, "needs a prediction with a covariance"),
+        ("continuous_discrete", {"periods": {"v": 0.04}}, "leave periods and delays out"),
+    ],
+)
+def test_what_has_no_joint_innovation_refuses_it(method: str, options: dict[str, Any], says: str) -> None:
+    with pytest.raises(BadGain, match=says):
+        hg.sample(filter_of(pendulum()), getattr(hg.methods, method), dt=0.02, report=("innovation",), **options)
+
+
+def test_late_samples_have_no_joint_innovation() -> None:
+    observer = hg.delayed(filter_of(pendulum()), y=2)
+    with pytest.raises(BadGain, match="leave periods and delays out"):
+        hg.sample(observer, dt=0.02, report=("innovation",))

@@ -301,7 +301,9 @@ class _Set(TypedDict):
     ]
     report: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Functions that report on the estimate, with commas: sigma, age."),
+        typer.Option(
+            metavar="NAMES", help="Functions that report on the estimate, with commas: sigma, age, innovation."
+        ),
     ]
     parameters: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Values of parameters, as `hgogen fit` writes them.")

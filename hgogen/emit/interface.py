@@ -23,6 +23,7 @@ REACHED = {  # the parameter of a function that leads to a place, and the member
     "argument": ("at", ""),
     "deviations": ("sigma", ""),
     "ages": ("age", ""),
+    "innovations": ("innovation", ""),
 }
 MEANINGS = {  # of the parameters of functions
     "s": "the state: the memory of the observer between calls",
@@ -33,6 +34,7 @@ MEANINGS = {  # of the parameters of functions
     "at": "the number of the period in which the sample was taken",
     "sigma": "the standard deviations of the estimate",
     "age": "the samples since the last used one of each output",
+    "innovation": "the joint innovations of all samples",
 }
 
 MEMBERS = {  # of the struct of parameters

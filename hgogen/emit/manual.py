@@ -328,9 +328,11 @@ def parts(step: Step, name: str) -> list[str]:
             "again.",
         ]
     together = "An update stores its sample. `adapt`, once after all updates, corrects the estimate by all of them."
+    every = "`innovate` takes the samples of all outputs, NaN for a missing one."
     judged = "`gate` takes the samples of all outputs that have a gate, NaN for a missing one."
     return [
         f"{order} Call them one by one, and or their statuses, where a sample comes later than the input.",
+        *[every] * any(section.name == "innovate" for section in step.code.sections),
         *[judged] * any(section.name == "gate" for section in step.code.sections),
         *[together] * any(field.name.startswith(WAITS) for field in step.layout.state),
         "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. OUTSIDE_BOX "

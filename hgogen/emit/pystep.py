@@ -55,6 +55,7 @@ from hgogen.signal import LOST, Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED, plausible_range, readings
 from hgogen.stepping.recovery import MARGIN
+from hgogen.stepping.reports import E
 
 Entry = Callable[[], int]
 
@@ -295,7 +296,8 @@ class Vectors:
 
 def compared(step: Step) -> tuple[Element, ...]:
     """Return the numbers that a self-check compares: the estimate, the observer's traces and its reports."""
-    return (*(Element(s.name, Place("estimate", s.name)) for s in step.states), *step.traced)
+    traced = (each for each in step.traced if each.place != E)  # which is no number where a sample is missing
+    return (*(Element(s.name, Place("estimate", s.name)) for s in step.states), *traced)
 
 
 def record_vectors(step: Step, real: Real) -> Vectors:

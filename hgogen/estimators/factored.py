@@ -30,7 +30,7 @@ import numpy as np
 from hgogen.discretisation import kernels
 from hgogen.discretisation.kernel_graphs import carried_out, written
 from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
-from hgogen.estimators.gating import Joint, raised, with_gating
+from hgogen.estimators.gating import raised, with_gating
 from hgogen.estimators.joint import decorrelated, errors, waiting, where_waiting, whitened, with_joint
 from hgogen.estimators.riccati_part import (
     Riccati,
@@ -45,7 +45,7 @@ from hgogen.estimators.riccati_part import (
     unpack_lower,
 )
 from hgogen.graph import Graph
-from hgogen.part import Clock, Pieces
+from hgogen.part import Clock, Joint, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, Statement, When, column, scalar, sym
 from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
@@ -334,6 +334,7 @@ class Unrolled(FactoredStep):
             covariance=self.covariance,
             congruence=self.congruence,
             projected=self.projected,
+            joint=self.joint,
             **self.common(),
             predict=(*self.prediction(), *self.bounded()),
             update=tuple(map(self.correction, range(self.clock.outputs))),
@@ -490,6 +491,7 @@ class Looped(FactoredStep):
             fields=(self.part.z, self.diagonal(np.diag(self.part.covariance).copy())),
             groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
             projected=self.projected,
+            joint=self.joint,
             **self.common(),
             predict=self.prediction(),
             update=tuple(map(self.correction, range(self.clock.outputs))),

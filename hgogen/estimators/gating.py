@@ -6,7 +6,7 @@ writes the verdict on its samples into the state. All decisions come before the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from typing import Protocol
 
@@ -15,7 +15,7 @@ import casadi as ca
 from hgogen.estimators.gate import GatedGroup
 from hgogen.estimators.riccati_part import Riccati, pivots
 from hgogen.graph import Graph, binary
-from hgogen.part import Clock, Pieces
+from hgogen.part import Clock, Joint, Pieces
 from hgogen.program import INF, Bit, Block, Field, Place, Program, When, column, scalar, sym
 from hgogen.signal import LOST
 
@@ -27,16 +27,6 @@ UNJUDGED = Bit(
 )
 PASSED, REJECTED = 1, 2  # verdicts; 0 is none yet
 LEAST = 1e-30  # of H P H' in a ratio
-
-
-@dataclass(frozen=True)
-class Joint:
-    """The joint innovations of k outputs: `program` computes places that the graphs read; `bias` (k) is subtracted from
-    y - h(z); `covariance` (k, k) is S = H P H' + R; SX."""
-
-    program: Program
-    bias: Graph
-    covariance: Graph
 
 
 class Filter(Protocol):

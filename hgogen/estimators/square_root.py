@@ -58,11 +58,10 @@ import numpy as np
 
 from hgogen.analysis.dynamics import HUGE, near
 from hgogen.estimators.factored import Unrolled, Writes, largest
-from hgogen.estimators.gating import Joint
 from hgogen.estimators.joint import decorrelated, errors, used_block, waiting, where_waiting, whitened
 from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, solve, unpack_lower
 from hgogen.graph import Graph
-from hgogen.part import Pieces
+from hgogen.part import Joint, Pieces
 from hgogen.program import Bit, Block, Field, Place, Program, sym
 from hgogen.reading.given import BadGain
 

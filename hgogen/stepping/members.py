@@ -111,6 +111,7 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
         covariance=None if pieces.covariance is None else substituted.values(pieces.covariance)[0],
         congruence=None,
         projected=None,
+        joint=None,
         **programs,
     )
 
@@ -130,6 +131,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
         covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
         projected=sole.projected,
+        joint=sole.joint,
         inside=sole.inside,
         congruence=next((piece.congruence for piece in pieces if piece.covariance is not None), None),
         verdicts={j: name for piece in pieces for j, name in piece.verdicts.items()},

@@ -4,25 +4,32 @@
             the plant, as first declared; of a bank that of the selected member
     age     calls of predict since the last used sample of each output: 0 where this call used one, `OLDEST` for as
             many or more, and before the first
+    innovation   e = y - h(z), S = C P C' + R of all outputs (p), at the prediction, before any sample is used
 
+e is NaN where a sample is missing, and S of all outputs in any case; e' S^-1 e of the samples that are there is
+chi-square with their number as degrees of freedom, if the model and the noise are right. A rejected sample counts.
 From factors of P, T P T' is a sum of squares, without P; from P^-1 it is found by solving. An age counts the calls up
 to the period of the sample's measurement, also of a late sample. A restart of the estimate changes no age; a reset
 does.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
+from hgogen.estimators.riccati_part import lower, pack
 from hgogen.observer import Observer
-from hgogen.part import Pieces
-from hgogen.program import Block, Field, Place, Program, Report, When, scalar, sym
+from hgogen.part import Clock, Pieces
+from hgogen.program import Block, Field, Place, Program, Report, When, column, scalar, sym
 from hgogen.reading.given import BadGain, names
 from hgogen.signal import Signal
+from hgogen.stepping.guards import LARGEST_NUMBER, sample
 
 OLDEST = (1 << 16) - 1  # the largest number of the smallest `unsigned` of C
-REPORTS = ("sigma", "age")
+REPORTS = ("sigma", "age", "innovation")
+E = Place("innovations", "e")
 
 
 def demand_reports(report: Any) -> tuple[str, ...]:
@@ -34,10 +41,14 @@ def demand_reports(report: Any) -> tuple[str, ...]:
     return tuple(name for name in REPORTS if name in wanted)
 
 
-def reports(observer: Observer, pieces: Pieces, wanted: Iterable[str]) -> tuple[Report, ...]:
-    """Return the reports of these names. Raises: `BadGain` for one that needs a covariance, without one."""
-    makers = {"sigma": lambda: _sigma(observer, pieces), "age": lambda: _ages(observer)}
-    return tuple(makers[name]() for name in wanted)
+def reports(observer: Observer, clock: Clock, pieces: Pieces) -> tuple[Report, ...]:
+    """Return the reports that a step has. Raises: `BadGain` for one that it cannot have."""
+    makers = {
+        "sigma": lambda: _sigma(observer, pieces),
+        "age": lambda: _ages(observer),
+        "innovation": lambda: _innovation(observer.form.system.outputs),
+    }
+    return tuple(makers[name]() for name in clock.report)
 
 
 # --- sigma
@@ -118,5 +129,80 @@ def _ages(observer: Observer) -> Report:
         (
             f"A restart of the estimate changes no age; `reset` makes all ages {OLDEST}.",
             "Of a late sample, the calls since the period of its measurement count.",
+        ),
+    )
+
+
+# --- innovation
+
+
+def innovation_fields(outputs: Sequence[Signal]) -> tuple[Field, ...]:
+    """Return the state's fields with the joint innovations of this call."""
+    return tuple(replace(field, name=_stored(field)) for field in _innovation_fields(outputs))
+
+
+def no_innovation(outputs: int) -> Program:
+    """Return the statements of a predict after which there is no innovation yet; `outputs`: their number."""
+    none = {Place("state", "innovation_e"): ca.SX.nan(outputs, 1)}
+    return (Block("no innovation yet", none), Block("of no sample", {Place("state", "innovation_count"): ca.SX(0)}))
+
+
+def innovations(observer: Observer, clock: Clock, pieces: Pieces) -> Program:
+    """Return the statements that compute the joint innovations. Raises: `BadGain` for an observer, or a step, that has
+    none."""
+    what = "report 'innovation'"
+    if pieces.joint is None:
+        raise BadGain(
+            what, f"needs a prediction with a covariance, which {observer.name} by this method has not; {_AT}"
+        )
+    if clock.every or observer.delays:
+        raise BadGain(what, "needs the samples of a call together; leave periods and delays out, or the report")
+    outputs, dynamics = range(clock.outputs), observer.dynamics
+    joint, predicted = pieces.joint(tuple(outputs)), dynamics.output(observer.z, clock.u_now)
+    raw = [sample(observer, clock.u_now, j)[0] for j in outputs]
+    there = [ca.fabs(y) <= LARGEST_NUMBER for y in raw]
+    plain = (dynamics.output_error(j, raw[j], predicted[j]) for j in outputs)
+    errors = [dynamics.output_error(j, error, joint.bias[j]) for j, error in enumerate(plain)]
+    values = {
+        "innovation_e": column(ca.if_else(ok, e, ca.SX.nan()) for ok, e in zip(there, errors, strict=True)),
+        "innovation_S": pack(joint.covariance),
+        "innovation_count": sum(there[1:], there[0]),
+    }
+    block = Block("the innovations at the prediction", {Place("state", name): value for name, value in values.items()})
+    return pieces.inside((*joint.program, block))
+
+
+_AT = "take riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or leave the report out"
+
+
+def _innovation_fields(outputs: Sequence[Signal]) -> tuple[Field, ...]:
+    places, labels = lower(len(outputs)), tuple(map(str, outputs))
+    zeros, entries = (0.0,) * len(places), tuple((i + 1, j + 1) for i, j in places)
+    return (
+        Field(E.name, zeros[: len(outputs)], labels=labels, meaning="y - h, NaN for a missing sample"),
+        Field("S", zeros, entries=entries, meaning="covariance of e, lower triangle by columns"),
+        scalar("count", 0, kind="index", high=len(outputs), meaning="samples that are there"),
+    )
+
+
+def _stored(field: Field) -> str:
+    return f"innovation_{field.name}"
+
+
+def _innovation(outputs: Sequence[Signal]) -> Report:
+    fields = _innovation_fields(outputs)
+    copies = {Place(E.struct, field.name): sym("state", _stored(field), field.size) for field in fields}
+    names = (*map(str, outputs), *(f"S_{outputs[i]}_{outputs[j]}" for i, j in lower(len(outputs))), "count")
+    return Report(
+        "innovation",
+        E.struct,
+        "joint innovations of all outputs at the prediction, before any sample is used, and their covariance",
+        fields,
+        (Block("the innovations of this call", copies),),
+        tuple(f"innovation_{name}" for name in names),
+        (
+            "S is C P C' + R. A rejected sample has its innovation too, and `count` is the number of samples.",
+            "e' S^-1 e, without the rows and columns of missing samples, is chi-square with `count` degrees of freedom "
+            "where the model, Q and R are right.",
         ),
     )

@@ -2,6 +2,7 @@
 recovery.
 
     predict   guard the input, advance the estimate from the last call to now
+    innovate  where it is reported: the joint innovations of all samples
     gate      where innovations have gates: which samples may correct
     update_Y  for each output that corrects: guard the sample, correct
     adapt     theta and the like, once after the updates
@@ -68,7 +69,16 @@ from hgogen.stepping.invariants import constrained
 from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
-from hgogen.stepping.reports import age_fields, aged, renewed, renewed_where, reports
+from hgogen.stepping.reports import (
+    age_fields,
+    aged,
+    innovation_fields,
+    innovations,
+    no_innovation,
+    renewed,
+    renewed_where,
+    reports,
+)
 from hgogen.stepping.substeps import elapsed_fields, in_substeps, since_last_call
 from hgogen.system import System
 
@@ -263,9 +273,14 @@ class Assembly:
         return self.observer.form.system.outputs if "age" in self.clock.report else ()
 
     @property
+    def _innovates(self) -> bool:
+        """Whether the step reports its joint innovations."""
+        return "innovation" in self.clock.report
+
+    @property
     def reports(self) -> tuple[Report, ...]:
         """The reports on the estimate that were requested."""
-        return reports(self.observer, self.combined, self.clock.report)
+        return reports(self.observer, self.clock, self.combined)
 
     @cached_property
     def state(self) -> tuple[Field, ...]:
@@ -281,6 +296,7 @@ class Assembly:
         fields += [scalar("calls", int(predicts), kind="index", high=most, meaning=meaning), *counted]
         fields += verdict_fields(self.combined.verdicts)
         fields += age_fields(self._aging)
+        fields += innovation_fields(system.outputs) if self._innovates else ()
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -299,7 +315,7 @@ class Assembly:
     @cached_property
     def sections(self) -> tuple[Section, ...]:
         """The sections predict, update of each output, adapt, without statements whose results are never read."""
-        sections = [self._predict, *self._gate, *map(self._update, self.correcting), *self._adapt]
+        sections = [self._predict, *self._innovate, *self._gate, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.completes and self.still else 1)  # the last one that can change the estimate
         outside = () if self._watched else (outside_bit(self.observer),)
         notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
@@ -383,6 +399,7 @@ class Assembly:
         program += awaited(self._ordered)
         program += self._unjudged
         program += [aged(self._aging)] if self._aging else []
+        program += no_innovation(clock.outputs) if self._innovates else ()
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
         if self.uses_output:
@@ -398,6 +415,16 @@ class Assembly:
         """The block after a predict that clears the verdicts of gates."""
         cleared = {Place("state", name): ca.SX(0) for name in self.combined.verdicts.values()}
         return (Block("no gate has judged a sample", cleared),) if cleared else ()
+
+    @property
+    def _innovate(self) -> tuple[Section, ...]:
+        """The section that computes the innovations of all samples, before any is used; none unless requested."""
+        if not self._innovates:
+            return ()
+        program = innovations(self.observer, self.clock, self.combined)
+        begun = Block("was there a predict?", {Place("work", "begun"): sym("state", "calls") >= 1})
+        meaning = "compute the innovations of all samples, before any of them corrects"
+        return (Section("innovate", meaning, (begun, When(Place("work", "begun"), program))),)
 
     @property
     def _gate(self) -> tuple[Section, ...]:
