@@ -36,7 +36,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.linearised import NoLinearisation, pace
-from hgogen.analysis.manifold import onto
+from hgogen.analysis.manifold import attracted, onto
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
@@ -253,7 +253,8 @@ class Plant:
         symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
         flow = (limited(row, plant.box, TINY) for row in plant.flow)  # its slopes have to be finite, at powers of 0 too
-        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(flow, symbols))}
+        ode = attracted(ca.vertcat(*to_casadi(flow, symbols)), plant.constraints, plant.states, symbols, 1 / dt)
+        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ode}
         self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self._ode["ode"])])
         self._measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
         self._segments = list(_segments(trial, self.times))

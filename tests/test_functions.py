@@ -286,6 +286,20 @@ def test_a_proof_does_not_rest_on_the_limited_slope() -> None:
     assert check.verdict is Verdict.UNKNOWN
 
 
+@pytest.mark.parametrize("text", ["-sqrt(abs(p))", "sqrt(abs(p))", "abs(p)**0.7", "-abs(p)**0.7"])
+def test_a_root_of_a_size_is_built_as_it_is(text: str) -> None:
+    """It is not Lipschitz, which is no claim about the step: that takes the slope of a chord."""
+    form = hg.forms.original(orifice(text))
+    (check,) = (c for c in form.checks if c.id.fact == "lipschitz")
+    assert check.verdict is Verdict.UNKNOWN
+    assert "has no bound towards p = 0" in str(check.reason)
+    assert str(check.reason).endswith("; the step takes the slope of a chord there")
+    step = hg.sample(hg.observers.riccati(form, Q=[1.0], R=1e-4), hg.methods.rk4, dt=0.01)
+    run = step.run(u=np.zeros(50), y=np.linspace(-0.1, 0.1, 50), engine="python")
+    assert np.isfinite(run.x).all()
+    assert abs(run.x[-1, 0] - 0.1) < 0.05
+
+
 @pytest.mark.full
 def test_a_trial_of_it_can_be_integrated_from_zero() -> None:
     from hgogen.trial import Trial, simulate, t

@@ -277,6 +277,36 @@ def test_a_trial_starts_on_them() -> None:
         simulate(plant, off, DT)
 
 
+def test_a_truth_stays_on_them_where_the_flow_alone_would_leave() -> None:
+    """Off the circle the flow leads away like exp(10 t): of the integrator's errors nothing would be left to see."""
+    plant = on([RING, 2 * RING], {a: -b + 5 * a * RING, b: a + 5 * b * RING, z: 0})
+    truth = simulate(plant, Trial("turn", 8.0, {"a": 1, "b": 0, "z": 0.5}), DT)
+    exact = np.c_[np.cos(truth.t), np.sin(truth.t), 0.5 * np.ones_like(truth.t)]
+    assert truth.x == pytest.approx(exact, abs=1e-6)
+
+
+def test_a_row_of_a_rotation_that_nothing_measures_is_known_by_the_others() -> None:
+    R = [signals(f"r{i}0 r{i}1 r{i}2") for i in range(3)]
+    w = signals("wx wy wz")
+    turn = sp.Matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    every = sp.Matrix(R)
+    rows: dict[str, Any] = {
+        "states": tuple(one for row in R for one in row),
+        "inputs": w,
+        "outputs": tuple(hg.Signal(f"y{i}{j}") for i in range(2) for j in range(3)),
+        "flow": list(every * turn),
+        "output": [*R[0], *R[1]],
+    }
+    loose = hg.forms.original(hg.System("loose", **rows))
+    assert loose.checks[0].verdict is hg.Verdict.REFUTED
+    orthonormal = [(every * every.T - sp.eye(3))[i, j] for i in range(3) for j in range(i + 1)]
+    plant = hg.System("rotation", **rows, invariants=orthonormal)
+    joined = hg.forms.original(plant).checks[0]
+    assert joined.verdict is hg.Verdict.PROVED
+    assert joined.claim.endswith("or in an invariant with such a state")
+    assert hg.observability(plant).unobservable == ()
+
+
 def test_errors_take_the_nearer_of_two_opposites() -> None:
     plant = attitude(bias=False)
     trial = Trial("turn", 1.0, {"q0": 1, "q1": 0, "q2": 0, "q3": 0}, {"w0": 2, "w1": 0, "w2": 0})

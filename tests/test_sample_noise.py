@@ -150,10 +150,16 @@ def test_another_dt_changes_no_sample_and_no_density_of_the_process(around: str)
 
 
 def test_claims_wait_for_dt() -> None:
-    """The numbers of an observer that is not sampled yet are nobody's: its own claim is not proved."""
+    """The numbers of an observer that is not sampled yet are nobody's: a claim that needs them is not proved, one of
+    ranks alone is, without the numbers."""
+    make, (own, _, samples) = hg.observers.kalman_like, makers()["kalman_like"]
+    (gramian,) = (each for each in make(own, **samples).checks if str(each.id) == "kalman_like.gramian")
+    assert gramian.verdict is Verdict.UNKNOWN
     observer = hg.observers.riccati(form, Q_per_sample=(0.25, 1), noise={"y": 0.5})
-    verdicts = {str(each.id): each.verdict for each in observer.checks}
-    assert verdicts["riccati.convergence"] is Verdict.UNKNOWN
+    (convergence,) = (each for each in observer.checks if str(each.id) == "riccati.convergence")
+    assert convergence.verdict is Verdict.PROVED
+    assert str(convergence.reason).endswith("for every dt, since Q grows in proportion")
+    assert convergence.proofs == ()
     sampled = {str(each.id): each.verdict for each in hg.sample(observer, dt=DT).observer.checks}
     assert sampled["riccati.convergence"] is Verdict.PROVED
     assert hg.sample(observer, dt=DT, guards="none").observer.checks == form.checks

@@ -51,7 +51,8 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Rows:
-    """The equations of a plant, x_i' = flow[i] and y_j = output[j], with the outputs' `names` and `ranges` of symbols.
+    """The equations of a plant, x_i' = flow[i] and y_j = output[j], with the outputs' `names`, `ranges` of symbols and
+    `constraints` that the flow keeps at 0.
 
     A symbol other than a state whose range has equal ends has that value.
     """
@@ -61,6 +62,7 @@ class Rows:
     names: tuple[str, ...]
     output: tuple[sp.Expr, ...]
     ranges: Box
+    constraints: tuple[sp.Expr, ...] = ()
 
     @cached_property
     def box(self) -> Box:
@@ -79,7 +81,7 @@ class Rows:
 def of_plant(plant: System) -> Rows:
     """Return a plant's equations with constants at their values, without kinks whose side the plant's box decides."""
     plain, around = on_box(plant), plant.box
-    return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
+    return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around, plant.constraints)
 
 
 @dataclass(frozen=True)
@@ -454,7 +456,8 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
 
 
 def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
-    """Return the states that affect an output through the rates, or may; with `sure` only those proved to."""
+    """Return the states that affect an output through the rates or a constraint, or may; with `sure` only those proved
+    to."""
 
     def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
         known, maybe = rows.reads(row, rows.states)
@@ -462,7 +465,8 @@ def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
 
     order = list(dict.fromkeys(x for row in rows.output for x in read(row)))
     for x in order:  # it grows while it is read
-        order.extend(other for other in read(rows.rate(x)) if other not in order)
+        of_x = [rows.rate(x), *(c for c in rows.constraints if x in read(c))]
+        order.extend(dict.fromkeys(other for row in of_x for other in read(row) if other not in order))
     return order
 
 

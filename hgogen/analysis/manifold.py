@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.graph import to_casadi
+from hgogen.graph import Graph, to_casadi
 from hgogen.rigor.box import box
 from hgogen.rigor.invariant import divided, factors, finite_on, rate, restricted
 from hgogen.signal import Signal, spread
@@ -62,6 +62,22 @@ def onto(
     nearest = projection(constraints, states, tuple(values))
     reached = [at for point in points if (at := nearest(point, [*map(float, values.values())])) is not None]
     return np.array(reached).reshape(-1, len(states))
+
+
+def attracted(
+    flow: Graph, constraints: Sequence[sp.Expr], states: Sequence[Signal], symbols: Mapping[Any, Graph], rate: float
+) -> Graph:
+    """Return the flow (n) with f - rate V C' (C V C')^-1 c in place of f, for which c' = .. - rate c: an integrator
+    that leaves c = 0 by its errors returns, also where the flow alone would lead away."""
+    if not constraints:
+        return flow
+    x = ca.vertcat(*(symbols[s] for s in states))
+    c = ca.vertcat(*to_casadi(constraints, symbols))
+    low, high = np.array([*map(spread, states)]).T
+    V = ca.diag(ca.DM(np.where(high > low, (high - low) / 2, 1.0) ** 2))
+    C = ca.jacobian(c, x)
+    S = C @ V @ C.T
+    return flow - rate * V @ C.T @ ca.solve(S + 1e-9 * ca.trace(S) * ca.SX.eye(c.numel()), c)  # some may be redundant
 
 
 @lru_cache(maxsize=64)

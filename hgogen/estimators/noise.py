@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.riccati_part import is_diagonal, output_noise, positive_numbers, semidefinite, spd
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
 from hgogen.reading.given import BadGain, by_coordinate, demand_switch, in_order, names_of, positive
-from hgogen.sentence import because
+from hgogen.sentence import because, joined
 
 if TYPE_CHECKING:
     from hgogen.step import Step
@@ -41,6 +41,8 @@ SPELLINGS = {  # the keywords besides Q and R, with the type that a signature sh
     "density": bool,
 }
 _DENSITIES = ("Q", "R", "U")
+_OF_RANKS = (ClaimId("riccati", "convergence"),)
+_EVERY = because("for every dt, since Q grows in proportion")
 _OPEN = because("its numbers follow from the noise of a sample and dt: ask the observer of a step")
 
 
@@ -131,13 +133,13 @@ def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Obs
 
 
 def _open_claims(observer: Observer, form: Form) -> tuple[Check, ...]:
-    """Return the checks of an observer whose densities are not known yet: those of the form, and its own as unknown."""
-    return tuple(
-        check
-        if check.id in {each.id for each in form.checks} or check.verdict is not Verdict.PROVED
-        else replace(check, verdict=Verdict.UNKNOWN, reason=_OPEN, proofs=())
-        for check in observer.checks
-    )
+    """Return the checks of an observer whose densities are not known yet: those of the form, what needs ranks of Q
+    alone and so holds for every dt, and its own others as unknown."""
+    of_form = {check.id for check in form.checks}
+    own = [check for check in observer.checks if check.verdict is Verdict.PROVED and check.id not in of_form]
+    unknown = {c.id: replace(c, verdict=Verdict.UNKNOWN, reason=_OPEN, proofs=()) for c in own}
+    unknown |= {c.id: replace(c, reason=joined(c.reason, _EVERY), proofs=()) for c in own if c.id in _OF_RANKS}
+    return tuple(unknown.get(check.id, check) for check in observer.checks)
 
 
 def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Container[str], inverse: bool) -> Noise:

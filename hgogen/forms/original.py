@@ -18,7 +18,7 @@ import sympy as sp
 
 from hgogen.analysis.chain import Rows, connected, of_plant, reached
 from hgogen.analysis.coordinates import Coordinates, coordinates, form_in, split
-from hgogen.analysis.hypotheses import lipschitz
+from hgogen.analysis.hypotheses import lipschitz, with_chords
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
@@ -73,6 +73,8 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     joined = connected("original", hidden, doubtful)
     if plant.discrete:
         joined = replace(joined, claim="every state appears in an output or in the next value of a state that counts")
+    if plant.constraints:
+        joined = replace(joined, claim=f"{joined.claim}, or in an invariant with such a state")
     checks = (
         joined,
         *(() if plant.discrete else _for_high_gain(z, A, b, along, rows)),
@@ -95,10 +97,11 @@ def _for_high_gain(
     claim = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
     generic = because("no slope is zero identically; zeros on the box are not excluded")
     obstacle = _misshapen(along, rows)
+    entries = tuple(map(z.back, (*flow, *z.output)))
     verdict = Verdict.UNKNOWN if obstacle else Verdict.GENERIC
     return (
         Check(ClaimId("original", "order"), claim, verdict, obstacle or generic),
-        lipschitz("original", map(z.back, (*flow, *z.output)), z.system, "A x + b with the output"),
+        with_chords(lipschitz("original", entries, z.system, "A x + b with the output"), entries, z.system),
     )
 
 
