@@ -62,6 +62,7 @@ from hgogen.run.gramian import gramian as gramian
 from hgogen.run.samples import Run as Run
 from hgogen.run.samples import Sample as Sample
 from hgogen.signal import Signal as Signal
+from hgogen.signal import t as t
 from hgogen.starting import Starting as Starting
 from hgogen.starting import starting_gains as starting_gains
 from hgogen.step import Step as Step

@@ -1,5 +1,6 @@
 """Calls of a step from Python, sample by sample or over a whole log, by the compiled C or without a compiler."""
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
@@ -39,12 +40,13 @@ from hgogen.run.samples import (
     with_elapsed,
 )
 from hgogen.run.uncertainty import Replay
-from hgogen.signal import plural
+from hgogen.signal import Time, plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
 from hgogen.stepping.substeps import ELAPSED
+from hgogen.stepping.times import COUNT, count_at, next_times
 from hgogen.system import System
 
 
@@ -77,7 +79,7 @@ class CallableStep(Step):
         states, bits = (tuple(each.name for each in named) for named in (self.states, self.layout.bits))
         vars(self).update(
             _kept=memory,
-            _clock=[0, 0.0],
+            _clock=[0, 0.0, 0.0],
             _legend=Legend(states, bits, self.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
             _take_y=to("y", first, len(signals)),
@@ -177,7 +179,7 @@ class CallableStep(Step):
         for jump in jumps_by_turns(self._courses, y, self.dt, self.time):
             warnings.warn(jump, JumpsByTurn, stacklevel=2)
         engine = self._kept.ready(engine, self.engine)
-        memory = bytes(self._kept.whole)
+        memory, begins = bytes(self._kept.whole), self._next_times
         x, traces, status = self._kept.run(engine, u, y)
         for share in gate_shares(self, status):
             if share.excessive:
@@ -192,6 +194,7 @@ class CallableStep(Step):
             engine=engine,
             replay=Replay(self, memory, u.copy(), y.copy(), status, engine, self.real),
             states=self.states,
+            times=begins,
         )
 
     def run_many(
@@ -225,10 +228,18 @@ class CallableStep(Step):
         records = Records.of(self._kept, u, y, parameters, starts, lambda start: self.started(start).save(), dt)
         return self._many.run(records, bytes(self._kept.whole), engine, jobs, traces=traces, each=each)
 
-    def reset(self) -> None:
-        """Set the estimate and all other memory to their values before the first call; tuned parameters stay."""
+    def reset(self, time: float | None = None) -> None:
+        """Set the estimate and all other memory to their values before the first call; tuned parameters stay. `time`:
+        t at the first call, for a plant with functions of t, by default that of the last reset, at first 0.
+
+        Raises: `BadShape` for a time that is no finite number."""
+        begin = self._clock[2] if time is None else numbers("time", time, 1).item()
+        if not math.isfinite(begin):
+            raise BadShape(f"time = {begin}", "must be a finite number")
         self._kept.reset()
-        self._clock[:] = [0, 0.0]
+        self._clock[:] = [0, 0.0, begin]
+        if times := self._plant_times:
+            self._kept.places[COUNT][:] = count_at(times, self.dt, begin)
 
     def tune(self, **values: Any) -> int:
         """Set gains or tunable plant parameters by name, limit them to their ranges, and return the status. A gain of
@@ -265,12 +276,12 @@ class CallableStep(Step):
         or those of another program.
         """
         self._kept.state[:] = self._kept.saved(saved)
-        self._clock[:] = [0, 0.0]
+        self._clock[:2] = [0, 0.0]
 
     def started(self, initial: Initial) -> "CallableStep":
         """Return a step of an equal observer that starts from `initial`: the plant's state by name, or a function of
         the observer's form that returns it. Raises: `BadGain`."""
-        return _quietly(self.observer.started(initial), self.method, self.limits, self._options)
+        return self._alike(_quietly(self.observer.started(initial), self.method, self.limits, self._options))
 
     def rebuilt(
         self,
@@ -289,7 +300,7 @@ class CallableStep(Step):
         requested = {"real": real, "guards": guards, "prefer": prefer, "report": report}
         options = self._options | {key: value for key, value in requested.items() if value is not None}
         options |= {} if dt is None or isinstance(dt, tuple) else {"substeps": None}
-        return sample(observer, method or self.method, self.limits if dt is None else dt, **options)
+        return self._alike(sample(observer, method or self.method, self.limits if dt is None else dt, **options))
 
     def arriving(self, y: Any) -> np.ndarray:
         """Return the samples for `run` from samples y (N) or (N, p), or a column for each output by name, in the order
@@ -305,7 +316,7 @@ class CallableStep(Step):
     def undelayed(self) -> "CallableStep":
         """A step of an equal observer for samples without delay; the step itself if it has no delays."""
         plain = replace(self.observer, delays=())
-        return _quietly(plain, self.method, self.limits, self._options) if self.ages else self
+        return self._alike(_quietly(plain, self.method, self.limits, self._options)) if self.ages else self
 
     def flags(self, status: int) -> tuple[str, ...]:
         """Return the names of the bits that are set in `status`, the word that a call returns."""
@@ -338,6 +349,23 @@ class CallableStep(Step):
         return (self.clock.varying.shortest, self.dt) if self.clock.varying else self.dt
 
     @property
+    def _plant_times(self) -> tuple[Time, ...]:
+        return self.observer.form.system.times
+
+    @property
+    def _next_times(self) -> tuple[float, ...]:
+        """Each time of the plant at the next call."""
+        if not self._plant_times:
+            return ()
+        count, calls = (self._kept.places[place] for place in (COUNT, Place("state", "calls")))
+        return next_times(self._plant_times, self.dt, count, bool(calls[0]))
+
+    def _alike(self, other: "CallableStep") -> "CallableStep":
+        """Return another step, reset to the time at which this one began."""
+        other.reset(self._clock[2])
+        return other
+
+    @property
     def _memory(self) -> tuple[bytes, list[Any]]:
         return bytes(self._kept.whole), list(self._clock)
 
@@ -358,7 +386,7 @@ class CallableStep(Step):
 
     def _times(self, elapsed: np.ndarray) -> np.ndarray:
         """Return the times of the samples of a run, and count them; `elapsed` (N): the time before each."""
-        count, time = self._clock
+        count, time, _ = self._clock
         if self.clock.varying:
             times = time + np.cumsum(np.where(np.arange(len(elapsed)) + count > 0, elapsed, 0.0))
             self._clock[1] = float(times[-1]) if len(times) else time

@@ -15,6 +15,7 @@ import numpy as np
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph, wrapped
 from hgogen.program import Bit, Field, Group, Program, Section, sym
+from hgogen.system import System
 
 
 def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | None] = ()) -> Graph:
@@ -62,7 +63,7 @@ class Clock:
     method, "speed", or "flash" for a short program; `turns`: the period of each input that is an angle; `report`: the
     names of the reports on the estimate; `sampling`: for a discrete plant the time between two samples, which no
     equation reads; `first`: "update", or "predict" if the first call predicts before it corrects; `varying`: for a step
-    that is given the time since the last call, its limits."""
+    that is given the time since the last call, its limits; `times`: how many inputs, the last ones, are times."""
 
     longest: float
     between: str
@@ -76,6 +77,7 @@ class Clock:
     sampling: float | None = None
     first: First = "update"
     varying: Varying | None = None
+    times: int = 0
 
     @property
     def dt(self) -> float:
@@ -118,8 +120,12 @@ class Clock:
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
-        """Return the input (m) at the fraction c of a step between two samples."""
-        return now if self.between == "hold" else on_line(c, last, now, self.turns)
+        """Return the input (m) at the fraction c of a step between two samples; a time is exact."""
+        u = now if self.between == "hold" else on_line(c, last, now, self.turns)
+        if not self.times or (not isinstance(c, ca.SX) and c == 1.0):
+            return u
+        first, values = self.inputs - self.times, list[Graph](ca.vertsplit(now))
+        return ca.vertcat(*ca.vertsplit(u)[:first], *(each - (1 - c) * self.dt for each in values[first:]))
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
         """Return the arguments of an equation at the fraction c of the step: input, measurement, and its validity."""
@@ -154,6 +160,12 @@ class Clock:
         """Whether the last call had a usable sample of each output (p), for the sections after `predict` of a step that
         integrates with the measurement; without guards every sample is used."""
         return sym("state", "y_valid", self.outputs) > 0 if self.guarded else ca.SX.ones(self.outputs)
+
+
+def clock_of(plant: System, dt: float, between: str, **options: Any) -> Clock:
+    """Return the sampling of a plant; `options`: further members of the `Clock`."""
+    turns, counts = tuple(u.period for u in plant.inputs), (len(plant.inputs), len(plant.outputs))
+    return Clock(dt, between, *counts, turns=turns, times=len(plant.times), **options)
 
 
 @dataclass(frozen=True)

@@ -282,6 +282,47 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         )
 
 
+class Time(Signal):
+    """The time since a start modulo one `turn`, exactly, of a plant whose equations are functions of time: an input
+    that a step counts by itself. Its rate is 1."""
+
+    __slots__ = ("turn",)
+
+    turn: sp.Expr
+
+    def __new__(cls, name: str, turn: sp.Expr, unit: str = "s") -> "Time":
+        high = math.nextafter(float(turn), math.inf)  # not below one turn
+        time = super().__new__(cls, name, unit, f"time modulo {turn} {unit}, which the step counts", 0, 0, high)
+        time.turn = turn
+        time._content = (*time._content, turn)
+        return time
+
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.name, self.turn, self.unit), {}
+
+    def __reduce_ex__(self, protocol: Any) -> tuple[Any, ...]:
+        return Time, self.__getnewargs_ex__()[0]
+
+
+t = Signal("t", "", "time")  # in a plant's equations, and in the inputs of a trial
+
+
+def times(inputs: Iterable[Signal]) -> tuple[Time, ...]:
+    """Return the inputs that are times, which a step counts by itself."""
+    return tuple(u for u in inputs if isinstance(u, Time))
+
+
+def supplied(inputs: Iterable[Signal]) -> tuple[Signal, ...]:
+    """Return the inputs that a caller supplies: all but times."""
+    return tuple(u for u in inputs if not isinstance(u, Time))
+
+
+def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], dt: float) -> np.ndarray:
+    """Return the inputs (N, m) from those that a caller supplies, u (N, ..); `first`: each time at the first sample."""
+    passed = dt * np.arange(len(u))
+    return np.column_stack([u, *(start + passed for start, _ in zip(first, times(inputs), strict=True))])
+
+
 def differences(signals: Sequence[Signal], values: np.ndarray, references: np.ndarray) -> np.ndarray:
     """values - references (N, k), of the columns of periodic signals the short way round."""
     error: np.ndarray = np.subtract(values, references)

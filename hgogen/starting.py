@@ -194,7 +194,8 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     if dt is None:
-        dt = two(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf))
+        of_times = (float(time.turn) / 20 for time in form.system.times)
+        dt = two(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf, *of_times))
     else:
         theta = max(1.0, min(theta, two(1 / (20 * dt))))
     states = {name: _span(*z.interval) for name, z in zip(form.names, form.states, strict=True)}

@@ -20,7 +20,7 @@ from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
-from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, Prefer, Varying
+from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, Prefer, Varying, clock_of
 from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
@@ -239,8 +239,8 @@ class Step:
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
-        """The plant's inputs."""
-        return self.observer.form.system.inputs
+        """The plant's inputs that a call is given: all but times."""
+        return self.observer.form.system.supplied
 
     @cached_property
     def given(self) -> tuple[Signal, ...]:
@@ -376,12 +376,12 @@ def plan(
         observer = observer.clamping(guards == "all")
     if guards == "all":
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
-        _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
-    turns = tuple(u.period for u in system.inputs)
-    wanted = demand_reports(report)
+        _demand_room(system.name, certain_bits(system.outputs, system.supplied, dated))
+    if varying and system.times:
+        raise BadStep("dt", f"varies, and {system.name} reads t, which is counted by a fixed dt; give one")
     length, sampling = (1.0, dt) if system.discrete else (dt, None)
-    sizes = len(system.inputs), len(system.outputs)
-    clock = Clock(length, between, *sizes, every, guards, prefer, turns, wanted, sampling, first, varying)
+    options = {"every": every, "guards": guards, "prefer": prefer, "report": demand_reports(report)}
+    clock = clock_of(system, length, between, **options, sampling=sampling, first=first, varying=varying)
     observer = observer.sampled(clock.longest, clock.periods)
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
     if any(piece.gate for piece in pieces) and (every or guards == "none"):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,9 +17,10 @@ from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn, hidden_shift
+from hgogen.rigor.recurrent import Aperiodic, Choose, divides, grouped, rewritten
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal, check_name, is_unit, part_of_turn
+from hgogen.signal import Signal, Time, check_name, is_unit, part_of_turn, supplied, t, times
 
 
 class BadSystem(BadArgument):
@@ -58,6 +60,7 @@ class System:
     expressions of states and parameters that the flow keeps at 0, as q0**2 + .. + q3**2 - 1 of a quaternion.
     `discrete`: flow is the state at the next sample, from the state and the input at this one; `time` is then the unit
     of the sampling period alone.
+    Flow and output may be periodic functions of the time `hg.t`; each of its periods becomes an input, a `Time`.
 
     Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value,
     a unit of time that is no word, a discrete plant with invariants or `rates` of a signal; `BadName` for a name that C
@@ -102,6 +105,7 @@ class System:
         fields |= {"name": name, "origin": origin, "time": str(time), "discrete": discrete}
         rows = {"flow": flow, "output": output, "invariants": invariants}
         fields |= {what: _expressions(name, what, values) for what, values in rows.items()}
+        fields |= _timed(name, fields)
         for key, value in fields.items():
             object.__setattr__(self, key, value)
         _validate(self)
@@ -115,6 +119,16 @@ class System:
     def next_mark(self) -> str:
         """The mark of a state on the left of its equation: "'", or "+" of a discrete plant."""
         return "+" if self.discrete else "'"
+
+    @property
+    def supplied(self) -> tuple[Signal, ...]:
+        """The inputs that a caller supplies: all but times, which follow them."""
+        return supplied(self.inputs)
+
+    @property
+    def times(self) -> tuple[Time, ...]:
+        """The times modulo a period of which flow and output are functions, the last inputs."""
+        return times(self.inputs)
 
     @property
     def tunable(self) -> tuple[Signal, ...]:
@@ -244,6 +258,61 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
             raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
         result.append(plain(expression))
     return tuple(result)
+
+
+def _timed(name: str, fields: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the rows of a plant with t replaced by times modulo its periods, and the inputs with these times.
+
+    Raises: `BadSystem`."""
+    rows, known = {kind: fields[kind] for kind in ("flow", "output")}, times(fields["inputs"])
+    every = (s for kind in ("states", "inputs", "outputs", "parameters") for s in fields[kind])
+    used_names = {s.name for s in every if s not in known}
+    read = set[sp.Symbol]().union(*(row.free_symbols for each in rows.values() for row in each))
+    bare = {s: t for s in read - {*known} if s.name == t.name and t.name not in used_names}
+    values = {p: sp.Rational(str(p.nominal)) for p in fields["parameters"] if p.nominal is not None and not p.bounded}
+    if not bare and all(_counted(w, row, values) for w in known for each in rows.values() for row in each):
+        return {"inputs": (*supplied(fields["inputs"]), *known)} if known else {}
+    if fields["discrete"]:
+        raise BadSystem(name, "is discrete and reads t; give its values at the samples as an input")
+    bare |= dict.fromkeys(known, t)
+    rows = {kind: [row.xreplace(bare) for row in each] for kind, each in rows.items()}
+    turns = list[sp.Expr]()
+
+    def recorded(turn: sp.Expr) -> sp.Symbol:
+        turns.append(turn)
+        return t
+
+    def over(choose: Choose) -> dict[str, tuple[sp.Expr, ...]]:
+        result = dict[str, list[sp.Expr]]((kind, []) for kind in rows)
+        for kind, each in rows.items():
+            for k, row in enumerate(each, 1):
+                try:
+                    result[kind].append(rewritten(row, t, values, choose))
+                except Aperiodic as error:
+                    way = "write it with sin, cos or Mod of t and constants, or give its values as an input"
+                    raise BadSystem(name, f"{kind} {k}: {error}; {way}") from None
+        return {kind: tuple(map(plain, each)) for kind, each in result.items()}
+
+    over(recorded)
+    groups = grouped(turns)
+    names = ["t"] * (len(groups) == 1 and "t" not in used_names)
+    names += [one for k in range(1, len(groups) + len(used_names) + 1) if (one := f"t_{k}") not in used_names]
+    each = {turn: Time(one, turn, fields["time"]) for one, turn in zip(names, groups, strict=False)}
+    inputs = (*supplied(fields["inputs"]), *each.values())
+    return {"inputs": inputs, **over(lambda turn: next(w for whole, w in each.items() if divides(turn, whole)))}
+
+
+def _counted(time: Time, row: sp.Expr, values: Mapping[sp.Symbol, sp.Expr]) -> bool:
+    """Whether every period of a row in the time `time` divides its turn, for the present values of parameters."""
+    turns = list[sp.Expr]()
+
+    def recorded(turn: sp.Expr) -> sp.Symbol:
+        turns.append(turn)
+        return time
+
+    with suppress(Aperiodic):  # a form's row, in which sums are expanded
+        rewritten(row, time, values, recorded)
+    return all(divides(turn, time.turn) for turn in turns)
 
 
 def _validate(system: System) -> None:

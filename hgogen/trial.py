@@ -44,18 +44,18 @@ from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
-from hgogen.reading.given import requires_plant, scalar
+from hgogen.reading.given import names_of, requires_plant, scalar
 from hgogen.rigor.singular import TINY, limited
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times
-from hgogen.signal import Signal, derived, differences, in_turn, plural, resting
+from hgogen.signal import Signal, derived, differences, in_turn, plural, resting, times
+from hgogen.signal import t as t
 from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
 _TOGETHER = 1 << 20  # numbers of measurements that are computed at once
 _FURTHER = 4  # numbers of a sample besides states, inputs and outputs: its time, status and traces
 FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
-t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
 
 @dataclass(eq=False)
@@ -148,7 +148,7 @@ class Trial:
     def first_estimate(self, form: Form) -> dict[str, float]:
         """Return the `initial` of a form's observers for the state `estimate` at time 0. Raises: `BadTrial`."""
         plant = form.system.declared
-        _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
+        _names(self, "inputs", driven(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
         first = zip(form.system.inputs, sampled(form.system, self, np.zeros(1))[0], strict=True)
         read = set().union(*(sp.sympify(e).free_symbols for e in form.to_form))
@@ -244,7 +244,7 @@ class Plant:
 
     def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = (), many: bool = False) -> None:
         self._plant = plant
-        self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
+        self._trial = trial = replace(trial, inputs=driven(plant, trial))
         demand_trial(plant, trial, dt)
         self.times = np.arange(round(trial.duration / dt) + 1) * dt
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
@@ -351,21 +351,25 @@ def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
         yield _Segment(begin, np.abs(times - begin) <= grain, inside, stops)
 
 
-def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
-    """Return the plant's inputs (N, m) at `times`."""
-    time, inputs = ca.SX.sym("t"), _inputs(plant, trial)
+def sampled(plant: System, trial: Trial, moments: np.ndarray) -> np.ndarray:
+    """Return the plant's inputs (N, m) at the times `moments`."""
+    time, inputs = ca.SX.sym("t"), driven(plant, trial)
     u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
     each = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])
-    return np.array(each.map(len(times))(times[None, :])).T.reshape(len(times), -1)
+    values = np.array(each.map(len(moments))(moments[None, :])).T.reshape(len(moments), -1)
+    for j, w in enumerate(plant.times, len(plant.supplied)):
+        values[:, j] %= float(w.turn)
+    return values
 
 
-def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
+def driven(plant: System, trial: Trial) -> dict[str, Any]:
+    """Return the course of every input of the plant by name: the trial's, their derivatives, and times."""
     rates = {
         name: sp.diff(sp.sympify(trial.inputs[source]), t, order)
         for name, (source, order) in derived(plant.inputs).items()
         if source in trial.inputs
     }
-    return rates | dict(trial.inputs)
+    return rates | dict(trial.inputs) | {w.name: t for w in times(plant.inputs)}
 
 
 def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np.ndarray:
@@ -395,10 +399,8 @@ def try_out(
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
     """Return the memory of a step at a trial's start, with the trial's first estimate if it has one, else the step's
     own. Raises: `BadGain` for an estimate that the observer cannot start from."""
-    if trial.estimate:
-        return step.started(trial.first_estimate).save()
-    step.reset()
-    return step.save()
+    step.reset(0.0)
+    return step.started(trial.first_estimate).save() if trial.estimate else step.save()
 
 
 def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
@@ -417,14 +419,14 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
     for first in range(0, len(seeds), truth.at_once):
         some = seeds[first : first + truth.at_once]
         for seed, y in zip(some, noisy(system.declared, truth, trial, some), strict=True):
-            yield Feed(trial, seed, truth, u, at_their_times(step, y))
+            yield Feed(trial, seed, truth, u[:, : len(step.inputs)], at_their_times(step, y))
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
     """Raise `BadTrial` unless every name is in the plant, every required one is given, and every number is valid."""
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
-    _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
+    _names(trial, "inputs", trial.inputs.keys() - {*names_of(plant.times)}, {*names_of(plant.supplied)}, needed=True)
     _names(trial, "estimate", trial.estimate, states)
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
@@ -732,7 +734,7 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
         for signs in SIGNS:
             signed = zip(plant.states, islice(cycle(signs), len(plant.states)), strict=True)
             start = state([_middle(x) + share * sign * _half(x) for x, sign in signed])
-            inputs = {u.name: _middle(u) + share * _half(u) * sp.sin(2 * sp.pi * t / longest) for u in plant.inputs}
+            inputs = {u.name: _middle(u) + share * _half(u) * sp.sin(2 * sp.pi * t / longest) for u in plant.supplied}
             yield Trial("proposed", CROSSINGS * longest, start, inputs, estimate=middle, seeds=(0,))
 
 

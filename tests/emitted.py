@@ -365,6 +365,14 @@ def varying_integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=(0.01, 0.02))
 
 
+def timed() -> hg.Step:
+    """Two functions of time without a short common period, on an oscillator with an input."""
+    q, v, u, y = (hg.Signal(name, low=-3, high=3) for name in ("q", "v", "u", "y"))
+    force = sp.cos(2 * sp.pi * 5 * hg.t) + (1 + q / 9) * sp.sin(hg.t) + sp.Mod(hg.t, sp.Rational(1, 5))
+    plant = hg.System("timed", states=(q, v), inputs=(u,), outputs=(y,), flow=[v, -4 * q - v + u + force], output=[q])
+    return hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[0.1, 0.1], R=1e-3), dt=0.01)
+
+
 def sure_columns() -> hg.Step:
     """The standard deviations of the selected member of a bank, from the columns of its covariance."""
     member = hg.observers.riccati(hg.forms.triangular(plants.chain(4)), Q=[0.1] * 4, R=1.0)
@@ -424,6 +432,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "varying_integrated": varying_integrated,
     "sure_columns": sure_columns,
     **{f"joint_{kind}": partial(joint, kind) for kind in ("riccati", "ukf", "iterated_ekf")},
+    "timed": timed,
 }
 
 

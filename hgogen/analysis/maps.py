@@ -267,9 +267,9 @@ def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Exp
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
     """Return, by symbol, the rates of the states, x' = f, and of the inputs, u' .., u^(k)' for k below `orders`."""
     changes = {x: exact(row) for x, row in zip(plant.states, plant.flow, strict=True)}  # no product of floats is exact
-    for u in plant.inputs:
+    for u in plant.supplied:
         changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
-    return changes
+    return changes | dict.fromkeys(plant.times, sp.S.One)
 
 
 def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
@@ -290,7 +290,7 @@ def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: 
 def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:
     """Return the derivatives of the plant's inputs, up to the order `orders`, that occur in the expressions."""
     read = set().union(*(e.free_symbols for e in expressions))
-    known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
+    known = (u.derivative(k) for u in plant.supplied for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
 
 

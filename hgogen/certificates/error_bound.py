@@ -173,6 +173,9 @@ def error_bound(
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
+    if times := form.system.times:
+        why = because("functions of time, of {times}, are not followed between samples", times=times)
+        return _unknown(step, why, "Declare the plant with their values as inputs.")
     read = [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
     endless = [name for name, signal in read if not signal.bounded]
     if endless:

@@ -59,8 +59,8 @@ class Logs:
         return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
 
     def _log(self, record: Record, count: int) -> Log:
-        u, y = record.of(self.plant.inputs)[:count], record.of(self.plant.outputs)[:count]
-        return Log(u, y, record.report.dt)
+        u, y = record.of(self.plant.supplied)[:count], record.of(self.plant.outputs)[:count]
+        return Log(u, y, record.report.dt, float(record.t[0]))
 
 
 def logs_of(
@@ -81,10 +81,10 @@ def logs_of(
 
     Raises: `BadRecord`.
     """
-    mapped = mapping(str(data[0]), named.map_ or (), plant.inputs, plant.outputs)
+    mapped = mapping(str(data[0]), named.map_ or (), plant.supplied, plant.outputs)
     columns = {**mapped, **other_columns}
-    shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
-    inputs = {s.name: window for s in plant.inputs}
+    shifts = shifts_of(str(data[0]), shift or (), plant.supplied, plant.outputs)
+    inputs = {s.name: window for s in plant.supplied}
     first = plant.declared
     signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
     words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time}

@@ -293,10 +293,11 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
     for record, cut in zip(logs.records, logs.cuts, strict=True):
-        u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
+        u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
             step = _step(variant, observer, record.report.dt, result.noise).undelayed
+            step.reset(float(record.t[0]))
             done = step.run(u=u, y=samples, engine=engine_here())
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
         for one, other in zip(*errors, strict=True):

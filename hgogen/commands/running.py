@@ -239,6 +239,7 @@ def _over_record(
     u, samples = record.of(step.inputs), record.of(step.samples)
     y, engine = step.in_time(samples), engine_here()
     step, begins = _begun(step, y, initial)
+    step.reset(float(record.t[0]))
     done = step.run(u=u, y=samples, engine=engine)
     counted = _counted(step, burn_in, len(y))
     bar.tick("predictions")

@@ -23,7 +23,7 @@ import numpy as np
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
-from hgogen.part import on_line
+from hgogen.part import clock_of
 from hgogen.program import Place, address, column, sym
 from hgogen.system import System
 
@@ -331,11 +331,10 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 
-    tableau = motion(form.system)
+    tableau, clock = motion(form.system), clock_of(form.system, dt, between)
 
     def rate(values: Any, c: float) -> dict[str, Graph]:
-        u = then if between == "hold" else on_line(c, now, then, [s.period for s in form.system.inputs])
-        return {"z": dynamics.flow(values["z"], u)}
+        return {"z": dynamics.flow(values["z"], clock.between_samples(c, now, then))}
 
     after = advance(repeated(tableau, steps) if steps > 1 else tableau, rate, {"z": z}, dt).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))

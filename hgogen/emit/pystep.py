@@ -51,7 +51,7 @@ from hgogen.program import (
     places,
     walk,
 )
-from hgogen.signal import LOST, Signal
+from hgogen.signal import LOST, Signal, with_times
 from hgogen.step import Step
 from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED, plausible_range, readings
 from hgogen.stepping.recovery import MARGIN
@@ -303,7 +303,8 @@ def compared(step: Step) -> tuple[Element, ...]:
 def record_vectors(step: Step, real: Real) -> Vectors:
     """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
-    begins, y = _motion(step, u)
+    times = step.observer.form.system.times
+    begins, y = _motion(step, with_times(times, u, [0.0] * len(times), step.dt))
     u = np.hstack([u, _elapsed(step)])
     if step.clock.guarded:
         sensors = zip(step.outputs, readings(step.observer.form), strict=True)
@@ -373,7 +374,7 @@ def placed_states(
 def _start(step: Step, share: float) -> list[float]:
     """Return the point z of the step's form at which each state of the plant is at this share of its range."""
     x = [low + share * (high - low) for low, high in (_interval(s) for s in step.states)]
-    u = [_wave(0.0, s) for s in step.inputs]
+    u = [_wave(0.0, s) for s in step.inputs] + [0.0] * step.clock.times
     (z,) = pygraph.evaluated(_model(step).entry, "double")((x, u))
     return z
 

@@ -152,7 +152,7 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     if arguments.get("density") and not known.keys() & {*_DENSITIES}:
         raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
     noise = _deviations(observer, form, known["noise"], own) if "noise" in known else {}
-    inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.inputs) if name in noise}
+    inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.supplied) if name in noise}
     if not noise:
         known.pop("noise", None)
     _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
@@ -190,7 +190,7 @@ def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Seque
 def _deviations(observer: str, form: Form, noise: Any, own: Container[str]) -> dict[str, float]:
     """Return the standard deviations of one sample, from a mapping by the names of outputs, and of inputs where the
     observer has `U` among its `own` arguments. Raises: `BadGain`, `BadNames`."""
-    outputs, inputs = names_of(form.system.outputs), names_of(form.system.inputs)
+    outputs, inputs = names_of(form.system.outputs), names_of(form.system.supplied)
     if not isinstance(noise, Mapping):
         raise BadGain(
             f"noise = {noise!r:.60}", f"must be standard deviations of one sample by name, as {{{outputs[0]!r}: 0.01}}"

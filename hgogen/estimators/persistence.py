@@ -110,6 +110,8 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
     if not form.structured:
         return answer(Verdict.UNKNOWN, because("it is not shown that the plant is state-affine, with this A and C"))
     symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in along_time(form, waveforms or {})))
+    if timed := symbols & {*form.system.times}:
+        return answer(Verdict.UNKNOWN, because("A or C is a function of the time {times}", times=timed))
     measured = sorted(str(z) for z in symbols & {*form.states})
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
@@ -182,7 +184,7 @@ def seconds(period: Any) -> float | None:
 
 
 def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
-    names = [u.name for u in form.system.inputs]
+    names = [u.name for u in form.system.supplied]
     if not isinstance(inputs, Mapping):
         raise BadGain(f"inputs = {inputs!r}", "must be a mapping from inputs to expressions of the time")
     for name in inputs:
@@ -219,7 +221,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
     inputs u(t) = `waveforms` and states in their ranges, or None. A and C may not
     contain it: a/b is 1 for a = b = sin t, but the plant is undefined at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
-    values = {u: waveforms[u.name] for u in system.inputs}
+    values = {u: waveforms[u.name] for u in system.supplied}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     parts = doubtful(map(exact, written(system)), around)
     return next((part for part in parts if not _finite(exact(part.xreplace(values)), around)), None)
@@ -228,7 +230,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
     rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
-    loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
+    loose = {u.name: waveforms[u.name] for u in form.system.supplied if not u.bounded}
     ranged = [u for u in form.system.inputs if u.bounded]
     around = box((*ranged, *form.system.parameters), form.system.nominal) | period
     entries = (e for matrix in along_time(form, loose) for e in matrix)
@@ -265,7 +267,7 @@ def _within(value: sp.Expr, low: Any, high: Any) -> bool:
 
 
 def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
-    extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
+    extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.supplied if u.bounded}
     ranges = box(extents)
     return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in extents.items())
 
@@ -496,7 +498,7 @@ def _period(inputs: Persistent) -> float | None:
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
     """Return why an observer, which clamps inputs to their
     ranges, may change u(t) for t <= `end`; else `NONE`."""
-    for u in form.system.inputs:
+    for u in form.system.supplied:
         if u.bounded and u.name in inputs.inputs:
             extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})
             low, high = box((u,))[u]

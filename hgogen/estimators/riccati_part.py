@@ -661,7 +661,7 @@ def input_noise(form: Form, densities: Mapping[str, float] | None) -> InputNoise
     if densities is None:
         return InputNoise()
     plant = form.system
-    names = names_of(plant.inputs)
+    names = names_of(plant.supplied)
     if not isinstance(densities, Mapping) or not densities:
         example = f", such as {{{names[0]!r}: 1e-4}}" if names else "; the plant has no inputs, leave U out"
         raise BadGain(f"U = {densities!r:.60}", f"must give densities of the noise of inputs by name{example}")

@@ -17,6 +17,7 @@ import sympy as sp
 from hgogen.analysis.carried import ROUGH, Carried, by_construction, on_image, undefined
 from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, without_jumps
 from hgogen.analysis.hypotheses import apart
+from hgogen.analysis.maps import rates as rates_of
 from hgogen.analysis.maps import size, without_derivative
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Verdict
@@ -95,13 +96,14 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
 def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
     """Return xi_1 = c z_1, xi_(i+1) = D_i F_i with b and the Jacobian dxi/dx. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
+    changes = rates_of(plant, 1)
     plain = dict(zip(plant.states, (exact(sp.sympify(row)) for row in of_plant(plant).flow), strict=True))
     F = [plain[x] for x in z]
     D, xi = c, [c * z[0]]
     for i in range(n - 1):
         xi.append(D * F[i])
         D = D * F[i].diff(z[i + 1])
-    rates = {u: u.derivative(1) for u in plant.inputs}
+    rates = {u: changes[u] for u in plant.inputs}
     b = [
         sp.Add(
             *(xi[i].diff(z[j]) * F[j] for j in range(n if i == n - 1 else i)),

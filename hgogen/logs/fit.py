@@ -563,7 +563,10 @@ def fit(
         if value not in ways:
             raise CannotFit(f"{name}={value!r}", f"is none of {', '.join(ways)}")
     starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
-    chosen, logs = _free(plant, free), tuple(demanded(plant, record, k) for k, record in enumerate(records, 1))
+    chosen, logs = (
+        _free(plant, free),
+        tuple(demanded(plant, record, k).of(plant.inputs) for k, record in enumerate(records, 1)),
+    )
     period, duration = max(record.dt for record in logs), min(len(record.y) * record.dt for record in logs)
     slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
     task = Task(plant, slow, chosen, tuple(lags), logs, _named("offset", offset, plant.outputs), between, by)

@@ -96,7 +96,7 @@ def _of_step(
     step = step.undelayed
     for record in records:
         log = record.log.of(step.inputs)
-        step.reset()
+        step.reset(log.start)
         run = step.run(u=log.u, y=log.y, engine=engine)
         for one in forecasts(step, run, log.u, log.y, ahead):
             if one.ahead is not None:

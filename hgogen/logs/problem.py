@@ -101,8 +101,9 @@ class _OnRecords:
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
 
         def rate(values: Any, c: float) -> dict[str, Graph]:
-            turns = [s.period for s in self.plant.inputs]
-            now = u if self.between == "hold" else on_line(c, u, then, turns)
+            turns, count = [s.period for s in self.plant.inputs], len(self.plant.supplied)
+            now = on_line(c, u, then, turns)
+            now = ca.vertcat(u[:count, :], now[count:, :]) if self.between == "hold" else now
             return {"x": h * self._of(self.plant.flow, values["x"], p, now)}
 
         advanced = advance(repeated(RK4, self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples

@@ -29,7 +29,7 @@ from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
-from hgogen.signal import Signal, derived, differences, in_turn, resting
+from hgogen.signal import Signal, derived, differences, in_turn, resting, supplied, times, with_times
 from hgogen.stepping.guards import plausible_range, readings
 from hgogen.system import System
 
@@ -42,26 +42,30 @@ class BadLog(BadArgument):
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt."""
+    """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt; `start`: t at the
+    first sample, for a plant with functions of t."""
 
     u: np.ndarray
     y: np.ndarray
     dt: float
+    start: float = 0.0
 
     def of(self, inputs: Sequence[Signal]) -> "Log":
-        """Return the log with a column for each input that a form reads: those of the plant, which it holds, and after
-        them their derivatives, as differences."""
-        count, sources = self.u.shape[1], derived(inputs)
-        columns = {u.name: u.unwrapped(column) for u, column in zip(inputs, self.u.T, strict=False)}
-        rates = [difference(columns[name], order, self.dt) for name, order in (sources[u.name] for u in inputs[count:])]
-        return replace(self, u=np.column_stack([self.u, *rates]))
+        """Return the log with a column for each input that a form reads: those of the plant, which it holds, after
+        them their derivatives, as differences, and times."""
+        of_caller, sources = supplied(inputs), derived(inputs)
+        columns = {u.name: u.unwrapped(column) for u, column in zip(of_caller, self.u.T, strict=False)}
+        names = (sources[u.name] for u in of_caller[len(columns) :])
+        rates = [difference(columns[name], order, self.dt) for name, order in names]
+        begins = [self.start] * len(times(inputs))
+        return replace(self, u=with_times(inputs, np.column_stack([self.u, *rates]), begins, self.dt))
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
     """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value,
     and periodic signals are in their turn. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
-    u = in_turn(plant.inputs, table("u", record.u, plant.inputs, len(y)), Signal.reduced)
+    u = in_turn(plant.supplied, table("u", record.u, plant.supplied, len(y)), Signal.reduced)
     name = f"record {number}"
     if isinstance(record.dt, str) or not 0 < record.dt < math.inf:
         raise BadLog(name, f"has the period {record.dt!s:.60}; give a positive time")
@@ -70,7 +74,9 @@ def demanded(plant: System, record: Log, number: int) -> Log:
         if np.isfinite(column).sum() < LEAST:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
     filled = last_values(u)
-    return Log(np.where(np.isfinite(filled), filled, [resting(s) for s in plant.inputs]), y, float(record.dt))
+    if not math.isfinite(record.start):
+        raise BadLog(name, f"has the start {record.start!s:.60}; give a finite time")
+    return replace(record, u=np.where(np.isfinite(filled), filled, list(map(resting, plant.supplied))), y=y)
 
 
 def reading_of(state: Signal, y: Signal, values: Any) -> Any:
@@ -126,15 +132,15 @@ def record(
 
     Raises: `BadRecord`; `NotInstalled` for a file whose library is missing.
     """
-    signals = {s.name: s for s in (*plant.inputs, *plant.outputs)}
+    signals = {s.name: s for s in (*plant.supplied, *plant.outputs)}
     columns, shift = columns or {}, shift or {}
     if unknown := [name for name in (*columns, *shift) if name not in signals]:
         raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(signals)}")
-    inputs = {s.name: WINDOWS[between] for s in plant.inputs}
+    inputs = {s.name: WINDOWS[between] for s in plant.supplied}
     wanted = {name: columns.get(name, name) for name in signals}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
     got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
-    return Log(got.of(plant.inputs), got.of(plant.outputs), got.report.dt)
+    return Log(got.of(plant.supplied), got.of(plant.outputs), got.report.dt, float(got.t[0]))
 
 
 Array = np.ndarray
@@ -209,7 +215,7 @@ class Judge:
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=RejectsMany):
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
                 record = self.records[k].of(step.inputs)
-                step.reset()
+                step.reset(record.start)
                 run = step.run(u=record.u, y=record.y, engine=self.engine)
                 squares = self.yardstick.errors(k, step, run, record) ** 2
                 if not np.isfinite(run.x).all() or np.isinf(squares).any():
@@ -299,4 +305,4 @@ def readable(plant: System, record: Log, number: int) -> Log:
                 f"{least:.4g}..{most:.4g}, and the model reads {ends[0]:g}..{ends[1]:g}; check column, unit and sign, "
                 f"or widen the range of {name}",
             )
-    return Log(there.u, y, there.dt)
+    return replace(there, y=y)

@@ -548,7 +548,7 @@ def _innovations(task: Task, first: First) -> np.ndarray:
     """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, without the logs' begin."""
     parts = []
     for record in task.records:
-        first.step.reset()
+        first.step.reset(record.start)
         log = record.of(first.step.inputs)
         innovation = first.step.run(u=log.u, y=log.y, engine=task.judge.engine).traces["innovation"]
         parts.append(innovation[round(BEGIN * len(innovation)) :])

@@ -105,7 +105,7 @@ def trial_of(model: PlainModel) -> Trial:
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
     states, outputs = ((signals, NUMBER) for signals in (model.plant.states, model.plant.outputs))
-    known = {"start": states, "estimate": states, "inputs": (model.plant.inputs, EXPRESSION), "noise": outputs}
+    known = {"start": states, "estimate": states, "inputs": (model.plant.supplied, EXPRESSION), "noise": outputs}
     for key, (signals, kind) in known.items():
         demand_keys(file, f"trial.{key}", table.get(key, {}), {s.name: kind for s in signals})
     if "settled" in table:

@@ -60,7 +60,7 @@ from hgogen.rigor.lookup import Cells
 from hgogen.rigor.series import ends as of_ball
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import tape
-from hgogen.signal import Signal
+from hgogen.signal import Signal, t
 from hgogen.system import System
 
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
@@ -165,13 +165,14 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     for kind, group in groups.items():
         signals[kind] = [_signal(file, kind, name, entry, *_KINDS[kind]) for name, entry in group.items()]
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
+    now = symbols.get(t.name, t)  # the time, unless a signal has its name
     tables = {name: _points(file, name, entry) for name, entry in table.get("tables", {}).items()}
     for name in tables.keys() & symbols.keys():
         raise BadModelFile(file, f"tables.{name}", f"a signal is called {name!r} as well; rename one of the two")
 
     def expressions(kind: str, key: str) -> list[Fold]:
         return [
-            named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols, tables)
+            named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols | {t.name: now}, tables)
             for name, entry in groups[kind].items()
         ]
 
@@ -271,20 +272,27 @@ def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> 
     if plant.origin is not None:
         raise NoText(plant.name, f"it is recast; write the plant it comes from, {plant.origin.plant.name!r}")
     symbols = {signal.name: signal for signal in plant.signals}
+    symbols |= {t.name: t} if plant.times else {}
+    bare = dict.fromkeys(plant.times, t)
+    flow, output = ([row.xreplace(bare) for row in rows] for rows in (plant.flow, plant.output))
     equations = {
-        "states": ("flow", [_expression(plant, symbols, e) for e in plant.flow]),
-        "inputs": ("", [""] * len(plant.inputs)),
-        "parameters": ("", [""] * len(plant.parameters)),
-        "outputs": ("equation", [_expression(plant, symbols, e) for e in plant.output]),
+        "states": (plant.states, "flow", [_expression(plant, symbols, e) for e in flow]),
+        "inputs": (plant.supplied, "", [""] * len(plant.supplied)),
+        "parameters": (plant.parameters, "", [""] * len(plant.parameters)),
+        "outputs": (plant.outputs, "equation", [_expression(plant, symbols, e) for e in output]),
     }
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
     lines += [f"{_key(key)} = {inline(value)}" for key, value in others.items()]
     invariants = [_expression(plant, symbols, row) for row in plant.invariants]
     lines += [f"invariants = {inline(invariants)}"] * bool(invariants) + ["discrete = true"] * plant.discrete
     lines += [line for cells in plant.tables for line in _table(plant, cells)]
-    for kind, (key, texts) in equations.items():
-        for signal, text in zip(getattr(plant, kind), texts, strict=True):
-            entries = {"unit": signal.unit or None, "meaning": signal.meaning or None, "value": signal.nominal}
+    for kind, (signals, key, texts) in equations.items():
+        for signal, text in zip(signals, texts, strict=True):
+            entries: dict[str, Any] = {
+                "unit": signal.unit or None,
+                "meaning": signal.meaning or None,
+                "value": signal.nominal,
+            }
             entries |= {"low": signal.low, "high": signal.high, "rates": [list(pair) for pair in signal.rates] or None}
             entries |= {"period": signal.period} | ({key: text} if key else {})
             lines += ["", f"[{kind}.{signal.name}]"]

@@ -56,6 +56,7 @@ from hgogen.rigor.series import (
 )
 from hgogen.rigor.tape import Tape, tape
 from hgogen.rigor.zero_point import Values, zero_near
+from hgogen.signal import Time
 
 Place = Mapping[sp.Symbol, Fraction]
 Sides = Mapping[sp.Symbol, tuple[Any, Any]]
@@ -624,7 +625,8 @@ def plant_of(
     symbols = (*states, *inputs, *parameters, *sorted(free, key=lambda symbol: symbol.name))
     points = tuple(tuple(place[s] for s in symbols) for place in places)
     zero = tape(constraints, symbols) if constraints else None
-    plant = Plant(tape(rows, symbols), len(states), len(parameters), len(inputs), points, discrete, zero)
+    counted = tuple(j for j, u in enumerate(inputs) if isinstance(u, Time))
+    plant = Plant(tape(rows, symbols), len(states), len(parameters), len(inputs), points, discrete, zero, counted)
     return plant, (*states, *parameters)
 
 

@@ -513,7 +513,8 @@ class Plant:
 
     `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere. `discrete`:
     the plant is x+ = f, whose inputs at different samples are free of each other. `constraints`: the tape of the last
-    outputs, where the flow keeps them at 0: they are 0 at every point.
+    outputs, where the flow keeps them at 0: they are 0 at every point. `times`: the
+    numbers of the inputs that are times: they have one value, between 0 and 1 if it is real, and the rate 1.
     """
 
     tape: Tape
@@ -523,6 +524,7 @@ class Plant:
     places: tuple[tuple[Fraction, ...], ...] = ()
     discrete: bool = False
     constraints: Tape | None = None
+    times: tuple[int, ...] = ()
 
     @property
     def wide(self) -> int:
@@ -554,9 +556,13 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     else:
         point = [numbers.draw(source) for _ in plant.tape.symbols]
     forced = point[plant.n : plant.n + plant.m]
+    for j in plant.times[1:]:
+        forced[j] = forced[plant.times[0]]
 
     def inputs(j: int, order: int) -> list[Any]:
         source = draws(numbers.seed, f"input {j}")
+        if j in plant.times:
+            return [forced[j], 1, *(0 for _ in range(order - 2))][:order]
         return [forced[j], *(numbers.draw(source) for _ in range(order - 1))]
 
     return Point(tuple(point[: plant.n]), tuple(point[plant.n + plant.m :]), inputs)

@@ -48,7 +48,7 @@ from hgogen.run.metrics import Interventions, Metrics, crossings, interventions,
 from hgogen.run.samples import Engine, Run
 from hgogen.run.uncertainty import uncertainty
 from hgogen.sentence import Encoded
-from hgogen.signal import Signal
+from hgogen.signal import Signal, with_times
 from hgogen.signal import differences as short_way
 from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_out
 
@@ -299,7 +299,8 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     (fed,) = feeds(step, noiseless, truth, (0,))
     step.restore(first_memory(step, noiseless))
     run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine)
-    P, e = _in_form(step.observer.form, run, truth.x, fed.u)
+    form = step.observer.form
+    P, e = _in_form(form, run, truth.x, with_times(form.system.inputs, fed.u, run.times, step.dt))
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)
     P, e = P[there], e[there]
     scaling, peak = known.part.scaling, known.part.theta.peak

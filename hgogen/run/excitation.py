@@ -21,6 +21,7 @@ from hgogen.program import sym
 from hgogen.reading.given import BadGain, Misfit, by_output, positive, reals
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
+from hgogen.signal import with_times
 from hgogen.system import demand_continuous
 
 HIDDEN = 1e-12  # of the largest eigenvalue: smaller ones are rounding
@@ -30,7 +31,8 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     """Return the observability Gramians W of every window of `d` (s) along a log, for a form `forms.state_affine` (x' =
     A(u, y) x + b(u, y)).
 
-    Args: `R` (p) as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p), all finite, `dt` (s) apart.
+    Args: `R` (p) as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p), all finite, `dt` (s) apart; t is 0
+    at the first.
 
     Raises: `BadGain`; `Misfit` for an argument that is no form.
     """
@@ -39,7 +41,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     demand_continuous(form.system, "excitation.along")
     dynamics, outputs = Dynamics(form), len(form.output)
     dt, d = positive("dt", dt), positive("d", d)
-    m = len(form.system.inputs)
+    plant, m = form.system, len(form.system.supplied)
     variances = np.array(positive_numbers("R", by_output("R", R, form), outputs))
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
     pieces = round(d / dt)
@@ -47,6 +49,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
         raise BadGain(
             f"d = {d:g} {form.system.time} on {len(samples)} samples", "must be shorter than the record of u and y"
         )
+    inputs = with_times(plant.inputs, inputs if m else np.zeros((len(samples), 0)), [0.0] * len(plant.times), dt)
     A, C = _numbers(dynamics, inputs, samples)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     steps = _pieces(A * half / half[:, None], C * half, variances, dt)
@@ -96,7 +99,7 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     graphs = [ca.densify(dynamics.affine(z, inputs)[0]), ca.densify(dynamics.output_jacobian(z, inputs))]
     plant = [s for s in dynamics.form.system.parameters if s.bounded]
     evaluate = ca.Function("pair", [inputs, outputs, *(sym("plant", s.name) for s in plant)], graphs)
-    middle = [(a[:-1] + a[1:]) / 2 for a in (u if m else np.zeros((len(y), 0)), y)]
+    middle = [(a[:-1] + a[1:]) / 2 for a in (u, y)]
     nominal = [float(s.nominal or 0) for s in plant]
     pairs = [evaluate(*point, *nominal) for point in zip(*middle, strict=True)]
     A, C = (np.array([np.array(pair[k]) for pair in pairs]) for k in (0, 1))

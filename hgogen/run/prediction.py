@@ -40,7 +40,7 @@ from hgogen.reading.given import names_of
 from hgogen.reading.measured import shifted
 from hgogen.run.gates import raised
 from hgogen.run.samples import Engine, Run, last_values
-from hgogen.signal import Signal, derived, differences, resting
+from hgogen.signal import Signal, derived, differences, resting, with_times
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
 
@@ -99,6 +99,8 @@ def forecasts(
     y = np.where(rejected(step, run, y), np.nan, y)
     model, holding = open_loop(step.observer.form, step.clock.dt, step.clock.between), bool(step.observer.form.fallback)
     u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
+    plant = step.observer.form.system
+    u = with_times(plant.inputs, u, run.times or [0.0] * len(plant.times), step.dt)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated

@@ -127,7 +127,7 @@ class Run:
     the engine, "c", "python" or another.
 
     `replay` computes `innovations`, `variances` and `covariance` on access; this run has its samples from number
-    `first` on.
+    `first` on. `times`: those at the first sample of all that functions of time were computed from.
     """
 
     t: np.ndarray
@@ -139,6 +139,7 @@ class Run:
     replay: Replayed | None = field(default=None, repr=False, compare=False)
     first: int = 0
     states: tuple[Signal, ...] = field(default=(), repr=False, compare=False)
+    times: tuple[float, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -194,7 +195,10 @@ class Run:
         """Return the run from sample number `first` on."""
         traces = {name: values[first:] for name, values in self.traces.items()}
         t, x, status = self.t[first:], self.x[first:], self.status[first:]
-        return replace(self, t=t, x=x, traces=traces, status=status, first=self.first + min(first, len(self.t)))
+        passed = float(t[0] - self.t[0]) if len(t) else 0.0
+        times = tuple(time + passed for time in self.times)
+        first = self.first + min(first, len(self.t))
+        return replace(self, t=t, x=x, traces=traces, status=status, first=first, times=times)
 
 
 # --- conversion of arguments

@@ -401,7 +401,7 @@ class Graphs:
 
     @property
     def _clock(self) -> Clock:
-        return Clock(self.source.dt, self.source.clock.between, len(self.source.inputs), len(self.source.outputs))
+        return self.source.clock
 
     @cached_property
     def _odes(self) -> list[Ode]:

@@ -45,6 +45,7 @@ from hgogen.program import (
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
 from hgogen.signal import LOST, TURNS, Signal
+from hgogen.stepping import times
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
@@ -111,6 +112,10 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "the estimate was outside the declared ranges for long, and was projected onto them",
         f"none if rare; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
     ),
+    "TIME_LOST": (
+        "the count of the time was no whole number of its range: it began anew at 0",
+        "set the count to the time that it is",
+    ),
     "OUT_OF_ORDER": (
         "an update was called again, or before the first predict, without a predict since: no second correction",
         "call predict once a period, then each update at most once",
@@ -170,12 +175,13 @@ def _within(value: Graph, limit: float) -> Graph:
     return ca.fabs(value) <= limit
 
 
-def guard_inputs(observer: Observer) -> Block:
+def guard_inputs(observer: Observer, clock: Clock) -> Block:
     """Return the block that clamps each input to its range; a value that is not a number or absurd is replaced by the
-    last valid one."""
+    last valid one. Times are those of the counts."""
     values, writes, names = [], {}, dict[str, Graph]()
-    last = sym("state", "u", len(observer.form.system.inputs))
-    for i, signal in enumerate(observer.form.system.inputs):
+    plant = observer.form.system
+    last = sym("state", "u", len(plant.inputs))
+    for i, signal in enumerate(plant.supplied):
         raw, (low, high) = sym("input", signal.name), signal.limits
         usable = _within(raw, HUGE if signal.period is None else TURNS * signal.period)
         accepted = ca.if_else(usable, raw, last[i])
@@ -184,6 +190,7 @@ def guard_inputs(observer: Observer) -> Block:
         if low > -INF:
             writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
+    values += times.now(plant.times, clock.dt)
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 

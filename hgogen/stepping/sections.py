@@ -50,6 +50,7 @@ from hgogen.program import (
     walk,
 )
 from hgogen.signal import Signal, plural, resting
+from hgogen.stepping import times
 from hgogen.stepping.guards import (
     boxed,
     guard_innovations,
@@ -297,6 +298,7 @@ class Assembly:
         fields += verdict_fields(self.combined.verdicts)
         fields += age_fields(self._aging)
         fields += innovation_fields(system.outputs) if self._innovates else ()
+        fields += [times.count_field(system.times, self.clock.dt)] if system.times else []
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -378,11 +380,12 @@ class Assembly:
         """The section that advances the estimate from the last call to now.
         The first call clamps the state to its box, in case its memory was
         corrupted, and starts copies of the model from the estimate."""
-        observer, clock = self.observer, self.clock
+        observer, clock, plant = self.observer, self.clock, self.observer.form.system
         follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
-        program: list[Statement] = self._remembered
-        program += [guard_input(observer)] if clock.inputs else []
+        program: list[Statement] = [times.counted(plant.times, clock.dt)] if plant.times else []
+        program += self._remembered
+        program += [guard_input(observer, clock)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
         program += [tick(observer.form.system.outputs, self.completes)] if self.rated else []
         calls = sym("state", "calls")
@@ -504,10 +507,11 @@ def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
 # --- a step without guards: unchecked signals, every sample is used, and the status is 0 ------------------------
 
 
-def plain_inputs(observer: Observer) -> Block:
+def plain_inputs(observer: Observer, clock: Clock) -> Block:
     """Return the block that reads the current input, unchecked, as the work value u."""
-    values = column(sym("input", signal.name) for signal in observer.form.system.inputs)
-    return Block("the input", {Place("work", "u"): values})
+    plant = observer.form.system
+    values = [sym("input", signal.name) for signal in plant.supplied]
+    return Block("the input", {Place("work", "u"): column([*values, *times.now(plant.times, clock.dt)])})
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:

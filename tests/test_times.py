@@ -1,0 +1,329 @@
+"""Plants whose equations are functions of time, against integrated references, and the same functions as inputs."""
+
+import json
+import math
+import pickle
+import tomllib
+from copy import copy
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.certificates.certificate import certificate
+from hgogen.check import Verdict
+from hgogen.program import Place
+from hgogen.reading.text_model import from_table, to_text
+from hgogen.recheck.verification import recheck
+from hgogen.rigor.recurrent import grouped
+from hgogen.signal import Time
+from hgogen.stepping.times import BadTime, ratio
+from hgogen.trial import Trial, simulate
+
+t, COUNT = hg.t, Place("state", "count")
+q, v = hg.Signal("q", low=-2, high=2), hg.Signal("v", low=-20, high=20)
+u, w, y = hg.Signal("u", low=-1, high=1), hg.Signal("w", low=-1, high=1), hg.Signal("y", low=-3, high=3)
+f = hg.Signal("f", "1/s", "frequency", 50)
+HUM = sp.cos(2 * sp.pi * 50 * t)
+NOISE = {"R": 1e-5, "Q": {"q": 1e-3, "v": 0.1}}
+
+
+def oscillator(force: sp.Expr, inputs: tuple[hg.Signal, ...] = (), output: sp.Expr = q) -> hg.System:
+    flow = [v, -40 * q - v / 2 + 9 * force + sum(inputs)]
+    return hg.System("osc", states=(q, v), inputs=inputs, outputs=(y,), parameters=(f,), flow=flow, output=[output])
+
+
+def kalman(plant: hg.System, dt: float = 1e-3, **options: object) -> hg.Step:
+    observer = hg.observers.riccati(hg.forms.triangular(plant), **NOISE)
+    return hg.sample(observer, hg.methods.continuous_discrete, dt, **options)
+
+
+# --- what is declared ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("force", "turns"),
+    [
+        (HUM, [sp.Rational(1, 50)]),
+        (sp.cos(2 * math.pi * 50 * t), [sp.Rational(1, 50)]),
+        (sp.sin(2 * sp.pi * f * t + q), [sp.Rational(1, 50)]),
+        (sp.sin(t) ** 2 + sp.exp(sp.sin(3 * t)), [2 * sp.pi]),
+        (HUM + sp.sin(2 * sp.pi * 60 * t), [sp.Rational(1, 10)]),
+        (HUM + sp.sin(t), [2 * sp.pi, sp.Rational(1, 50)]),
+        (sp.Mod(t, sp.Rational(1, 5)) * q, [sp.Rational(1, 5)]),
+        (t - sp.floor(4 * t) / 4, [sp.Rational(1, 4)]),
+        (sp.Piecewise((1, sp.sin(4 * sp.pi * t) > 0), (-1, True)), [sp.Rational(1, 2)]),
+        (sp.sin(2 * sp.pi * (5 * t + sp.cos(2 * sp.pi * t) / 9)), [sp.S.One]),
+        (sp.cos(2 * sp.pi * t / sp.Rational("12.42")) + sp.cos(sp.pi * t / 6), [sp.Integer(2484)]),
+        (sp.cos(2 * sp.pi * t / sp.Rational("12.4206012")) + sp.cos(sp.pi * t / 6), [sp.Rational("12.4206012"), 12]),
+    ],
+)
+def test_its_periods_are_found(force: sp.Expr, turns: list[sp.Expr]) -> None:
+    plant = oscillator(force)
+    assert [sp.simplify(time.turn - turn) for time, turn in zip(plant.times, turns, strict=True)] == [0] * len(turns)
+    assert plant.inputs == plant.times
+    assert not plant.supplied
+    back = dict.fromkeys(plant.times, t)
+    moments = {t: 0.6180339, q: 0.3, v: 0, f: 50}
+    row = plant.flow[1].xreplace(back) - (-40 * q - v / 2 + 9 * force)
+    assert abs(float(row.subs(moments))) < 1e-9
+    assert pickle.loads(pickle.dumps(plant)) == plant
+
+
+@pytest.mark.parametrize(
+    ("force", "reason"),
+    [
+        (t, "is not periodic in t; write it with sin, cos or Mod of t and constants, or give its values as an input"),
+        (sp.exp(-t), r"flow 2: exp\(-t\) is not periodic in t"),
+        (t * sp.sin(t), "is not periodic"),
+        (sp.Piecewise((1, t > 5), (0, True)), "t > 5 is not periodic"),
+        (sp.sin(q * t), "varies with q"),
+        (sp.sin(t - sp.floor(t)) + sp.sin(2 * sp.pi * t + sp.floor(sp.pi * t)), "without a common multiple"),
+    ],
+)
+def test_what_does_not_recur_is_refused(force: sp.Expr, reason: str) -> None:
+    with pytest.raises(hg.HgogenError, match=reason):
+        oscillator(force)
+
+
+def test_a_frequency_with_a_range_is_refused_and_another_value_has_another_period() -> None:
+    loose = hg.Signal("f", "1/s", "", 50, 40, 60)
+    with pytest.raises(hg.HgogenError, match="varies with f"):
+        hg.System("loose", states=(q,), outputs=(y,), parameters=(loose,), flow=[sp.sin(loose * t)], output=[q])
+    plant = oscillator(sp.sin(2 * sp.pi * f * t))
+    assert hg.system.valued(plant, {"f": 40}).times[0].turn == sp.Rational(1, 40)
+
+
+def test_a_signal_of_that_name_is_no_time() -> None:
+    temperature = hg.Signal("t", "degC", low=0, high=1)
+    plant = hg.System("warm", states=(q,), inputs=(temperature,), outputs=(y,), flow=[temperature - q], output=[q])
+    assert plant.supplied == (temperature,)
+    table = {
+        "name": "warm",
+        "states": {"q": {"flow": "t - q"}},
+        "inputs": {"t": {}},
+        "outputs": {"y": {"equation": "q"}},
+    }
+    assert not from_table(table).plant.times
+    both = hg.System("both", states=(q,), inputs=(temperature,), outputs=(y,), flow=[temperature * 0 - q], output=[q])
+    assert not both.times
+
+
+def test_a_text_model_has_it() -> None:
+    rows = {"q": {"flow": "cos(2*pi*50*t) + Mod(t, 0.3) - q"}}
+    plant = from_table({"name": "text", "states": rows, "outputs": {"y": {"equation": "q"}}}).plant
+    assert [time.turn for time in plant.times] == [sp.Rational(3, 5) / 2]
+    assert from_table(tomllib.loads(to_text(plant))).plant == plant
+
+
+def test_periods_join_where_they_recur_together_soon() -> None:
+    turns = [sp.Rational(1, 50), sp.Rational(1, 60), sp.Integer(86400), 2 * sp.pi]
+    assert grouped(turns) == (sp.Integer(86400), 2 * sp.pi, sp.Rational(1, 10))
+
+
+# --- the count ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("turn", "dt", "share", "exact"),
+    [
+        (sp.Rational(1, 50), 1e-3, Fraction(1, 20), True),
+        (sp.Rational(1, 60), 1e-3, Fraction(3, 50), True),
+        (sp.Integer(86400), 1.0, Fraction(1, 86400), True),
+    ],
+)
+def test_the_count_is_exact(turn: sp.Expr, dt: float, share: Fraction, exact: bool) -> None:
+    assert ratio(Time("t", turn), dt) == (share, exact)
+
+
+def test_an_irrational_period_is_counted_to_thirteen_digits() -> None:
+    share, exact = ratio(Time("t", 2 * sp.pi), 1e-3)
+    assert not exact
+    assert share.denominator <= 1 << 24
+    assert abs(float(share) * 2 * math.pi / 1e-3 - 1) < 1e-10
+
+
+@pytest.mark.parametrize(("dt", "reason"), [(0.011, "take at most 0.01 s"), (1e-10, "take at least")])
+def test_a_period_that_cannot_be_counted_is_refused(dt: float, reason: str) -> None:
+    with pytest.raises(BadTime, match=reason):
+        ratio(Time("t", sp.Rational(1, 50)), dt)
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_it_keeps_its_digits_for_years(real: str) -> None:
+    """A count near its end, and a start ten years off, give the bits of the first second."""
+    step = kalman(oscillator(HUM), real=real)
+    samples = 0.1 * np.cos(np.arange(1000) * 0.02)
+    first = step.run(y=samples)
+    step.reset(3e8)
+    assert np.array_equal(step.run(y=samples).x, first.x)
+    step.reset(3e8 + 0.005)
+    assert not np.allclose(step.run(y=samples).x, first.x, atol=1e-3)
+    step.reset(-0.001)
+    assert step._kept.places[COUNT].tolist() == [19]
+
+
+@pytest.mark.parametrize("spoiled", [math.nan, -1.0, 20.0, 3.5, math.inf])
+def test_a_spoiled_count_begins_anew(spoiled: float) -> None:
+    step, other = kalman(oscillator(HUM)), kalman(oscillator(HUM))
+    step(y=0.1)
+    other(y=0.1)
+    step._kept.places[COUNT][:] = spoiled
+    other._kept.places[COUNT][:] = 0
+    a, b = step(y=0.1), other(y=0.1)
+    assert a.flags == ("TIME_LOST",)
+    assert not b.flags
+    assert (a.x == b.x).all()
+
+
+def test_what_is_saved_keeps_the_time() -> None:
+    step = kalman(oscillator(HUM))
+    samples = 0.1 * np.sin(np.arange(60.0))
+    whole = step.run(y=samples).x
+    step.reset()
+    step.run(y=samples[:37])
+    for again in (copy(step), pickle.loads(pickle.dumps(step))):
+        assert np.array_equal(again.run(y=samples[37:]).x, whole[37:])
+    memory = step.save()
+    step.reset(0.007)
+    step.restore(memory)
+    assert np.array_equal(step.run(y=samples[37:]).x, whole[37:])
+
+
+# --- the estimate ---------------------------------------------------------------------------------------------
+
+
+def test_it_is_exact_at_the_stages() -> None:
+    """Over missing samples the estimate is the plant's solution, which a function given as an input at the samples,
+    and a line between them, is not."""
+    plant = oscillator(HUM)
+    truth = simulate(plant, Trial("free", 1.0, {"q": 1, "v": 0}), 1e-3)
+    blind = np.full(len(truth.t), np.nan)
+    run = kalman(plant).started({"q": 1, "v": 0}).run(y=blind)
+    flow = [v, -40 * q - v / 2 + 9 * w]
+    fed_plant = hg.System("fed", states=(q, v), inputs=(w,), outputs=(y,), flow=flow, output=[q])
+    linear = kalman(fed_plant).started({"q": 1, "v": 0})
+    fed = linear.run(u=np.cos(100 * np.pi * truth.t), y=blind)
+    exact, line = (np.abs(each.x - truth.x).max() for each in (run, fed))
+    assert exact < 1e-5
+    assert line > 30 * exact
+    assert line < 1e-2
+
+
+def test_an_output_may_be_a_function_of_time() -> None:
+    plant = oscillator(HUM, (u,), q * (2 + sp.sin(2 * sp.pi * 3 * t)))
+    truth = simulate(plant, Trial("out", 2.0, {"q": 1, "v": 0}, {"u": sp.sin(t)}), 1e-3)
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), **NOISE), dt=1e-3)
+    run = step.run(u=truth.u[:, 0], y=truth.y)
+    assert np.abs(run.x - truth.x)[1500:, 0].max() < 1e-4
+    assert ((truth.u[:, 1] >= 0) & (truth.u[:, 1] <= plant.times[0].high)).all()
+
+
+def test_two_tides_are_followed() -> None:
+    tide = sp.cos(2 * sp.pi * t / sp.Rational("12.4206012")) + sp.cos(2 * sp.pi * t / 12) / 3
+    level, seen = hg.Signal("level", "m", low=-9, high=9), hg.Signal("seen", "m", low=-9, high=9)
+    plant = hg.System("tide", states=(level,), outputs=(seen,), flow=[tide - level / 3], output=[level], time="h")
+    truth = simulate(plant, Trial("month", 400.0, {"level": 0}), 0.25)
+    step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), R=1e-4, Q=[1e-4]), dt=0.25)
+    run = step.run(y=np.full(len(truth.t), np.nan))
+    assert np.abs(run.x - truth.x).max() < 1e-5
+
+
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_a_held_input_holds_no_time(between: str) -> None:
+    plant = oscillator(HUM, (u,))
+    truth = simulate(plant, Trial("held", 0.5, {"q": 1, "v": 0}, {"u": 0.3}), 1e-3)
+    step = kalman(plant, between=between).started({"q": 1, "v": 0})
+    blind = np.full(len(truth.t), np.nan)
+    first = step.run(u=np.full(len(blind), 0.3), y=blind)
+    assert np.abs(first.x - truth.x)[1:].max() < 2e-3  # the first input is held from before
+
+
+def test_late_samples_are_those_of_their_time() -> None:
+    plant, rng = oscillator(HUM), np.random.default_rng(2)
+    observer = hg.observers.riccati(hg.forms.original(plant), **NOISE)
+    late = hg.sample(hg.delayed(observer, y=7), dt=1e-3)
+    samples = rng.normal(size=200) / 9
+    ages = np.full(200, 7.0)
+    arrived = np.column_stack([np.concatenate([np.full(7, np.nan), samples[:-7]]), ages])
+    known = np.concatenate([samples[:-7], np.full(7, np.nan)])
+    x = late.run(y=arrived).x[-1]
+    assert np.array_equal(x, late.undelayed.run(y=known).x[-1])
+
+
+def test_every_reader_has_its_bits() -> None:
+    step = kalman(oscillator(HUM + sp.sin(t), (u,)))
+    samples, inputs = np.random.default_rng(0).normal(size=(3, 80)) / 9, np.linspace(0, 1, 80)
+    step.reset(1.25)
+    c, python = (copy(step).run(u=inputs, y=samples[0], engine=engine) for engine in ("c", "python"))
+    assert np.array_equal(c.x, python.x)
+    many = step.run_many(u=np.tile(inputs[None, :, None], (3, 1, 1)), y=samples[:, :, None])
+    assert np.array_equal(many.x[0], c.x)
+
+
+# --- what is proved -------------------------------------------------------------------------------------------
+
+
+def test_its_rate_is_one() -> None:
+    """A vector at rest that is seen from a turning direction is observable, one seen along a fixed one is not."""
+    turning = q * sp.cos(2 * sp.pi * t) + v * sp.sin(2 * sp.pi * t)
+    seen = hg.System("turning", states=(q, v), outputs=(y,), flow=[0, 0], output=[turning])
+    assert hg.observability(seen).known.rank.rank == 2
+    fixed = hg.System("fixed", states=(q, v), outputs=(y,), flow=[0, 0], output=[(q + v) * (2 + sp.cos(t))])
+    assert hg.observability(fixed).known.rank.rank == 1
+
+
+def test_a_rate_that_only_an_input_has_shows_nothing() -> None:
+    """w'' + 4 pi^2 w = 0 for w = cos 2 pi t: what a free input would show by it, this one does not."""
+    c, s = sp.cos(2 * sp.pi * t), sp.sin(2 * sp.pi * t)
+    x = [hg.Signal(f"x{k}", low=-1, high=1) for k in range(3)]
+    output = x[0] * c + x[1] * s + x[2] * sp.cos(2 * sp.pi * t + 1)
+    plant = hg.System("three", states=x, outputs=(y,), flow=[0, 0, 0], output=[output])
+    assert hg.observability(plant).known.rank.rank == 2
+
+
+def test_the_phase_form_follows_its_derivatives() -> None:
+    plant = oscillator(HUM, output=q * (2 + sp.cos(2 * sp.pi * t)))
+    form = hg.forms.phase(plant)
+    assert all(check.verdict is Verdict.PROVED for check in form.checks)
+    assert form.system.inputs == plant.times
+    truth = simulate(plant, Trial("phase", 1.0, {"q": 1, "v": 0}), 1e-3)
+    step = hg.sample(hg.observers.high_gain(form, theta=20, poles=(-1, -1)), hg.methods.rk4, 1e-3)
+    assert np.abs(step.run(y=truth.y).x - truth.x)[-1] == pytest.approx([0, 0], abs=1e-3)
+
+
+def test_a_certificate_holds_for_every_time() -> None:
+    form = hg.forms.triangular(oscillator(HUM * sp.sin(q)))
+    observer = hg.observers.high_gain(form, theta=20, poles=(-1, -1))
+    assert any(check.verdict is Verdict.PROVED for check in observer.checks)
+    rows = recheck(json.dumps(certificate(form, observer.checks, observer.name))).rows
+    assert len(rows) >= 4
+    assert {row.found for row in rows} == {"verified"}
+
+
+def test_what_is_not_followed_between_samples_is_unknown() -> None:
+    form = hg.forms.triangular(oscillator(HUM))
+    step = hg.sample(hg.observers.high_gain(form, theta=20, poles=(-1, -1)), hg.methods.rk4, 1e-3, between="hold")
+    bound = hg.error_bound(step, noise={"y": 0.01})
+    assert bound.check.verdict is Verdict.UNKNOWN
+
+
+# --- logs -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_a_log_begins_at_its_time(between: str) -> None:
+    """A parameter is found where the log's start is known, and a wrong one is found where it is not."""
+    a = hg.Signal("a", "", "", 30.0, 20, 60)
+    flow = [v, -a * q - v / 2 + 3 * sp.cos(2 * sp.pi * t)]
+    plant = hg.System("fitted", states=(q, v), outputs=(y,), parameters=(a,), flow=flow, output=[q])
+    true = hg.system.valued(plant, {"a": 40})
+    truth = simulate(true, Trial("log", 6.0, {"q": 0, "v": 0}), 0.02)
+    rows = slice(45, None)  # from 0.9 s on
+    no_input = np.zeros((len(truth.t[rows]), 0))
+    fitted = hg.fit(plant, hg.Log(no_input, truth.y[rows], 0.02, 0.9), starts=1, between=between)
+    assert fitted.parameters[0].value == pytest.approx(40, rel=1e-4)
+    wrong = hg.fit(plant, hg.Log(no_input, truth.y[rows], 0.02), starts=1, between=between)
+    assert abs(wrong.parameters[0].value - 40) > 1e-2
