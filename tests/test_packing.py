@@ -142,4 +142,4 @@ def test_the_help_says_what_there_is() -> None:
     for command in ("generate", "build"):
         text = " ".join(hgogen(command, "--help")[0].replace("│", " ").split())
         assert "cmake, platformio, arduino, zephyr, esp-idf, several with commas, or all" in text
-    assert "nominal, worst" in documented("cost")
+    assert "nominal_instructions, worst_instructions" in documented("cost")
