@@ -12,6 +12,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.cli import app
 from hgogen.estimators.noise import sample_deviations
+from hgogen.model import load
 from hgogen.reading.given import BadGain, BadNames
 
 DT = 2.0**-6  # products with it are exact
@@ -220,3 +221,10 @@ def test_the_continuous_observer_has_the_densities_of_its_dt() -> None:
     expected = hg.reference(plain, y=samples, dt=DT).x
     for source, dt in ((observer, DT), (hg.sample(observer, dt=DT), 0.0)):
         assert hg.reference(source, y=samples, dt=dt).x == pytest.approx(expected, abs=1e-12)
+
+
+def test_thresholds_of_an_innovation_are_no_noise() -> None:
+    """gamma_0 has the unit of R, and is of no output."""
+    step = load("cascaded_tanks").step("riccati")
+    assert {"gamma_0", "gamma_1"} <= {gain.name for gain in step.layout.gains}
+    assert sample_deviations(step).keys() == {"y"}

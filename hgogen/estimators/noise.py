@@ -223,7 +223,7 @@ def sample_deviations(step: "Step") -> dict[str, float]:
     return {
         name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
         for field in step.layout.gains
-        if field.unit in _DEVIATIONS
+        if field.unit in _DEVIATIONS and field.labels  # the thresholds of an innovation have none
         for name, density in zip(field.labels, field.initial, strict=True)
     }
 
