@@ -692,6 +692,14 @@ def test_a_parameter_that_stabilises_the_constraint_is_not_seen_on_it() -> None:
     assert [str(one) for one in hg.observability(plant).unobservable] == ["k"]
 
 
+def test_a_covariance_of_full_rank_is_not_claimed() -> None:
+    plant = attitude(bias=False)
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[1] * 4, R=1)
+    (definite,) = (one for one in observer.theorem.hypotheses if one.claim.startswith("Q, S(0) are positive definite"))
+    assert definite.verdict is hg.Verdict.UNKNOWN
+    assert definite.reason == "the step projects P and Q onto the invariants, where they are singular"
+
+
 def test_convergence_is_not_claimed() -> None:
     x, y, seen = signals("x y seen", -9, 9)
     rows: dict[str, Any] = {"states": (x, y), "outputs": (seen,), "flow": [y, x], "output": [x]}

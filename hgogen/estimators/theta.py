@@ -201,6 +201,8 @@ def of_form(theorem: Theorem, form: Form, *, rank: str = "") -> Theorem:
     theorem's. `rank`: a sentence on a Q that is not positive definite. Of a discrete plant it is another theorem."""
     if form.system.discrete:
         return discrete.THEOREM
+    if form.system.invariants and not rank:
+        rank = "the step projects P and Q onto the invariants, where they are singular"
     if rank:
         singular = replace(_DEFINITE, verdict=Verdict.UNKNOWN, reason=rank)
         ranked = (singular if each is _DEFINITE else each for each in theorem.hypotheses)
