@@ -157,6 +157,7 @@ def test_it_keeps_its_digits_for_years(real: str) -> None:
     step = kalman(oscillator(HUM), real=real)
     samples = 0.1 * np.cos(np.arange(1000) * 0.02)
     first = step.run(y=samples)
+    assert not first.status.any()
     step.reset(3e8)
     assert np.array_equal(step.run(y=samples).x, first.x)
     step.reset(3e8 + 0.005)
@@ -185,7 +186,9 @@ def test_what_is_saved_keeps_the_time() -> None:
     step.reset()
     step.run(y=samples[:37])
     for again in (copy(step), pickle.loads(pickle.dumps(step))):
-        assert np.array_equal(again.run(y=samples[37:]).x, whole[37:])
+        run = again.run(y=samples[37:])
+        assert np.array_equal(run.x, whole[37:])
+        assert run.times == pytest.approx((0.017,))
     memory = step.save()
     step.reset(0.007)
     step.restore(memory)
