@@ -380,6 +380,16 @@ def sure_columns() -> hg.Step:
     return hg.sample(bank, dt=0.01, prefer="flash", report=("sigma", "age"))
 
 
+def uneven() -> hg.Step:
+    """A sample whose variance is an expression of state, input and parameter, of an iterated filter."""
+    (q, w), (u, y) = signals("q w", -4, 4), signals("u y")
+    b = hg.Signal("b", nominal=0.1, low=0, high=1)
+    flow, output = [w, u - 4 * sp.sin(q) - w / 4], [q + sp.sin(q) / 2]
+    plant = hg.System("uneven", states=(q, w), inputs=(u,), outputs=(y,), parameters=(b,), flow=flow, output=output)
+    accept, gains = ("original.lipschitz", "original.order"), {"Q": [0.1, 0.1], "R": {"y": "0.1 + (b*q)**2 + u**2"}}
+    return hg.sample(hg.observers.iterated_ekf(hg.forms.original(plant), accept=accept, **gains), dt=0.05)
+
+
 def joint(kind: str) -> hg.Step:
     """Samples that correct together, with correlated noises, of two outputs of which one is not linear."""
     (q, w), (u, y, v) = signals("q w", -4, 4), signals("u y v")
@@ -428,6 +438,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "gated_columns": gated_columns,
     "sure": sure,
     "noisy_inputs": noisy_inputs,
+    "uneven": uneven,
     "varying": varying,
     "varying_integrated": varying_integrated,
     "sure_columns": sure_columns,

@@ -124,7 +124,8 @@ class FilterStep:
 
     def variance(self, output: int) -> Graph:
         """Return r = R_theta/h, the variance of one sample of an output, SX scalar; h is its sampling period."""
-        R, theta, period = self.part.output_noise[output, output], self.part.theta.value, self.clock.period(output)
+        R, theta = self.part.density(output, self.z, self.clock.u_now), self.part.theta.value
+        period = self.clock.period(output)
         return self.part.scaling.variance(R, theta, output, period)
 
     def common(self) -> dict[str, Any]:

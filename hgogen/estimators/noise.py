@@ -23,12 +23,25 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import sympy as sp
 
+from hgogen.analysis.dynamics import HUGE, transformed
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.riccati_part import is_diagonal, output_noise, positive_numbers, semidefinite, spd
+from hgogen.estimators.riccati_part import (
+    Around,
+    Riccati,
+    Variances,
+    is_diagonal,
+    output_noise,
+    positive_numbers,
+    semidefinite,
+    spd,
+)
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
-from hgogen.reading.given import BadGain, by_coordinate, demand_switch, in_order, names_of, positive
+from hgogen.reading.expression import parse
+from hgogen.reading.given import BadGain, by_coordinate, by_output, demand_switch, in_order, names_of, positive
+from hgogen.rigor.bounds import bound
 from hgogen.sentence import because, joined
 
 if TYPE_CHECKING:
@@ -60,6 +73,7 @@ class Noise:
     samples: np.ndarray | None = None
     inputs: Mapping[str, float] | None = None
     inverse: bool = False
+    varying: Variances | None = None
 
     @property
     def sampled(self) -> bool:
@@ -81,6 +95,8 @@ class Noise:
                 R = self.samples * np.outer(roots, roots)
         if self.inputs is not None:
             U = {name: variance * periods[0] for name, variance in self.inputs.items()}
+        if self.varying is not None:
+            R = replace(self.varying, densities=tuple(R))
         return {name: value for name, value in (("Q", Q), ("R", R), ("U", U)) if value is not None}
 
 
@@ -156,6 +172,11 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     if not noise:
         known.pop("noise", None)
     _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
+    varying = None
+    for name in ("R", "R_per_sample"):
+        if _has_expressions(known.get(name)):
+            varying = _expressions(observer, name, known.pop(name), form, own)
+            known["R_per_sample"] = varying.densities
     if inputs and "U" in known:
         _demand_one(observer, {"U": inputs, "noise": inputs}, "noise of inputs", ("U", "noise"))
     if (inputs or "U" in known) and not known.keys() & {"Q", "Q_per_sample"}:
@@ -175,7 +196,47 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     if noise:
         squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
         samples = np.diag(positive_numbers("the squares of noise", squares, outputs))
-    return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse)
+    return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse, varying)
+
+
+def _has_expressions(value: Any) -> bool:
+    return isinstance(value, Mapping) and any(isinstance(each, str | sp.Basic) for each in value.values())
+
+
+def _expressions(observer: str, name: str, value: Any, form: Form, own: Container[str]) -> Variances:
+    """Return the variances of one sample from expressions, or numbers, by the outputs' names. Raises: `BadGain`,
+    `BadNames`, `BadExpression`."""
+    if "update" not in own:
+        raise BadGain(name, f"has an expression, and {observer} takes numbers; take riccati, ukf or iterated_ekf")
+    written = by_output(name, value, form)
+    if name == "R" and not form.system.discrete and not all(isinstance(each, str | sp.Basic) for each in written):
+        raise BadGain("R", "has numbers, which are densities, with variances of a sample; give all in R_per_sample")
+    if transformed(form):
+        raise BadGain(name, f"has an expression, which the form {form.kind} does not take; take hg.forms.original")
+    each = zip(names_of(form.system.outputs), written, strict=True)
+    known = [_variance(f"{name} of {y}", entry, form) for y, entry in each]
+    densities = tuple(float(e) if e.is_number else 1.0 for e, _ in known)
+    return Variances(densities, tuple(sp.S.One if e.is_number else e for e, _ in known), tuple(low for _, low in known))
+
+
+def _variance(what: str, written: Any, form: Form) -> tuple[sp.Expr, float]:
+    """Return an expression of states, inputs and parameters that is proved to be positive, and its lower bound."""
+    system = form.system
+    symbols = {s.name: s for s in (*system.states, *system.inputs, *system.parameters)}
+    if isinstance(written, str):
+        expression = parse(written, symbols)
+    else:
+        expression = sp.sympify(written)
+    for symbol in sorted(expression.free_symbols - {*symbols.values()}, key=str):
+        raise BadGain(what, f"reads {symbol}, which is no state, input or parameter; write it in these")
+    if expression.is_number:
+        return expression, float(expression)
+    range_of_values = bound(expression, system.box)
+    if not (range_of_values.defined and range_of_values.low >= HUGE**-2):
+        why = f"it is only known to be from {range_of_values.low:.4g}, by {range_of_values.boxes} boxes"
+        reason = f"= {expression} is not proved to be positive on the declared ranges: {why}"
+        raise BadGain(what, f"{reason}; add a positive number, or narrow the ranges")
+    return expression, range_of_values.low
 
 
 def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Sequence[str]) -> None:
@@ -218,14 +279,24 @@ _DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma of a sam
 
 def sample_deviations(step: "Step") -> dict[str, float]:
     """Return the standard deviation of one sample of each output, and of each input with noise, from the gains R and U
-    of a step at theta = 1, in the signal's unit; empty for an observer without R."""
+    of a step at theta = 1, in the signal's unit; empty for an observer without R, without outputs whose variance is an
+    expression."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     return {
         name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
         for field in step.layout.gains
         if field.unit in _DEVIATIONS and field.labels  # the thresholds of an innovation have none
         for name, density in zip(field.labels, field.initial, strict=True)
+        if name not in _varying(step)
     }
+
+
+def _varying(step: "Step") -> dict[str, sp.Expr]:
+    """Return the expressions of variances of one sample by the outputs' names."""
+    parts = (part.plain if isinstance(part, Around) else part for part in step.observer.parts)
+    known = [part.varying for part in parts if isinstance(part, Riccati) and part.varying is not None]
+    each = (zip(names_of(step.outputs), one.expressions, strict=True) for one in known)
+    return {name: e for pairs in each for name, e in pairs if not e.is_number}
 
 
 def deviation_lines(step: "Step") -> tuple[str, ...]:
@@ -236,4 +307,5 @@ def deviation_lines(step: "Step") -> tuple[str, ...]:
         each = [f"{s.name} = {deviations[s.name]:.4g}{f' {s.unit}' if s.unit else ''}" for s in known]
         if each:
             lines.append(f"{gain} as the standard deviation of one sample: {', '.join(each)}")
-    return tuple(lines)
+    varying = [f"{name} = {e}" for name, e in _varying(step).items()]
+    return (*lines, *[f"variance of one sample: {', '.join(varying)}"][: len(varying)])

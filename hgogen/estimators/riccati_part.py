@@ -27,6 +27,7 @@ from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+import sympy as sp
 from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import HUGE, Dynamics
@@ -55,7 +56,7 @@ from hgogen.reading.given import (
 from hgogen.rigor import definite
 from hgogen.rigor.definite import symmetric, unsymmetric
 from hgogen.rigor.tape import slope
-from hgogen.signal import LOST, Signal
+from hgogen.signal import LOST, Signal, spread
 
 POINTS = 12  # corners, and as many points inside, at which the model is linearised
 
@@ -194,6 +195,16 @@ class InputNoise:
         return sym("gain", "U", len(self.inputs))
 
 
+@dataclass(frozen=True)
+class Variances:
+    """R of outputs whose variance is an expression of the form's signals: the `densities` (p) of a variance of 1, the
+    `expressions` (p), 1 for a number, and what they are at least on the declared ranges, `least` (p)."""
+
+    densities: tuple[float, ...]
+    expressions: tuple[sp.Expr, ...]
+    least: tuple[float, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Riccati(Part):
     """A Riccati observer, independent of the method, which stores S = P^-1, P or the factors of P = L D L'.
@@ -206,7 +217,8 @@ class Riccati(Part):
     rho. `measured_state`: the function of (z, u, y, valid) that returns z with measurements instead of estimates, at
     which A(u, z) and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of
     the inputs; `gates`: of the innovations; `disturbed`: noise of inputs, which adds f_u U f_u' to Q, f_u = d(A z +
-    b)/du; `joint`: whether all samples of a call correct together; `correlated`: the factor L of R = L diag(`R`) L'.
+    b)/du; `joint`: whether all samples of a call correct together; `correlated`: the factor L of R = L diag(`R`) L';
+    `varying`: expressions by which `R` is multiplied.
     """
 
     dynamics: Dynamics
@@ -226,6 +238,7 @@ class Riccati(Part):
     disturbed: InputNoise = InputNoise()
     joint: bool = False
     correlated: np.ndarray | None = None
+    varying: Variances | None = None
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -258,6 +271,17 @@ class Riccati(Part):
     def rho(self) -> Graph:
         """The forgetting rate, SX scalar; 0 without forgetting."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
+
+    def density(self, output: int, z: Graph, u: Graph) -> Graph:
+        """Return R_jj of the output j = `output` at z and u, SX scalar."""
+        R = self.output_noise[output, output]
+        if self.varying is None or self.varying.expressions[output].is_number:
+            return R
+        form = self.dynamics.form
+        back = dict(zip(form.system.states, form.from_form, strict=True))
+        expression = self.varying.expressions[output].xreplace(back)
+        (value,) = self.dynamics.values([expression], self.dynamics.saturated(z), u)
+        return R * (value if form.clamped else ca.fmax(value, self.varying.least[output]))
 
     @property
     def output_noise(self) -> Graph:
@@ -418,7 +442,7 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
     def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z, X = values[part.z.name], unpack(values[name], part.dynamics.n)
         F, C, theta = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u), part.theta.value
-        weights = (part.scaling.weight(part.R[j], theta, j) for j in range(part.dynamics.outputs))
+        weights = (part.scaling.weight(part.density(j, z, u), theta, j) for j in range(part.dynamics.outputs))
         weight = ca.diag(valid * ca.vertcat(*weights))
         error = part.dynamics.error(y, part.dynamics.output(z, u))
         if view == "information":
@@ -564,7 +588,7 @@ class Extended:
 def extended(
     form: Form,
     Q: Matrix,
-    R: float | Values,
+    R: float | Values | Variances,
     covariance: Matrix | None,
     initial: Values | None,
     theta: Theta | None = None,
@@ -583,8 +607,10 @@ def extended(
 
     noise = semidefinite("Q", by_coordinate("Q", Q, form), n)
     start = spd("covariance", np.ones(n) if covariance is None else by_coordinate("covariance", covariance, form), n)
+    varying, R = (R, R.densities) if isinstance(R, Variances) else (None, R)
     measured = output_noise("R", R, form)
     variances = tuple(np.diag(measured).tolist())
+    ordinary = at_middle(form, varying) * np.array(variances)
     shape, weights = factor(noise)
     _demand_update(form, update, measured, theta)
     correlated = None if is_diagonal(measured) else factor(measured)
@@ -598,13 +624,14 @@ def extended(
         factor=shape,
         R=sym("gain", "R", outputs),
         covariance=start,
-        cap=cap(dynamics, z, most, variances, start, theta.peak, scaling(form, theta.scaled)),
+        cap=cap(dynamics, z, most, ordinary.tolist(), start, theta.peak, scaling(form, theta.scaled)),
         limited=LIMITED,
-        nominal=(noise, np.array(variances)),
+        nominal=(noise, ordinary),
         gates=gated_groups(gate, form.system.outputs),
         disturbed=disturbed,
         joint=update == "joint",
         correlated=correlated and correlated[0],
+        varying=varying,
     )
     units = ("z^2", "y^2", "u^2") if form.system.discrete else ("z^2/s", "y^2 s", "u^2 s")
     kind, unit = ("output noise, diagonal factor", "y y'") if correlated else ("output noise", units[1])
@@ -613,6 +640,9 @@ def extended(
         wide("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
     )
     equations = (*matrix_line("Q", noise, form), *(group.equation for group in part.gates))
+    if varying is not None:
+        pairs = zip(names_of(form.system.outputs), varying.expressions, strict=True)
+        equations += tuple(f"variance of a sample of {y} = {e}, times R dt" for y, e in pairs if not e.is_number)
     if part.joint:
         rows = ", ".join(str(row) for row in measured.tolist()) if correlated else "diagonal"
         equations += (f"all samples of a call correct together, outputs at the prediction; R: {rows}",)
@@ -632,6 +662,15 @@ def output_noise(name: str, value: Any, form: Form) -> np.ndarray:
     if np.ndim(reals(name, rows)) < 2:
         return np.diag(positive_numbers(name, rows, len(names)))
     return spd(name, rows, len(names))
+
+
+def at_middle(form: Form, varying: Variances | None) -> np.ndarray:
+    """Return the expressions of the outputs' variances (p) in the middle of the ranges, 1 without any."""
+    if varying is None:
+        return np.ones(len(form.output))
+    system = form.system
+    values = {s: sum(spread(s)) / 2 for s in (*system.states, *system.inputs)} | dict(system.nominal)
+    return np.array([float(e.subs(values)) for e in varying.expressions])
 
 
 UPDATES = ("sequential", "joint")

@@ -15,7 +15,7 @@ from hgogen.check import Verdict
 from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
-from hgogen.estimators.riccati_part import AtSamples, extended, noise_rank
+from hgogen.estimators.riccati_part import AtSamples, Variances, extended, noise_rank
 from hgogen.estimators.square_root import LARGEST, Iterated
 from hgogen.estimators.theta import KALMAN, of_form
 from hgogen.form import Form
@@ -53,7 +53,7 @@ def iterated_ekf(
     form: Form,
     *,
     Q: Matrix,
-    R: float | Values,
+    R: float | Values | Variances,
     U: Mapping[str, float] | None = None,
     passes: int = 4,
     initial: Values | None = None,

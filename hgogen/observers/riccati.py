@@ -23,7 +23,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
-from hgogen.estimators.riccati_part import Riccati, extended, noise_rank
+from hgogen.estimators.riccati_part import Riccati, Variances, extended, noise_rank
 from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
@@ -54,7 +54,7 @@ def riccati(
     form: Form,
     *,
     Q: Matrix,
-    R: float | Values,
+    R: float | Values | Variances,
     U: Mapping[str, float] | None = None,
     theta: Theta | float = 1.0,
     initial: Values | None = None,
@@ -68,19 +68,19 @@ def riccati(
 
     Args: `Q` diagonal (n) or a symmetric matrix (n, n) without negative eigenvalues, by the names of the form's
     coordinates or in their order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for
-    white noise of variance v per sample, R = v dt); `U` noise of inputs by name, densities in u^2 s, which adds f_u U
-    f_u' to Q, f_u = df/du (Q is 0 by default then); `theta` a number or a value of `hgogen.theta`; `initial` the
-    plant's state (by name, or n numbers in the plant's order); `covariance` P(0) = S(0)^-1, positive definite, in the
-    same format as Q, default the unit matrix; `noise`, `R_per_sample` in place of R: the standard deviation, or the
-    variance, of one sample by output, R = v T for samples T apart; `noise` of an input in place of U, U = v dt;
-    `Q_per_sample` in place of Q: the covariance that a step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I +
-    dt F + (dt F)^2/2 by the default method, Q = Q_per_sample/dt; `density` says that Q and R are densities
-    (`estimators.noise`); `gate` innovation gates, by an output or a tuple of outputs that pass together: a probability
-    such as 0.999, or an `hg.Gate` (`estimators.gate`), by default none; `update` "sequential", one output after the
-    other, or "joint": h and dh/dz of all outputs at the prediction, as other libraries do, with R a number, one for
-    each output, or a matrix (p, p) (`estimators.joint`); `accept` ids of refuted checks to ignore. A matrix that is
-    symmetric up to rounding (1e-12) is replaced by (Q + Q')/2. Of a discrete plant Q, R and U are those of a sample,
-    and theta is 1.
+    white noise of variance v per sample, R = v dt); an expression in text or SymPy by an output's name is the variance
+    of one sample; `U` noise of inputs by name, densities in u^2 s, which adds f_u U f_u' to Q, f_u = df/du (Q is 0 by
+    default then); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers in
+    the plant's order); `covariance` P(0) = S(0)^-1, positive definite, in the same format as Q, default the unit
+    matrix; `noise`, `R_per_sample` in place of R: the standard deviation, or the variance, of one sample by output, R =
+    v T for samples T apart; `noise` of an input in place of U, U = v dt; `Q_per_sample` in place of Q: the covariance
+    that a step of dt adds, P <- Phi P Phi' + Q_per_sample with Phi = I + dt F + (dt F)^2/2 by the default method, Q =
+    Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `gate` innovation gates, by an
+    output or a tuple of outputs that pass together: a probability such as 0.999, or an `hg.Gate` (`estimators.gate`),
+    by default none; `update` "sequential", one output after the other, or "joint": h and dh/dz of all outputs at the
+    prediction, as other libraries do, with R a number, one for each output, or a matrix (p, p) (`estimators.joint`);
+    `accept` ids of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q +
+    Q')/2. Of a discrete plant Q, R and U are those of a sample, and theta is 1.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
     where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
@@ -142,8 +142,9 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
     """Return the check that the estimate converges: proved for a linear plant and a constant theta, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
-    if part.disturbed or part.correlated is not None:
-        why = "a constant Q, without noise of inputs" if part.disturbed else "outputs with independent noises"
+    if part.disturbed or part.correlated is not None or part.varying is not None:
+        why = "outputs with independent noises" if part.varying is None else "a constant R"
+        why = "a constant Q, without noise of inputs" if part.disturbed else why
         reason = because("the proof is made for {why}", why=why)
         return Check(id, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=_TRIALS)
     if isinstance(plant, Linear) and isinstance(theta, Constant):

@@ -17,7 +17,7 @@ from hgogen.check import Verdict
 from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
-from hgogen.estimators.riccati_part import AtSamples, extended
+from hgogen.estimators.riccati_part import AtSamples, Variances, extended
 from hgogen.estimators.square_root import LARGEST, Unscented
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
@@ -71,7 +71,7 @@ def ukf(
     form: Form,
     *,
     Q: Matrix,
-    R: float | Values,
+    R: float | Values | Variances,
     U: Mapping[str, float] | None = None,
     alpha: float = 1.0,
     beta: float = 2.0,
