@@ -47,7 +47,7 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import names_of, requires_plant, scalar
 from hgogen.rigor.singular import TINY, limited
 from hgogen.run import native
-from hgogen.run.samples import Engine, at_their_times
+from hgogen.run.samples import Engine, at_their_times, with_elapsed
 from hgogen.signal import Signal, derived, differences, in_turn, plural, resting, times
 from hgogen.signal import t as t
 from hgogen.system import System
@@ -227,26 +227,49 @@ class Trajectory:
         return self.truth.error(self.x)
 
 
-def simulate(plant: System, trial: Trial, dt: float) -> Truth:
-    """Return the plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values. Raises:
-    `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far."""
-    return Plant(plant, trial, dt).truth(trial.start)
+def simulate(plant: System, trial: Trial, dt: float, times: np.ndarray | None = None) -> Truth:
+    """Return the plant's truth at 0, dt, .. up to the trial's duration, or at `times`, parameters at their nominal
+    values. Raises: `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far."""
+    return Plant(plant, trial, dt, times=times).truth(trial.start)
+
+
+def sample_times(step: CallableStep, trial: Trial) -> np.ndarray | None:
+    """Return the times (N) of a trial's samples for a step whose dt varies, drawn evenly between its limits, the same
+    ones each time; None for one at multiples of dt."""
+    if not step.clock.varying:
+        return None
+    draw = np.random.default_rng(0).uniform(step.shortest, step.dt, math.ceil(trial.duration / step.shortest))
+    times = np.concatenate([[0.0], np.cumsum(draw)])
+    return times[times <= trial.duration]
+
+
+def elapsed(step: CallableStep, truth: Truth) -> np.ndarray | None:
+    """Return the argument `dt` of a run on the samples of a truth: the times (N) between them where dt varies."""
+    return np.diff(truth.t, prepend=0.0) if step.clock.varying else None
 
 
 class Plant:
     """A plant along a trial, prepared once for several truths.
 
     `free`: parameters whose values differ from truth to truth; the others are nominal; `many`: whether there are enough
-    truths to compile their integration.
+    truths to compile their integration; `times`: those of the samples, by default multiples of dt.
 
     Raises: `BadTrial` for names or numbers that do not fit.
     """
 
-    def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = (), many: bool = False) -> None:
+    def __init__(
+        self,
+        plant: System,
+        trial: Trial,
+        dt: float,
+        free: Sequence[Signal] = (),
+        many: bool = False,
+        times: np.ndarray | None = None,
+    ) -> None:
         self._plant = plant
         self._trial = trial = replace(trial, inputs=driven(plant, trial))
         demand_trial(plant, trial, dt)
-        self.times = np.arange(round(trial.duration / dt) + 1) * dt
+        self.times = np.arange(round(trial.duration / dt) + 1) * dt if times is None else times
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
         u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
         symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
@@ -391,7 +414,7 @@ def try_out(
 
     Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
-    truth = simulate(step.observer.form.system.declared, trial, step.dt)
+    truth = simulate(step.observer.form.system.declared, trial, step.dt, sample_times(step, trial))
     runs = feeds(step, trial, truth, trial.seeds if seeds is None else seeds)
     yield from tried(step, runs, first_memory(step, trial), engine)
 
@@ -407,7 +430,7 @@ def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine
     """Yield the response of the step to each run, beginning with the memory `start`."""
     for one in runs:
         step.restore(start)
-        run = step.run(u=one.u, y=step.arriving(one.y), engine=engine)
+        run = step.run(u=one.u, y=step.arriving(one.y), engine=engine, dt=elapsed(step, one.truth))
         yield Trajectory(one.trial, one.seed, one.truth, one.y, run.x, run.traces, run.status, run.engine)
 
 
@@ -490,13 +513,14 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
 
 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
-    """Return the first samples (count, m + p) of the trial's first seed: inputs, then the columns of the step's
-    `samples`. A shorter trial gives fewer. Raises: `BadTrial`."""
+    """Return the first samples (count, m + p) of the trial's first seed: the signals `given`, then the columns of the
+    step's `samples`. A shorter trial gives fewer. Raises: `BadTrial`."""
     nominal = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
     system = step.observer.form.system
-    truth = simulate(system.declared, nominal, step.dt)
+    truth = simulate(system.declared, nominal, step.dt, sample_times(step, nominal))
     (y,) = noisy(system.declared, truth, nominal, nominal.seeds[:1])
-    rows: np.ndarray = np.hstack([sampled(system, nominal, truth.t), step.arriving(at_their_times(step, y))])
+    u, _ = with_elapsed(step, sampled(system, nominal, truth.t), elapsed(step, truth))
+    rows: np.ndarray = np.hstack([u, step.arriving(at_their_times(step, y))])
     return rows[:count]
 
 

@@ -5,6 +5,7 @@ import pickle
 import re
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import emitted
@@ -13,14 +14,20 @@ import pytest
 import sympy as sp
 from plants import chain
 from scipy.linalg import expm
+from typer.testing import CliRunner
 
 import hgogen as hg
+from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.emit.pystep import record_vectors
+from hgogen.model import load
+from hgogen.modelfiles.setting import Setting
 from hgogen.part import SUBSTEPS
+from hgogen.reading.text_model import BadModelFile
 from hgogen.run import native
 from hgogen.run.samples import BadShape
 from hgogen.step import BadStep, NoVaryingStep
+from hgogen.trial import rows_given, try_out
 
 NAN = float("nan")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
@@ -381,6 +388,82 @@ def test_the_manual_names_the_times() -> None:
     text = emitted.manual(emitted.files("varying"))
     for words in ("every 0.01 to 0.03 s", "in up to 4 equal steps", "the estimate lags by dt - 0.12 s", "DT_REFUSED"):
         assert words in text
+
+
+# --- models and trials --------------------------------------------------------------------------------------
+
+MODEL = """
+name = "swing"
+[states]
+q = {low = -4, high = 4, flow = "w"}
+w = {low = -9, high = 9, flow = "-4*sin(q) - w/5"}
+[outputs]
+y = {equation = "q"}
+[trial]
+duration = 6
+start = {q = 1, w = 0}
+noise = {y = 0.01}
+seeds = 2
+[tuning.filter]
+kind = "riccati"
+form = "original"
+Q = [0.001, 0.01]
+noise = {y = 0.01}
+dt = DT
+substeps = 3
+"""
+
+
+def model(folder: Path, dt: str = "[0.01, 0.03]") -> Path:
+    path = folder / "swing.toml"
+    path.write_text(MODEL.replace("DT", dt))
+    return path
+
+
+def test_a_text_model_declares_it(tmp_path: Path) -> None:
+    """A number as dt, as `--dt` gives it, overrides the pair and its sub-steps."""
+    loaded = load(str(model(tmp_path)))
+    step = loaded.step("filter")
+    assert step.limits == (0.01, 0.03)
+    assert step.clock.varying.substeps == 3
+    assert loaded.set(Setting(dt=0.02)).step("filter").limits == 0.02
+
+
+@pytest.mark.parametrize("dt", ["[0.01, 'a']", "[0.03, 0.01]", "[]", "[0.01]", "0.02"])
+def test_a_text_model_with_another_pair_is_refused(tmp_path: Path, dt: str) -> None:
+    with pytest.raises(BadModelFile, match="dt"):
+        load(str(model(tmp_path, dt))).step("filter")
+
+
+def test_a_trial_has_times_between_the_limits(tmp_path: Path) -> None:
+    """The same estimates as a run on those times, which a step at their mean does not have."""
+    step = load(str(model(tmp_path))).step("filter")
+    trial = load(str(model(tmp_path))).trials()[0]
+    first, second = try_out(step, trial, "python")
+    between = np.diff(first.truth.t)
+    assert 0.01 <= between.min() < 0.012
+    assert 0.028 < between.max() <= 0.03
+    assert np.array_equal(first.truth.t, second.truth.t)
+    assert first.truth.t[-1] == pytest.approx(6, abs=0.03)
+    late = np.abs(first.x - first.truth.x)[100:]
+    assert late.max() < 0.05
+    step.reset()
+    again = step.run(first.truth.u, first.y, dt=np.diff(first.truth.t, prepend=0))
+    assert np.array_equal(again.x, first.x)
+
+
+@needs_compiler
+def test_a_campaign_runs_on_those_times(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["simulate", str(model(tmp_path)), "--observer", "filter", "--runs", "20"])
+    assert result.exit_code == 0, result.output
+    assert "steady error of w" in result.output
+
+
+def test_a_trial_on_a_target_has_the_times_as_a_column(tmp_path: Path) -> None:
+    loaded = load(str(model(tmp_path)))
+    rows = rows_given(loaded.step("filter"), loaded.trials()[0], 50)
+    assert rows.shape == (50, 2)
+    assert (rows[1:, 0] >= 0.01).all()
 
 
 # --- refusals -----------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@
                                       # arguments {kind = "original", order = ["x2", "x1"]}, or the form of another
                                       # tuning, {of = "filter"}
     method = "rk4"                    # one of hg.methods
-    dt = 1e-3                         # s; by default that of the model's own step
+    dt = 1e-3                         # s; by default that of the model's own step; [8e-4, 1.2e-3] where it varies
     between = "line"                  # or "hold"
     real = "double"                   # or "float", the precision of the step
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
@@ -59,16 +59,22 @@ from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey, survey
 
 # arguments of `sample` besides method and dt
-_OPTIONS = ("between", "periods", "guards", "prefer", "first", "real", "report")
+_OPTIONS = ("substeps", "between", "periods", "guards", "prefer", "first", "real", "report")
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
 Result = TypeVar("Result")
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {
     "dt": NUMBER,
+    "substeps": NUMBER,
     "delays": TABLE,
     **dict.fromkeys(("kind", "between", "guards", "prefer", "first", "real"), TEXT),
 }
+
+
+def longest(dt: Any) -> float:
+    """Return the period dt of a table, of a pair of the shortest and the longest the latter."""
+    return float(dt[-1] if isinstance(dt, list | tuple) else dt)
 
 
 @dataclass(frozen=True)
@@ -105,8 +111,10 @@ class Tuning:
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
         if observer.at_period is not None and "dt" in table and not self.plant.discrete:
-            observer = replace(observer, process_dt=float(table["dt"]))  # of process noise, whatever the step's dt
+            observer = replace(observer, process_dt=longest(table["dt"]))  # of process noise, whatever the step's dt
         options = {key: table[key] for key in _OPTIONS if key in table}
+        if period is not table.get("dt"):  # a period that overrides a pair
+            options.pop("substeps", None)
         setting = self.setting
         overriding = {
             "real": setting.real,
@@ -174,7 +182,7 @@ class Tuning:
             unit = plural(self.plant.time)
             reason = f"the key 'dt' is missing; add dt, the time in {unit} between two calls of the observer"
             raise BadModelFile(self.file, self.where(name), reason)
-        return float(table["dt"])
+        return longest(table["dt"])
 
     def gains(self, name: str) -> Mapping[str, Any]:
         """Return the arguments of the observer in a tuning. Raises: `BadModelFile`."""
@@ -193,7 +201,13 @@ class Tuning:
         if twins := [key for key in self.tables if key != name and files.name_key(key) == files.name_key(name)]:
             raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
         needed = "kind" if name == self.default else None
-        demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
+        typed = {key: table[key] for key in _TYPES if key in table}
+        pair = typed.pop("dt") if isinstance(typed.get("dt"), list) else None
+        if pair is not None and len(pair) != 2:
+            raise BadModelFile(self.file, f"{where}.dt", "must be a time, or the shortest and the longest one")
+        for end in pair or ():
+            demand_keys(self.file, where, {"dt": end}, _TYPES)
+        demand_keys(self.file, where, typed, _TYPES, needed)
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:

@@ -39,7 +39,19 @@ from hgogen.run.samples import Engine
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
-from hgogen.trial import BadTrial, Feed, OrnsteinUhlenbeck, Plant, Trajectory, Trial, feeds, first_memory, tried
+from hgogen.trial import (
+    BadTrial,
+    Feed,
+    OrnsteinUhlenbeck,
+    Plant,
+    Trajectory,
+    Trial,
+    elapsed,
+    feeds,
+    first_memory,
+    sample_times,
+    tried,
+)
 
 MOST_JOBS = 1000  # processes
 TIMEOUT = "10s"  # for the answer of a scheduler
@@ -273,7 +285,7 @@ class Ready:
         many = runs >= MANY
         step, trial, truth_varies = campaign.step, campaign.trial, campaign.draws.truth_varies
         free = campaign.draws.free(campaign.plant)
-        self._plant = Plant(campaign.plant, trial, step.dt, free, many and truth_varies)
+        self._plant = Plant(campaign.plant, trial, step.dt, free, many and truth_varies, sample_times(step, trial))
         self._memory = first_memory(step, trial)
         self._truth = None if truth_varies else self._plant.truth(trial.start)
         if many and truth_varies:
@@ -285,7 +297,8 @@ class Ready:
         self._together = compiled and runs * samples >= FEWEST_SAMPLES and fits
         if compiled:
             run = step.run_many if self._together else step.run
-            run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
+            nothing = np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples)))
+            run(*nothing, engine="c", dt=0.0 if step.clock.varying else None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The arguments to build it again, since a pickle has no graphs."""
@@ -324,7 +337,7 @@ def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) 
         some = [first, *islice(runs, size - 1)]
         step.restore(start)
         y = np.stack([step.arriving(one.y) for one in some])
-        many = step.run_many(first.u, y, jobs=1, traces=True, engine="c")
+        many = step.run_many(first.u, y, jobs=1, traces=True, engine="c", dt=elapsed(step, first.truth))
         for k, one in enumerate(some):
             x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
             traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}

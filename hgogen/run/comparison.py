@@ -50,7 +50,7 @@ from hgogen.run.uncertainty import uncertainty
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, with_times
 from hgogen.signal import differences as short_way
-from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_out
+from hgogen.trial import Trajectory, Trial, elapsed, feeds, first_memory, sample_times, simulate, try_out
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,10 +295,10 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     if known is None or known.members is not None:
         return None
     noiseless = replace(trial, noise={})
-    truth = simulate(step.observer.form.system.declared, noiseless, step.dt)
+    truth = simulate(step.observer.form.system.declared, noiseless, step.dt, sample_times(step, trial))
     (fed,) = feeds(step, noiseless, truth, (0,))
     step.restore(first_memory(step, noiseless))
-    run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine)
+    run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine, dt=elapsed(step, truth))
     form = step.observer.form
     P, e = _in_form(form, run, truth.x, with_times(form.system.inputs, fed.u, run.times, step.dt))
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)

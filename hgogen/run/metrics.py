@@ -95,12 +95,13 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    error, wanted = trajectory.error[span], trajectory.trial.settled
+    error, wanted, times = trajectory.error[span], trajectory.trial.settled, trajectory.truth.t
+    dt = float(np.diff(times).mean()) if step.clock.varying else step.dt
     if wanted:
-        settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
+        settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, dt)
     else:
         share = (np.abs(error) / ranges(step, trajectory)).max(axis=1)
-        settled = _past(~(share <= SHARE), step.dt)
+        settled = _past(~(share <= SHARE), dt)
     if "theta" not in trajectory.traces:
         return Response(begin, settled, None, None, None, None)
     theta = trajectory.traces["theta"][span]
@@ -109,7 +110,7 @@ def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray
         time=begin,
         settled=settled,
         peak=float(theta.max()),
-        theta_settled=_past(theta >= KALMAN, step.dt),
+        theta_settled=_past(theta >= KALMAN, dt),
         triggers=len(crossings(theta)),
         loud=float(np.mean(late > TRIGGERED)),
     )

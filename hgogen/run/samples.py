@@ -288,7 +288,8 @@ def with_elapsed(step: Step, u: np.ndarray, dt: Any) -> tuple[np.ndarray, np.nda
             raise BadShape("dt", f"is for a step in which it varies; this one has dt = {step.dt:g}")
         return u, np.zeros(u.shape[:-1])
     if dt is None:
-        raise BadShape("dt", f"is missing; give the time since the row before in {plural(step.time)}, as dt=")
+        way = f"give the time since the row before in {plural(step.time)}, as dt="
+        raise BadShape("dt", f"is missing; {way}, or for a log at one period take a step with a number as dt (--dt)")
     elapsed = reals("dt", dt)
     if elapsed.ndim > 2 or (elapsed.ndim and elapsed.shape[-1] != u.shape[-2]):
         raise BadShape(f"dt of shape {elapsed.shape}", f"must be a number, or have {u.shape[-2]} for each log")

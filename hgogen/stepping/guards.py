@@ -190,7 +190,7 @@ def guard_inputs(observer: Observer, clock: Clock) -> Block:
         if low > -INF:
             writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
-    values += times.now(plant.times, clock.dt)
+    values += times.now(plant.times, clock.longest)
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 
