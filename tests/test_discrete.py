@@ -536,3 +536,53 @@ def test_a_campaign_and_a_consistent_filter() -> None:
     outcomes = list(hg.campaign(other, trial(noise=noise), 4, vary="b", engine="python").run(jobs=1))
     assert len(outcomes) == 4
     assert all(each.metrics is not None for each in outcomes)
+
+
+def test_a_log_of_another_spacing_is_refused(tmp_path: Path) -> None:
+    """A row that is missing on the grid is a missing sample; a map is not for rows at other times."""
+    plant, file = cart(), tmp_path / "log.csv"
+
+    def write(times: np.ndarray) -> None:
+        rows = np.column_stack([times, np.sin(times), np.cos(times), np.cos(times)])
+        np.savetxt(file, rows, delimiter=",", header="t,u,y,r", comments="")
+
+    regular = np.delete(np.arange(60) * DT, [7, 8, 30])
+    write(regular)
+    log = hg.record(file, plant, time="t")
+    assert log.dt == pytest.approx(DT)
+    assert np.isnan(log.y[[7, 8, 30]]).all()
+    for times, dt in ((regular, 0.2), (regular, 0.05), (np.cumsum(np.tile([0.08, 0.12], 30)), None)):
+        write(times)
+        with pytest.raises(hg.HgogenError, match="discrete in time; resample it"):
+            hg.record(file, plant, time="t", dt=dt)
+        assert len(hg.record(file, cart(discrete=False), time="t", dt=dt).y)
+
+
+def test_predictions_ahead_iterate_the_map() -> None:
+    from hgogen.run.prediction import forecasts
+
+    step = hg.sample(hg.observers.riccati(hg.forms.original(cart()), **NOISE), dt=DT, engine="python")
+    run = step.run(u=U, y=Y)
+    (ahead,) = [one for one in forecasts(step, run, U, Y, (3,)) if one.ahead == 3]
+    for k in np.flatnonzero(ahead.compared.all(axis=1))[:20]:
+        x = run.x[k - 3]
+        for j in range(k - 3, k):
+            x = f(x, U[j])
+        assert ahead.model[k] == pytest.approx(h(x) - Y[k], abs=1e-9)
+
+
+def test_late_samples_are_fused_in_their_period() -> None:
+    observer = hg.observers.riccati(hg.forms.original(cart()), **NOISE)
+    late = hg.sample(hg.delayed(observer, y=3), dt=DT, engine="python")
+    arriving = late.run(u=U, y=late.arriving(Y)).x
+    x, P = np.zeros(2), P0
+    known = np.where((np.arange(N) > N - 4)[:, None] & np.array([True, False]), np.nan, Y)  # not yet come at the end
+    for k, now in oracle.moved(U, "update", "line"):
+        if now is not None:
+            slope = F(x, now)
+            x, P = f(x, now), slope @ P @ slope.T + Q
+        for j in np.flatnonzero(np.isfinite(known[k])):
+            row = H(x)[j]
+            K = P @ row / (row @ P @ row + VARIANCES[j])
+            x, P = x + K * (known[k, j] - h(x)[j]), P - np.outer(K, row @ P)
+    assert arriving[-1] == pytest.approx(x, abs=1e-9)

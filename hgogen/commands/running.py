@@ -41,7 +41,7 @@ from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.findings import Finding, findings
-from hgogen.logs.records import Log, beyond, reading_of
+from hgogen.logs.records import Log, beyond, demand_regular, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import file_name_fault
@@ -312,7 +312,7 @@ def _record(
     wanted = {**{s.name: named[s.name] for s in signals}, **dict(true.values())}
     inputs = {s.name: WINDOWS[step.clock.between] for s in step.inputs}
     known = {s.name: s for s in signals} | {truth_name(x.name): x for x in step.states}
-    return read(
+    record = read(
         data,
         wanted,
         dt=step.dt,
@@ -324,6 +324,8 @@ def _record(
         signals=known,
         rates=derived(step.inputs),
     )
+    demand_regular(step.observer.form.system, record.report)
+    return record
 
 
 def _estimates(step: CallableStep, record: Record, run: Run) -> str:

@@ -25,7 +25,8 @@ from hgogen import forms
 from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
-from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
+from hgogen.reading.log import BadRecord
+from hgogen.reading.measured import PYTHON, WINDOWS, Report, difference, read
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
@@ -140,9 +141,21 @@ def record(
     wanted = {name: columns.get(name, name) for name in signals}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
     got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
+    demand_regular(plant, got.report)
     return Log(got.of(plant.supplied), got.of(plant.outputs), got.report.dt, float(got.t[0]))
 
 
+def demand_regular(plant: System, report: Report) -> None:
+    """Raise `BadRecord` for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times.
+    Rows that are missing in the grid are missing samples."""
+    uneven = report.shift > JITTER * report.dt or report.surplus or abs(report.period - report.dt) > JITTER * report.dt
+    if plant.discrete and uneven:
+        rows = f"rows every {report.period:g} {report.unit}, up to {report.shift:.3g} off the grid of {report.dt:g}"
+        fix = "resample it, or write the plant as differential equations"
+        raise BadRecord(report.path, f"has {rows}, and {plant.name} is discrete in time; {fix}")
+
+
+JITTER = 0.05  # of the period: a row farther off the grid is of another time
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
 ALIKE = 2e-3  # relative difference of E by rounding: a thousandth of an error
