@@ -249,6 +249,38 @@ def test_linear_with_missing_samples_and_several_outputs_is_the_kalman_filter_of
     assert run.replay.innovations.covariance[-1] == pytest.approx(P, abs=1e-9)
 
 
+@pytest.mark.parametrize("case", ["riccati", "ukf"])
+def test_all_outputs_at_once_with_a_full_covariance_of_their_noise(case: str) -> None:
+    """Masked samples take their rows and columns of R with them."""
+    R = np.array([[0.04, 0.005], [0.005, 0.01]])
+    arguments = {"Q": Q, "R": R, "covariance": P0, "update": "joint"}
+    run = hg.sample(getattr(hg.observers, case)(hg.forms.original(cart()), **arguments), dt=DT, engine="python").run(
+        u=U, y=Y
+    )
+    x, P, states = np.zeros(2), P0, []
+    for k, sample in enumerate(Y):
+        known = np.isfinite(sample)
+        if case == "riccati":
+            slope = F(x, U[k - 1])
+            x, P = (f(x, U[k - 1]), slope @ P @ slope.T + Q) if k else (x, P)
+            rows, mean = H(x)[known], h(x)[known]
+            cross, S = P @ rows.T, rows @ P @ rows.T
+        else:
+            every, w, c = oracle.points(x, P, 1, 2, 0)
+            after = np.array([f(point, U[k - 1]) for point in every])
+            x, P = (w @ after, (c[:, None] * (after - w @ after)).T @ (after - w @ after) + Q) if k else (x, P)
+            every, w, c = oracle.points(x, P, 1, 2, 0)
+            read = np.array([h(point) for point in every])[:, known]
+            mean = w @ read
+            cross, S = (c[:, None] * (every - x)).T @ (read - mean), (c[:, None] * (read - mean)).T @ (read - mean)
+        if known.any():
+            S = S + R[np.ix_(known, known)]
+            K = cross @ np.linalg.inv(S)
+            x, P = x + K @ (sample[known] - mean), P - K @ S @ K.T
+        states.append(x)
+    assert run.x == pytest.approx(np.array(states), abs=1e-9)
+
+
 def test_nothing_is_scaled_by_the_period() -> None:
     form = hg.forms.original(cart())
     runs = [
