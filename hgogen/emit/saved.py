@@ -41,7 +41,7 @@ DIGEST, CHECKSUM = 8, 4  # bytes
 ADDED = DIGEST + CHECKSUM  # bytes of a saved state besides those of the state
 POLYNOMIAL = 0xEDB88320
 # arguments that may be given in several ways, whose numbers are among the gains or in the equations
-_IN_EQUATIONS = ("poles", "gains", "Q", "R", "U", "noise", "R_per_sample", "Q_per_sample", "density", "gate")
+_IN_EQUATIONS = ("poles", "gains", "Q", "R", "U", "noise", "R_per_sample", "Q_per_sample", "density", "gate", "update")
 
 
 class NotSaved(BadArgument):
