@@ -30,6 +30,7 @@ from hgogen.estimators.noise import sample_deviations
 from hgogen.logs.records import Log
 from hgogen.reading.given import requires
 from hgogen.run.consistency import alike
+from hgogen.run.prediction import rms
 from hgogen.run.samples import Run
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, derived
@@ -247,7 +248,7 @@ def of_innovations(course: Course, deviation: float | None, constants: Sequence[
     mean, spread = float(n[inside].mean()), float(n[inside].std())
     tau = min(alike(n[inside] - mean), len(n) / 4)
     errors = abs(mean) / (spread * math.sqrt(tau / inside.sum())) if spread else 0.0
-    strength = min(errors / _ERRORS, abs(mean) / (_SIZE * spread)) if spread else 0.0
+    strength = min(errors / _ERRORS, abs(mean) / (_SIZE * max(spread, 1.0))) if spread else 0.0
     if strength > 1:
         text = f"innovations of {name} have a mean of {mean:.3g} sigma, {errors:.3g} of its standard errors from 0"
         fix = f"a sensor or an input has an offset; `hgogen fit --offset {name}` finds it"
@@ -318,8 +319,9 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
 
 def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
     """Return the faults of a log u (N, m), y (N, p), with the `run` of a step over it."""
-    off = np.full(y.shape, np.nan) if run.innovations is None else run.innovations
-    off = off if run.variances is None else off / np.sqrt(run.variances)
+    assert run.innovations is not None  # of a step
+    sizes = [rms(e[np.isfinite(e)]) or 1.0 for e in run.innovations.T]
+    off = run.innovations / (sizes if run.variances is None else np.sqrt(run.variances))
     outputs = _courses(step, step.outputs, y, off)
     faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan)), outputs)]
     deviations, plant = sample_deviations(step), step.observer.form.system.declared
