@@ -1,6 +1,7 @@
 """Innovations, their variances and covariances of a run, and whether an observer is consistent."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,18 +52,18 @@ def simulated(draw: np.random.Generator, outputs: int = 2, count: int = N) -> tu
 
 
 def dense(y: Array) -> tuple[Array, Array, Array]:
-    """A Kalman filter written plainly: e (N, p), s (N, p), P (N, n, n), outputs one after the other."""
+    """A Kalman filter written plainly: e (N, p), s (N, p), P (N, n, n), of all outputs before any corrects."""
     x, P = np.array([1.0, 0.0]), np.diag(P0)
     e, s, covariance = np.full(y.shape, np.nan), np.full(y.shape, np.nan), []
     for k, sample in enumerate(y):
         if k:
             x, P = PHI @ x, PHI @ P @ PHI.T + DT * np.diag(Q)
-        for j in range(y.shape[1]):
-            if np.isfinite(sample[j]):
-                c = C[j]
-                e[k, j], s[k, j] = sample[j] - c @ x, c @ P @ c + R[j] / DT
-                gain = P @ c / s[k, j]
-                x, P = x + gain * e[k, j], P - np.outer(gain, c @ P)
+        there = np.isfinite(sample)
+        H, S = C[: y.shape[1]], C[: y.shape[1]] @ P @ C[: y.shape[1]].T + np.diag(R[: y.shape[1]]) / DT
+        e[k], s[k] = sample - H @ x, np.where(there, np.diag(S), np.nan)
+        H, S = H[there], S[there][:, there]
+        gain = P @ H.T @ np.linalg.inv(S)
+        x, P = x + gain @ e[k, there], P - gain @ H @ P
         covariance.append(P)
     return e, s, np.array(covariance)
 
@@ -99,17 +100,22 @@ def test_innovations_and_covariance_are_those_of_a_kalman_filter(name: str, engi
     assert (differences <= 2 * max(2.5e-3, share) * np.nanstd(e[20:], axis=0)).all()
 
 
-def test_of_two_sensors_of_one_state_the_second_counts_with_the_first() -> None:
+def test_two_sensors_of_one_state_have_the_variances_of_the_prediction() -> None:
     """By a filter that corrects at samples, and by one that integrates with them: their variances differ by what the
-    filter forgets between samples, a fifth, and by half where the first sensor were not counted."""
+    filter forgets between samples, a fifth. None depends on the other sensor, and they are correlated."""
     q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
     outputs = (hg.Signal("one"), hg.Signal("other"))
     system = hg.System("twice", states=(q, w), outputs=outputs, flow=[w, -4 * q - 0.4 * w], output=[2 * q, 2 * q])
-    variances = [
-        filtering(system, method, noise=0.03).run(y=np.zeros((N, 2))).variances[100:].mean(axis=0)
+    runs = [
+        filtering(system, method, noise=0.03).run(y=np.zeros((N, 2)))
         for method in (hg.methods.continuous_discrete, hg.methods.rk4)
     ]
+    variances = [run.variances[100:].mean(axis=0) for run in runs]
     np.testing.assert_allclose(variances[1], variances[0], rtol=0.2)
+    for run in runs:
+        S, r = run.joint[100:], 0.03 * R / DT
+        np.testing.assert_allclose(S[:, 0, 0] - r[0], S[:, 0, 1], rtol=1e-9)  # C P C' of one row twice
+        np.testing.assert_allclose(S[:, 1, 1] - r[1], S[:, 0, 1], rtol=1e-9)
 
 
 @pytest.mark.ordinary("continuous_discrete")
@@ -330,20 +336,41 @@ def test_errors_are_as_many_times_too_large_as_a_state_s_share_of_nees() -> None
     assert "errors of a, b are 2 times as large" in sentence
 
 
-def test_where_two_sensors_see_a_jump_the_second_is_less_surprised() -> None:
-    """Of two of one state, after the first corrected: by a filter that corrects at samples, and by one that integrates
-    with them, to a tenth of the first."""
+def test_two_sensors_that_measure_a_jump_have_the_same_innovation() -> None:
+    """Of one state, before either corrects: by a filter that corrects at samples, and by one that integrates."""
     q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
     outputs = (hg.Signal("one"), hg.Signal("other"))
     system = hg.System("twice", states=(q, w), outputs=outputs, flow=[w, -4 * q - 0.4 * w], output=[2 * q, 2 * q])
     y = np.zeros((60, 2))
     y[50:] = 1.0
-    shares = []
     for method in (hg.methods.continuous_discrete, hg.methods.rk4):
         first, second = filtering(system, method, noise=0.03).run(y=y).innovations[50]
-        shares.append(second / first)
-    assert shares[0] < 0.8
-    assert shares[1] == pytest.approx(shares[0], abs=0.1)
+        assert second == pytest.approx(first, rel=1e-12)
+
+
+def test_nis_of_several_outputs_is_by_their_joint_covariance() -> None:
+    """Two sensors of one state with little noise have nearly the same innovation: their sum and their difference."""
+    draw = np.random.default_rng(7)
+    y = simulated(draw, 2, 4000)[0]
+    y[draw.random(y.shape) < 0.1] = np.nan
+    run = filtering(plant()).run(y=y)
+    statistics = consistency_module.consistency(run)
+    assert statistics.joint is not None
+    assert statistics.joint.freedom == np.isfinite(y).sum()
+    assert statistics.joint.band[0] < statistics.joint.nis < statistics.joint.band[1]
+    e, S, total = run.innovations, run.joint, 0.0
+    for row, each in zip(e, S, strict=True):
+        there = np.isfinite(row)
+        total += row[there] @ np.linalg.solve(each[there][:, there], row[there])
+    assert statistics.joint.nis == pytest.approx(total / statistics.joint.freedom, rel=1e-9)
+    assert consistency_module.consistency(filtering(plant(1)).run(y=y[:, :1])).joint is None
+
+
+def test_a_wrong_correlation_is_a_sentence() -> None:
+    joint = consistency_module.OfOutputs(("a", "b"), 100, 4.0, (0.8, 1.2))
+    (sentence,) = consistency_module.Consistency((), None, joint).sentences()
+    assert "innovations of a, b together are 2 times as large" in sentence
+    assert not consistency_module.Consistency((), None, replace(joint, nis=1.1)).sentences()
 
 
 def test_what_is_forgotten_until_a_sample_is_in_its_variance() -> None:

@@ -442,3 +442,22 @@ def test_late_samples_have_no_joint_innovation() -> None:
     observer = hg.delayed(filter_of(pendulum()), y=2)
     with pytest.raises(BadGain, match="leave periods and delays out"):
         hg.sample(observer, dt=0.02, report=("innovation",))
+
+
+@pytest.mark.parametrize("constrained", [False, True])
+def test_a_replayed_run_has_the_innovations_that_the_step_reports(constrained: bool) -> None:
+    """Before any output corrects, so that no projection onto invariants comes between two of them."""
+    c, s, w = (hg.Signal(name, low=-2, high=2) for name in ("c", "s", "w"))
+    outputs = (hg.Signal("x"), hg.Signal("y"))
+    invariants = (c**2 + s**2 - 1,) if constrained else ()
+    plant = hg.System(
+        "wheel", states=(c, s, w), outputs=outputs, flow=[-s * w, c * w, -w / 9], output=[c, s], invariants=invariants
+    )
+    observer = filter_of(plant, initial={"c": 1})
+    step = hg.sample(observer, dt=0.02, report=("innovation",), engine="python")
+    angle = 0.02 * np.arange(50)
+    y = np.column_stack([np.cos(angle), np.sin(angle)]) + np.random.default_rng(4).normal(size=(50, 2)) / 9
+    run = step.run(y=y)
+    e, S = joint_of(run, ("x", "y"))
+    assert run.innovations == pytest.approx(e, rel=1e-9, abs=1e-12)
+    assert run.joint == pytest.approx(S, rel=1e-9)

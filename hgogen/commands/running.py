@@ -568,6 +568,12 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
         white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
         table.add_row(one.output, f"{one.count}", cell(one.rms), *size, *white)
     lines = [
+        f"NIS of {', '.join(one.outputs)} together: {one.nis:.4g}, its 95 % band {_band(one.band)}, from {one.freedom} "
+        "samples"
+        for one in [whole.joint]
+        if one is not None
+    ]
+    lines += [
         f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
         f"of which {one.alike:.3g} tell as much as one"
         for one in [whole.states]

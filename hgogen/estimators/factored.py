@@ -128,6 +128,16 @@ class FilterStep:
         period = self.clock.period(output)
         return self.part.scaling.variance(R, theta, output, period)
 
+    def sample_noise(self, outputs: Sequence[int]) -> Graph:
+        """Return the covariance (k, k) of the noise of one sample of these outputs, SX."""
+        noise = ca.diag(column(map(self.variance, outputs)))
+        if self.part.correlated is not None:
+            rates = [1 / self.clock.period(j) for j in outputs]
+            for a, b in combinations(range(len(outputs)), 2):
+                value = self.part.output_noise[outputs[a], outputs[b]] * sqrt(rates[a] * rates[b])
+                noise[a, b] = noise[b, a] = value
+        return noise
+
     def common(self) -> dict[str, Any]:
         """Return keyword arguments of `Pieces` for any factored P: the status bit of its limit and, with forgetting at
         the rate rho, exp(rho h) and the roots of (1 - exp(-rho h)) S_0, S_0 the prior. Both use the same rounded exp,
@@ -195,16 +205,6 @@ class FactoredStep(FilterStep, ABC):
     def used_variance(self, output: int) -> Graph:
         """Return r, as far as a gate has raised it, with which a sample of an output corrects, SX scalar."""
         return self.variance(output) + raised(self.part, output)
-
-    def sample_noise(self, outputs: Sequence[int]) -> Graph:
-        """Return the covariance (k, k) of the noise of one sample of these outputs, SX."""
-        noise = ca.diag(column(map(self.variance, outputs)))
-        if self.part.correlated is not None:
-            rates = [1 / self.clock.period(j) for j in outputs]
-            for a, b in combinations(range(len(outputs)), 2):
-                value = self.part.output_noise[outputs[a], outputs[b]] * sqrt(rates[a] * rates[b])
-                noise[a, b] = noise[b, a] = value
-        return noise
 
     def used_noise(self) -> Graph:
         """Return the covariance (p, p) of one sample of all outputs, as far as gates have raised it, SX."""

@@ -17,12 +17,13 @@ Statistics (1981), chapters 5 and 7.
 An observer is consistent if its errors agree with its covariance and its innovations are white:
 
     NIS  = mean of e_k^2/s_k over the N samples of an output:  N NIS is chi-square with N degrees of freedom
+           sum of e' S^-1 e over N, of N samples of all outputs together: so is N NIS
     NEES = mean of x~' P^-1 x~ over samples with a truth:      N NEES/tau is so with n N/tau
 
-e is the innovation, s its variance by the observer, x~ the error of the n states whose truth is known, P their
-covariance. tau counts correlated errors as above, since errors are correlated also in a consistent observer. The test
-of whiteness uses e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to tracking
-and navigation" (2001), 5.4.
+e is the innovation at the prediction, s its variance by the observer, S the covariance of those of a call, x~ the
+error of the n states whose truth is known, P their covariance. tau counts correlated errors as above, since errors are
+correlated also in a consistent observer. The test of whiteness uses e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T.
+Kirubarajan, "Estimation with applications to tracking and navigation" (2001), 5.4.
 
 A log without excitation gives the noise and the thresholds of an innovation:
 
@@ -151,6 +152,17 @@ class OfOutput:
 
 
 @dataclass(frozen=True)
+class OfOutputs:
+    """The innovations e of all outputs together, by their covariance S: the sum of e' S^-1 e over the samples that are
+    there, for each of their number, with its 95 % band."""
+
+    outputs: Annotated[tuple[str, ...], "the outputs"]
+    freedom: Annotated[int, "degrees of freedom, the number of samples of all outputs"]
+    nis: Annotated[float, "normalised innovation squared, e' S^-1 e for each degree of freedom"]
+    band: Annotated[tuple[float, float], "ends of its 95 % band"]
+
+
+@dataclass(frozen=True)
 class OfStates:
     """Statistics of the estimation errors of states whose truth is known: the mean of e' P^-1 e with its 95 % band."""
 
@@ -167,6 +179,7 @@ class Consistency:
 
     outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
+    joint: Annotated[OfOutputs | None, "those of several outputs together; null without a covariance"] = None
 
     def sentences(self, explained: Iterable[str] = ()) -> tuple[str, ...]:
         """Return a sentence for each statistic that contradicts the observer's covariance, without those of the outputs
@@ -185,6 +198,12 @@ class Consistency:
                     f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of "
                     "an input or sensor is off"
                 )
+        joint, marginal = self.joint, not sentences
+        if joint is not None and marginal and not joint.band[0] <= joint.nis <= joint.band[1]:
+            sentences.append(
+                f"innovations of {', '.join(joint.outputs)} together are {math.sqrt(joint.nis):.3g} times as large as "
+                "the observer takes them to be, and each is not: their correlation is off, by R, Q or the model"
+            )
         states = self.states
         if states is not None and not states.band[0] <= states.nees <= states.band[1]:
             factor = math.sqrt(states.nees / len(states.states))
@@ -206,7 +225,7 @@ def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consisten
         return Consistency((), None)
     s = [None] * e.shape[1] if variances is None else list(variances.T)
     each = tuple(map(_output_consistency, run.outputs, e.T, s))
-    return Consistency(each, _states_consistency(run, truth or {}))
+    return Consistency(each, _states_consistency(run, truth or {}), _joint_consistency(run.outputs, e, run.joint))
 
 
 def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
@@ -220,6 +239,21 @@ def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
     root = rms(normed)
     nis = root * root  # infinite, and not an error, on overflow
     return OfOutput(name, count, size, nis, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
+
+
+def _joint_consistency(outputs: tuple[str, ...], e: Array, S: Array | None) -> OfOutputs | None:
+    if S is None or len(outputs) < 2:
+        return None
+    there = np.isfinite(e) & (np.diagonal(S, axis1=1, axis2=2) > 0)
+    sigma = np.sqrt(np.where(there, np.diagonal(S, axis1=1, axis2=2), 1.0))
+    normed, both = np.where(there, e, 0.0) / sigma, there[:, :, None] & there[:, None, :]
+    correlation = np.where(both, S / (sigma[:, :, None] * sigma[:, None, :]), np.eye(len(outputs)))
+    freedom = int(there.sum())
+    if not freedom:
+        return None
+    values = np.einsum("ki,kij,kj->k", normed, np.linalg.pinv(correlation, hermitian=True), normed)
+    low, high = (quantile(p, freedom) / freedom for p in (0.025, 0.975))
+    return OfOutputs(outputs, freedom, float(values.sum()) / freedom, (low, high))
 
 
 def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None:

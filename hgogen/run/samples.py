@@ -113,7 +113,7 @@ class Replayed(Protocol):
 
     @property
     def innovations(self) -> Any:
-        """The innovations of the whole run: `e`, `variances` and `covariance`."""
+        """The innovations of the whole run: `e`, `variances`, `joint` and `covariance`."""
         ...
 
     def gates(self, status: np.ndarray) -> tuple[GateShare, ...]:
@@ -126,8 +126,8 @@ class Run:
     """The results of a step over a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and
     the engine, "c", "python" or another.
 
-    `replay` computes `innovations`, `variances` and `covariance` on access; this run has its samples from number
-    `first` on. `times`: those at the first sample of all that functions of time were computed from.
+    `replay` computes `innovations`, `variances`, `joint` and `covariance` on access; this run has its samples from
+    number `first` on. `times`: those at the first sample of all that functions of time were computed from.
     """
 
     t: np.ndarray
@@ -148,13 +148,21 @@ class Run:
 
     @property
     def innovations(self) -> np.ndarray | None:
-        """The innovations y - yhat (N, p) before each correction, NaN for an unused sample; None without a step."""
+        """The innovations y - yhat (N, p) of all outputs at the prediction, before any corrects, NaN for an unused
+        sample; None without a step."""
         return None if self.replay is None else self.replay.innovations.e[self.first :]
 
     @property
     def variances(self) -> np.ndarray | None:
-        """The variances (N, p) of the innovations by the observer; None without a covariance."""
+        """The variances (N, p) of the innovations by the observer, on the diagonal of `joint`; None without a
+        covariance."""
         return self._replayed("variances")
+
+    @property
+    def joint(self) -> np.ndarray | None:
+        """The covariance S (N, p, p) of the innovations of all outputs at the prediction; None without one, and for
+        late samples."""
+        return self._replayed("joint")
 
     @property
     def covariance(self) -> np.ndarray | None:

@@ -1,16 +1,16 @@
 """The innovations of a run, their variances and the covariance of its estimates, by a replay of its samples.
 
-    e_j = y_j - h_j(z),   s_j = c P c' + r        z, P as they are just before y_j corrects them
+    e = y - h(z),   S = C P C' + R        z, P as they are after the prediction, before any sample corrects them
 
-after the corrections by earlier outputs of the same sample. For a late sample z and P are those after the prediction of
-the period of its measurement. An observer that integrates with the measurement has no prediction: its z and P of the
-last sample are predicted by the model, z by classical Runge-Kutta and P <- Phi P Phi' + h Q_theta, and corrected by the
-earlier outputs.
+of all outputs together; s_j = S_jj. For a late sample z and P are those after the prediction of the period of its
+measurement, which outputs do not share, so that there is no S. An observer that integrates with the measurement has no
+prediction: its z and P of the last sample are predicted by the model, z by classical Runge-Kutta and P <- Phi P Phi' +
+h Q_theta.
 
 The covariance is that of a Riccati observer, as its method stores it, at records (N) in the layout of the C structs:
 
     P = L D L', S S', P itself or the inverse of S
-    s = c P c' + r,   c = dh/dz,   r = R_theta/h,   h the output's sampling period
+    C = dh/dz,   R = R_theta/h of a sample,   h the output's sampling period
 """
 
 from collections.abc import Iterator
@@ -120,10 +120,14 @@ class Uncertainty:
         return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self.step.clock.u_now))
 
     @cached_property
-    def variances(self) -> Evaluated:
-        """The variances r (N, p, 1) of a sample's noise, to be evaluated at records (N) of the step's memory."""
+    def noise(self) -> Evaluated:
+        """The covariance R (N, p, p) of the noise of a sample, to be evaluated at records (N) of the step's memory."""
         filter_step = FilterStep(self.part, self.step.clock)
-        return Evaluated(self.step, ca.vertcat(*(filter_step.variance(j) for j in range(len(self.step.outputs)))))
+        return Evaluated(self.step, filter_step.sample_noise(range(len(self.step.outputs))))
+
+    def innovation(self, C: Array, P: Array, records: Array) -> Array:
+        """Return C P C' + R (N, p, p), of the rows C (N, p, n) and the covariance P (N, n, n) at the prediction."""
+        return np.asarray(C @ P @ C.swapaxes(1, 2) + self.noise(records))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
         """Return the predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), h the period, rho the rate of
@@ -178,11 +182,13 @@ def used(step: Step, status: Array) -> Array:
 
 @dataclass(frozen=True)
 class Innovations:
-    """The innovations e (N, p) of a log, NaN where a sample was not used; their `variances` (N, p) and the `covariance`
-    (N, n, n) of the estimates after each sample, in the plant's states, None without a covariance."""
+    """The innovations e (N, p) of a log, NaN where a sample was not used; their `variances` (N, p), and `joint` (N, p,
+    p), their covariance, None for late samples; the `covariance` (N, n, n) of the estimates after each sample, in the
+    plant's states; None without a covariance."""
 
     e: Array
     variances: Array | None
+    joint: Array | None
     covariance: Array | None
 
 
@@ -223,6 +229,7 @@ class Replay:
         return Innovations(
             np.where(usable, e, np.nan),
             None if variances is None else np.where(usable, variances, np.nan),
+            whole([one.joint for one in parts]),
             whole([one.covariance for one in parts]),
         )
 
@@ -239,24 +246,17 @@ class Replay:
                 else:
                     yield self._integrated(y, *self._calls(memory, rows))
 
-    def _sections(self, memory: StepMemory, rows: Array) -> tuple[list[Array], Array]:
+    def _sections(self, memory: StepMemory, rows: Array) -> tuple[Array, Array]:
         entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
-        before = [np.zeros(len(rows), memory.record.dtype) for _ in self.step.outputs]
-        after = np.zeros(len(rows), memory.record.dtype)
-        number = {signal.name: j for j, signal in enumerate(self.step.outputs)}
-        correcting = {section.corrects for section in sections}
-        silent = [j for name, j in number.items() if name not in correcting]  # with the innovation of the prediction
+        before, after = (np.zeros(len(rows), memory.record.dtype) for _ in range(2))
         for k, row in enumerate(rows):
             memory.signals[:] = row
             entries["predict"]()
-            for j in silent:
-                before[j][k] = memory.record[0]
+            before[k] = memory.record[0]
             for section in sections:
-                if section.corrects:
-                    before[number[section.corrects]][k] = memory.record[0]
                 entries[section.name]()
             after[k] = memory.record[0]
-        return [remembered(self.step, records, j) for j, records in enumerate(before)], after
+        return before, after
 
     def _calls(self, memory: StepMemory, rows: Array) -> tuple[Array, Array]:
         call = memory.entries(self.engine)["step"]
@@ -272,16 +272,15 @@ class Replay:
     def _uncertainty(self) -> Uncertainty | None:
         return uncertainty(self.step)
 
-    def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(before)])
+    def _by_sections(self, y: Array, before: Array, after: Array) -> Innovations:
+        each, late = [remembered(self.step, before, j) for j in range(y.shape[1])], bool(self.step.ages)
+        predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(each)])
         e = differences(self.step.outputs, y, predicted)
-        if self._uncertainty is None:
-            return Innovations(e, None, None)
-        s = np.zeros_like(e)
-        for j, records in enumerate(before):
-            c, P = self._uncertainty.rows(records)[:, j, :], self._uncertainty.covariance(records)
-            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self._uncertainty.variances(records)[:, j, 0]
-        return Innovations(e, s, self._plant_covariance(after))
+        if (known := self._uncertainty) is None:
+            return Innovations(e, None, None, None)
+        every = [known.innovation(known.rows(at), known.covariance(at), at) for at in (each if late else each[:1])]
+        s = np.column_stack([every[j * late][:, j, j] for j in range(y.shape[1])])
+        return Innovations(e, s, None if late else every[0], self._plant_covariance(after))
 
     def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
         fields = {field.name for field in self.step.layout.state}
@@ -301,18 +300,11 @@ class Replay:
             slopes(after, signals),
         )
         if self._uncertainty is None:
-            return Innovations(e, None, None)
+            return Innovations(e, None, None, None)
         P = self._uncertainty.covariance(before)
         P = np.where(first[:, :, None], P, self._uncertainty.predicted(P, before, signals))
-        r, s, shift = self._uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
-        for j in range(e.shape[1]):
-            c = C[:, j, :]
-            e[:, j] = self.step.outputs[j].difference(e[:, j], np.einsum("ki,ki->k", c, shift))
-            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + r[:, j]
-            gain = np.where(np.isfinite(e[:, j : j + 1]), np.einsum("kij,kj->ki", P, c) / s[:, j : j + 1], 0.0)
-            shift += gain * np.where(np.isfinite(e[:, j : j + 1]), e[:, j : j + 1], 0.0)
-            P = P - np.einsum("ki,kj->kij", gain, np.einsum("ki,kij->kj", c, P))
-        return Innovations(e, s, self._plant_covariance(after))
+        S = self._uncertainty.innovation(C, P, before)
+        return Innovations(e, np.diagonal(S, axis1=1, axis2=2), S, self._plant_covariance(after))
 
     def _plant_covariance(self, after: Array) -> Array:
         assert self._uncertainty is not None
