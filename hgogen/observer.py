@@ -291,7 +291,9 @@ def _unproved(observer: Observer, facts: Collection[str], why: Reason) -> tuple[
     """Return the checks of an observer, in which none of its own `facts` is proved, for the reason `why`."""
     own = {ClaimId(observer.name, fact) for fact in facts}
     return tuple(
-        replace(check, verdict=Verdict.UNKNOWN, reason=why, proofs=()) if check.id in own and check.proofs else check
+        replace(check, verdict=Verdict.UNKNOWN, reason=why, proofs=())
+        if check.id in own and (check.proofs or check.verdict is Verdict.PROVED)
+        else check
         for check in observer.checks
     )
 

@@ -40,7 +40,8 @@ def test_structs_and_functions_come_first(folder: Path) -> None:
     lines = top(header(folder))
     assert len(lines) <= TOP
     short = re.compile(
-        r"(?:#.*|typedef struct \{|\} \w+;| *float \w+;| *(?:struct \{|\} \w+; /\*\*<.*\*/|.*; +/\*\*<.*\*/)|extern \"C\" \{|)"
+        r"(?:#.*|typedef struct \{|\} \w+;| *float \w+;"
+        r"| *(?:struct \{|\} \w+; /\*\*<.*\*/|.*; +/\*\*<.*\*/)|extern \"C\" \{|)"
     )
     *before, _ = " ".join(lines).rsplit("/** @brief", 1)
     members = [line for line in lines if not line.lstrip().startswith(("/**", "* "))]

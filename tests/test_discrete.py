@@ -11,6 +11,7 @@ import sympy as sp
 from oracle import discrete as oracle
 
 import hgogen as hg
+from hgogen.check import Verdict
 from hgogen.reading.text_model import from_table, read, to_text
 from hgogen.run import native
 
@@ -158,6 +159,48 @@ def test_what_hides_a_state_is_named_and_proved() -> None:
     assert not any(
         one.proved for one in hg.observability(scaled).known.symmetries
     )  # p v is, the next p v is not hidden
+
+
+def _piecewise(flow: Callable[..., list[Any]], output: Callable[..., list[Any]], **more: Any) -> Any:
+    x1, x2, s = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "s"))
+    outputs = (hg.Signal("y"), hg.Signal("z"))
+    return hg.observability(
+        hg.System(
+            "switched", states=(x1, x2, s), outputs=outputs, flow=flow(x1, x2, s), output=output(x1, x2, s), **more
+        )
+    ).checks[0]
+
+
+def test_the_rank_on_a_branch_that_samples_leave_decides_nothing() -> None:
+    """x2 is observable on s > 0 alone, which is left at once; and x1, x2 by turns, of which no branch has both."""
+    left = _piecewise(
+        lambda x1, x2, s: [x2, x2, -sp.Abs(s)],
+        lambda x1, x2, s: [sp.Piecewise((x1, s > 0), (0, True)), s],
+        discrete=True,
+    )
+    turns = _piecewise(
+        lambda x1, x2, s: [x1, x2, -s], lambda x1, x2, s: [sp.Piecewise((x1, s < 0), (x2, True)), s], discrete=True
+    )
+    assert [left.verdict, turns.verdict] == [Verdict.UNKNOWN, Verdict.UNKNOWN]
+    assert "which the plant may leave" in str(left.reason)
+    scheduled = _piecewise(
+        lambda x1, x2, s: [0, 0, -s], lambda x1, x2, s: [sp.Piecewise((x1, sp.Mod(hg.t, 2) < 1), (x2, True)), s]
+    )
+    assert scheduled.verdict is Verdict.UNKNOWN
+
+
+def test_a_limit_of_an_input_is_no_branch_that_is_left() -> None:
+    x, u = hg.Signal("x", low=-2, high=2), hg.Signal("u", low=-2, high=2)
+    limited = hg.System(
+        "limited",
+        states=(x,),
+        inputs=(u,),
+        outputs=(hg.Signal("y"),),
+        flow=[x / 2 + sp.Min(u, 1)],
+        output=[x],
+        discrete=True,
+    )
+    assert hg.observability(limited).checks[0].verdict is Verdict.GENERIC
 
 
 def test_an_unknown_parameter() -> None:

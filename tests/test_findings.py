@@ -163,6 +163,20 @@ def test_a_coarse_sensor_repeats_itself_by_chance() -> None:
     assert "still" not in {one.fault for one in hg.inspect(step, Log(log.u, levels, log.dt))}
 
 
+def test_an_angle_that_passes_the_end_of_its_turn_has_no_outlier() -> None:
+    psi, rate, yaw = (
+        hg.Signal("psi", period=2 * sp.pi),
+        hg.Signal("rate", low=-3, high=3),
+        hg.Signal("yaw", period=2 * sp.pi),
+    )
+    plant = hg.System("yawing", states=(psi,), inputs=(rate,), outputs=(yaw,), flow=[rate], output=[psi])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q_per_sample=[1e-6], noise={"yaw": 0.1})
+    course = np.arange(1000) * 0.02 + 0.1 * np.random.default_rng(0).normal(size=1000)
+    turned = (course + np.pi) % (2 * np.pi) - np.pi
+    log = Log(np.ones((1000, 1)), turned[:, None], 0.02)
+    assert hg.inspect(hg.sample(observer, dt=0.02), log) == ()
+
+
 def test_few_and_missing_samples_raise_nothing() -> None:
     step, log = healthy("spring", 0)
     assert hg.inspect(step, Log(log.u[:39], log.y[:39], log.dt)) == ()

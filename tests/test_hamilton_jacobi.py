@@ -281,3 +281,16 @@ def test_bad_weights_are_refused_with_a_sentence(changes: dict[str, Any], said: 
 def test_what_is_no_form_is_refused() -> None:
     with pytest.raises(BadGain, match="takes a form"):
         hg.observers.hamilton_jacobi(two_outputs(), Q=[1, 1, 1], R=1)
+
+
+def test_of_an_angle_and_of_a_projected_estimate_the_cost_is_not_known_to_be_least() -> None:
+    turn = {"period": 2 * sp.pi}
+    th, yt, u = hg.Signal("th", **turn), hg.Signal("yt", **turn), hg.Signal("u", low=-1, high=1)
+    c, s = (hg.Signal(name, low=-2, high=2) for name in "cs")
+    compass = hg.System("compass", states=(th,), inputs=(u,), outputs=(yt,), flow=[u], output=[th])
+    circle = hg.System(
+        "circle", states=(c, s), outputs=(hg.Signal("y"),), flow=[s, -c], output=[c], invariants=[c**2 + s**2 - 1]
+    )
+    for plant in (compass, circle):
+        built = hg.observers.hamilton_jacobi(hg.forms.original(plant), Q=[1] * len(plant.states), R=1)
+        assert {check.id: check.verdict for check in built.checks}["hamilton_jacobi.quadratic"] is Verdict.UNKNOWN

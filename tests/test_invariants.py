@@ -177,6 +177,8 @@ def test_what_is_kept_is_admitted(invariant: sp.Expr, flow: dict[hg.Signal, Any]
         (RING, {a: -b + a * RING / sp.Abs(RING), b: a + b * RING / sp.Abs(RING), z: 0}, "not known to be kept"),
         (a, {a: a * sp.log(a) ** 2, b: -b}, "not known to be kept"),
         (a, {a: sp.sqrt(sp.Abs(a)), b: -b}, "not known to be kept"),
+        (a, {a: a / sp.sqrt(sp.Max(sp.Abs(a), b)), b: 0}, "not known to be kept"),
+        (a, {a: a / (sp.sqrt(sp.Abs(a)) + sp.Max(b, 0)), b: 0}, "not known to be kept"),
         (a, {a: sp.Piecewise((1, a > 0), (0, True)), b: -b}, "not kept by the flow"),
         (RING**2, {a: -b, b: a, z: 0}, r"no slope where it is 0; write a\*\*2 \+ b\*\*2 - 1"),
         (a * z, {a: a * b, b: 0, z: z * b}, "is 0 where a = 0 or z = 0; write the one where the plant is"),

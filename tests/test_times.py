@@ -330,3 +330,11 @@ def test_a_log_begins_at_its_time(between: str) -> None:
     assert fitted.parameters[0].value == pytest.approx(40, rel=1e-4)
     wrong = hg.fit(plant, hg.Log(no_input, truth.y[rows], 0.02), starts=1, between=between)
     assert abs(wrong.parameters[0].value - 40) > 1e-2
+
+
+def test_time_is_no_input_of_any_course() -> None:
+    """At t = 0 the second derivative has x2, whose coefficient is 0 there."""
+    x1, x2 = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2"))
+    plant = hg.System("late", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[sp.Mod(hg.t, 2) * x2, -x2], output=[x1])
+    (row,) = (one for one in hg.survey(plant).rows if one.name == "Gauthier-Bornard")
+    assert (row.verdict, "any course" in str(row)) == (None, True)

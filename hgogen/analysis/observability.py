@@ -355,7 +355,8 @@ class Answer(Encoded):
 
     `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
     where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`;
-    `discrete`: the orders count samples, not derivatives.
+    `discrete`: the orders count samples, not derivatives; `passing`: the conditions read a state of a discrete plant,
+    or the time, so that samples may leave the branch, and the rank on it decides nothing.
     """
 
     json_keys = (
@@ -373,6 +374,7 @@ class Answer(Encoded):
     where: Annotated[tuple[sp.Basic, ...], "the conditions of the branch, none of a plant without branches"] = ()
     elsewhere: Annotated[tuple["Answer", ...], "the answers on other branches that hide something"] = ()
     discrete: bool = False
+    passing: bool = False
 
     @property
     def counted(self) -> str:
@@ -385,6 +387,8 @@ class Answer(Encoded):
     @property
     def verdict(self) -> Verdict:
         """The verdict of the claim that all unknowns of the question are observable on this branch."""
+        if self.passing:
+            return Verdict.UNKNOWN
         if not self.rank.unobservable:
             return Verdict.GENERIC
         return Verdict.REFUTED if self.hidden else Verdict.UNKNOWN
@@ -622,11 +626,12 @@ class _Question:
         return tuple(one for one in where if isinstance(one, sp.Eq) or not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
-        hidden = rank.unobservable
-        if not hidden or not proofs:
-            orders, where = self.orders(rank) if proofs else (), self.where if hidden else ()
-            return Answer(rank, orders, where=where, discrete=self.plant.discrete)
-        discrete = self.plant.discrete
+        hidden, discrete = rank.unobservable, self.plant.discrete
+        left = (*(self.plant.states if discrete else ()), *self.plant.times)
+        passing = any(condition.free_symbols & {*left} for condition in self.branch.where)
+        if passing or not hidden or not proofs:
+            orders, where = self.orders(rank) if proofs else (), self.where if hidden or passing else ()
+            return Answer(rank, orders, where=where, discrete=discrete, passing=passing)
         fields = symmetries(*self.rows, hidden=hidden, order=rank.order, **self.setting)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
@@ -710,6 +715,9 @@ def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check
     pattern = "rank {rank} of {dimension} at a random point{where}, {method}"
     where = because(" on the invariants") if whole.system.invariants else NONE
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, where=where, method=whole.method)
+    if answer.passing:
+        why = because("it is that of samples where {condition}, which the plant may leave", condition=answer.condition)
+        return Check(id, claim, Verdict.UNKNOWN, joined(reason, why, whole.scope))
     if not rank.unobservable:
         verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
         modulo = because("the outputs give {states}", states=whole.system.modulo) if whole.system.modulo else NONE

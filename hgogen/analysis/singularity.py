@@ -57,6 +57,7 @@ from hgogen.rigor.series import Arithmetic, Plant, Point, evaluate, first_gradie
 from hgogen.rigor.singular import minimal, reasons, singular
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
+from hgogen.signal import times
 from hgogen.system import System
 
 # An observability matrix of more nodes is refused: its determinant takes seconds and fills pages.
@@ -524,6 +525,8 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
         return because("the test is for one output, and there are {count}", count=len(output))
     if not inputs:
         return because("there is no input")
+    if times(inputs):
+        return because("the test is for inputs of any course, and time has one")
     slopes = [(output[0].diff(u), because("the output depends on {input}", input=u)) for u in inputs]
     pairs = combinations_with_replacement(inputs, 2)
     curvatures = [(u, v, because("the flow is not affine in {inputs}", inputs=dict.fromkeys((u, v)))) for u, v in pairs]

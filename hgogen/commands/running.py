@@ -428,6 +428,7 @@ def inspect_(
         other = None if wrong else better(judge, u, y, 0, engine)
         notes = [*map(str, wrong), *clamped(step, u, record.operands)]
         notes += jumps_by_turns(unwrapped_outputs(loaded.plant), y, step.dt, step.time)
+        notes += [share.sentence for share in done.gates if share.excessive]
         if other:
             notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
         report = InspectReport(loaded.path, step, record, tuple(findings(step, done, u, y)), other, tuple(notes))

@@ -190,7 +190,7 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
     if (m := every(changes)) is not None:
         period = f"{m * course.dt:g} {course.time}"
         text = f"{name} has a new value in every {m}th sample only, and repeats it in between"
-        fix = f"say that its period is {period} (periods = {{{name} = {m * course.dt:g}}}), with the others as missing"
+        fix = f"its period is {period}: leave the repeats empty, and say periods = {{{name} = {m * course.dt:g}}}"
         yield Finding(name, "held", ((0, len(values) - 1),), len(values), float(m), text, fix)
         return
     curvatures = np.abs(np.diff(values, 2))
@@ -231,7 +231,7 @@ def codes(course: Course) -> Iterator[Finding]:
         if strength > 1:
             at = there[values == code]
             text = f"{course.signal.name} is {code:g} in {count} samples, and {low:g} to {high:g} in all others"
-            fix = f"a code for missing samples? Leave these cells empty (--missing {code:g})"
+            fix = "a code for missing samples? Leave these cells empty"
             yield Finding(course.signal.name, "code", longest(at, at), count, strength, text, fix)
 
 
@@ -251,7 +251,7 @@ def of_innovations(course: Course, deviation: float | None, constants: Sequence[
     strength = min(errors / _ERRORS, abs(mean) / (_SIZE * max(spread, 1.0))) if spread else 0.0
     if strength > 1:
         text = f"innovations of {name} have a mean of {mean:.3g} sigma, {errors:.3g} of its standard errors from 0"
-        fix = f"a sensor or an input has an offset; `hgogen fit --offset {name}` finds it"
+        fix = f"a sensor or an input has an offset (of a plant with parameters `hgogen fit --offset {name}` finds it)"
         if constants:
             fix = f"{fix}, or {', '.join(constants)}, held by Q and P(0), does not learn it: raise them"
         yield Finding(name, "offset", ((int(at[0]), int(at[-1])),), len(n), strength, text, fix)
@@ -268,9 +268,9 @@ def pulses(course: Course) -> Iterator[Finding]:
     there = course.there
     values = course.values[there]
     r, across = values[1:-1] - (values[:-2] + values[2:]) / 2, np.abs(values[2:] - values[:-2])
-    usual = max(
-        1.4826 * float(np.median(np.abs(r))), float(np.mean(np.abs(np.diff(values)))) / 10, rounding(values), 1e-300
-    )
+    uneven = np.abs(r[r != 0])  # without the stretches in which the course is constant
+    middle = 1.4826 * float(np.median(uneven)) if len(uneven) else 0.0
+    usual = max(middle, float(np.mean(np.abs(np.diff(values)))) / 10, rounding(values), 1e-300)
     wild = (np.abs(r) > _BEYOND * usual) & (across < 0.3 * np.abs(r))
     at = there[np.flatnonzero(wild) + 1]
     if len(at) < _LEAST_OUTLIERS:
@@ -281,7 +281,7 @@ def pulses(course: Course) -> Iterator[Finding]:
         f"{len(at)} samples of {name}, {100 * len(at) / len(there):.2g} % of them, are off both of their neighbours, "
         f"by {typical:.3g} where {usual:.2g} is usual, first {course.stretch(first, first)}"
     )
-    fix = f"outliers: a gate rejects them, gate = {{{name} = 0.999}}, or take them out"
+    fix = f"outliers: take them out, or let a gate reject them, gate = {{{name} = 0.999}}"
     yield Finding(name, "outliers", longest(at, at), len(at), typical / (_BEYOND * usual), text, fix)
 
 
@@ -334,4 +334,8 @@ def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
 def _courses(step: CallableStep, signals: Sequence[Signal], values: Array, off: Array) -> list[Course]:
     derivatives = derived(step.inputs)
     columns = zip(signals, values.T, off.T, strict=True)
-    return [Course(s, column, step.dt, step.time, each) for s, column, each in columns if s.name not in derivatives]
+    return [
+        Course(s, s.unwrapped(column), step.dt, step.time, each)
+        for s, column, each in columns
+        if s.name not in derivatives
+    ]

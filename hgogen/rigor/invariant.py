@@ -7,8 +7,9 @@ division of polynomials in symbols and functions (`field.Writer`), with the equa
 bounded has to be asked of the points on c = 0: c' = c log(c)^2 leaves 0.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, product
 
 import flint
 import sympy as sp
@@ -28,6 +29,7 @@ _MEANING: Mapping[type, Callable[..., sp.Expr]] = {
     Half: lambda m, unit: sp.tan(m * unit / 2),
 }
 _SYMBOLS = 8  # most symbols of a Groebner basis
+_CHOICES = 64  # most combinations of arguments of maxima and minima
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,30 @@ def finite_on(
     places: Places,
 ) -> bool:
     """Return whether the expressions are proved to be finite around a point on the constraints near one of the places,
-    values of `states` and `others`: with any of the pieces, signs and steps in them."""
+    values of `states` and `others`: with any of the pieces, signs and steps in them, and any argument of a maximum or
+    minimum, which may each be the one on a part of c = 0."""
+    alike = [*product(*(tuple(islice(_each_argument(row), _CHOICES + 1)) for row in rows))]
+    if len(alike) > _CHOICES or any(row.has(*_INFINITE) for each in alike for row in each):
+        return False
+    return all(_finite_somewhere(each, constraints, states, others, places) for each in alike)
+
+
+def _each_argument(e: sp.Expr) -> Iterator[sp.Expr]:
+    node = min(e.atoms(sp.Max, sp.Min), key=str, default=None)
+    if node is None:
+        yield e
+        return
+    for argument in node.args:
+        yield from _each_argument(e.xreplace({node: argument}))
+
+
+def _finite_somewhere(
+    rows: Iterable[sp.Expr],
+    constraints: Sequence[sp.Expr],
+    states: Sequence[sp.Symbol],
+    others: Sequence[sp.Symbol],
+    places: Places,
+) -> bool:
     plant, _ = plant_of(map(_every_piece, rows), constraints, states, others, places=places, constraints=constraints)
 
     def finite(numbers: Arithmetic, point: Point) -> bool:
