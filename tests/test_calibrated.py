@@ -93,7 +93,7 @@ def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> An
     """A task of a step with these innovations, which keeps the arguments theta that it is asked for."""
     step = SimpleNamespace(
         inputs=(hg.Signal("u"),),
-        reset=lambda: None,
+        reset=lambda time: None,
         run=lambda **record: SimpleNamespace(traces={"innovation": innovation}),
     )
 
@@ -136,7 +136,7 @@ def test_an_alarm_that_feeds_itself_is_refused() -> None:
         return SimpleNamespace(traces={"innovation": np.full(20, 1.5 if raised else 1.0)})
 
     task = watched(np.ones(20), tables, lambda each: np.zeros(2))
-    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=run)
+    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda time: None, run=run)
     task.make_step = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
     refusal = adaptive(task, tuned())
     assert isinstance(refusal, str)

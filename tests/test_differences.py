@@ -14,7 +14,7 @@ from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import open_loop
 from hgogen.logs.records import Log
 from hgogen.reading.measured import difference, read
-from hgogen.run.prediction import _others, predictions
+from hgogen.run.prediction import _changed, predictions
 from hgogen.signal import derived
 from hgogen.which_forms import of
 
@@ -154,11 +154,11 @@ def test_a_log_that_holds_a_derivative_is_read_as_it_is(tmp_path: Path) -> None:
 def test_another_time_or_sign_of_an_input_is_that_of_its_derivative_too() -> None:
     u, x = course()
     log = Log(u[:, None], x[:, :1], DT).of(step().inputs)
-    others = list(_others(step(), log.u, log.y))
-    assert {name for name, *_ in others} == {"u"}
-    for _, by, sign, moved, _ in others:
+    for by, factor in ((0, -1.0), (2, 1.0), (-3, 1.0), (0, 1000.0)):
+        moved, outputs = _changed(step(), log.u, log.y, 0, by, factor)
         inner = slice(3 + abs(by), COUNT - 3 - abs(by))
-        assert moved[inner].tolist() == (sign * np.roll(log.u, by, axis=0))[inner].tolist()
+        assert moved[inner].tolist() == (factor * np.roll(log.u, by, axis=0))[inner].tolist()
+        assert outputs.tolist() == log.y.tolist()
 
 
 def test_coordinates_that_read_an_input_are_entered_with_it() -> None:

@@ -251,7 +251,7 @@ def test_crossings_are_the_rises():
     assert crossings(np.array([1.0, 1.6, 2.0, 1.4, 1.5, 1.51, 1.0])).tolist() == [1, 5]
 
 
-CLOCK = SimpleNamespace(guarded=True)
+CLOCK = SimpleNamespace(guarded=True, varying=False)
 
 
 def trajectory(theta, error, status):

@@ -221,7 +221,7 @@ def test_the_beginning_of_a_record_is_in_no_segment() -> None:
     errors = np.where(np.arange(40) < 2, 100.0, 1.0)[:, None]
     yardstick: Any = SimpleNamespace(rival=lambda _: [np.ones((40, 1))], errors=lambda *_: errors)
     run = SimpleNamespace(x=np.zeros((40, 1)))
-    step: Any = SimpleNamespace(inputs=(), reset=lambda: None, run=lambda **_: run)
+    step: Any = SimpleNamespace(inputs=(), reset=lambda time: None, run=lambda **_: run)
     record = hg.Log(np.zeros((40, 0)), np.zeros((40, 1)), 1.0)
     assert Judge((record,), yardstick, 4, "python").errors(step).tolist() == [1.0] * 4
 
@@ -835,7 +835,7 @@ def test_where_samples_are_missing_the_last_one_is_copied() -> None:
 def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
     """In which the estimate finds its way: the first twentieth."""
     run = SimpleNamespace(traces={"innovation": np.arange(100.0)})
-    step = SimpleNamespace(inputs=PLANT.inputs, reset=lambda: None, run=lambda **options: run)
+    step = SimpleNamespace(inputs=PLANT.inputs, reset=lambda time: None, run=lambda **options: run)
     task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)], judge=SimpleNamespace(engine="python"))
     first: Any = SimpleNamespace(step=step)
     assert tune_module._innovations(task, first).tolist() == list(range(5, 100))
