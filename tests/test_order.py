@@ -15,6 +15,7 @@ from hgogen.run import native
 
 NAN = float("nan")
 BIT = "OUT_OF_ORDER"
+OTHERS = ("sure", "sure_columns", "noisy_inputs", "uneven", "joint_riccati", "joint_ukf", "joint_iterated_ekf", "timed")
 ORDERED = (  # by name, as to make all steps takes seconds
     *(
         "fitzhugh_nagumo",
@@ -59,8 +60,9 @@ def samples(step: hg.Step) -> dict[str, float]:
 def test_only_steps_whose_sections_are_called_apart_say_it(name: str) -> None:
     """One with rates says REPEATED and EARLY, one for late samples keeps them by their ages."""
     step = emitted.step(name)
-    assert (BIT in bits(step)) is (name in ORDERED)
-    assert (step.code.apart and not step.code.timed and not step.ages) is (name in ORDERED)
+    ordered = name in (*ORDERED, *OTHERS)
+    assert (BIT in bits(step)) is ordered
+    assert (step.code.apart and not step.code.timed and not step.ages) is ordered
 
 
 @pytest.mark.ordinary("fitzhugh_nagumo", "one_state", "tunable")

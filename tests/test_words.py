@@ -29,7 +29,9 @@ def test_what_a_sensor_reads_is_called_so(name: str) -> None:
         if output in outputs
     ]
     assert named or step.ages
-    wanted = {"reading"} if len(outputs) == 1 else {"reading", *(f"reading_{y}" for y in outputs)}
+    wanted = (
+        {"reading", "readings"} if len(outputs) == 1 else {"reading", "readings", *(f"reading_{y}" for y in outputs)}
+    )
     assert {local for local, _ in named} <= {*wanted, *["y_given"] * bool(step.ages)}  # what a period is given
 
 

@@ -212,7 +212,8 @@ def proved_above(step: Step) -> dict[str, str]:
     """Return a note on the bound above which the convergence of errors is proved, by the name of the gain: theta."""
     for check in step.observer.checks:
         if check.claim == EXISTS and check.verdict is Verdict.PROVED:
-            bound: Up = check.reason.part("bound")
+            values = dict(check.reason.values)
+            bound: Up = values["bound"] if "bound" in values else values["why"].part("bound")  # while angles stay near
             return {"theta": f"; convergence is proved above {up(bound.value, _DIGITS, bound.below)}"}
     return {}
 
