@@ -107,7 +107,7 @@ def test_the_step_has_the_bits_of_run(model: str, name: str) -> None:
 
 
 @pytest.mark.ordinary("pendulum", "bent", "chained")
-@pytest.mark.parametrize("name", emitted.STEPS)
+@pytest.mark.parametrize("name", sorted({*emitted.STEPS} - {"sure", "sure_columns"}))  # whose reports have a test
 def test_loops_kernels_and_banks_have_the_bits_of_run(name: str) -> None:
     demand_same_as_run(emitted.step(name))
 

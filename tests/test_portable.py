@@ -44,6 +44,7 @@ STEPS: dict[str, Callable[[], hg.Step]] = {
     "many_states": lambda: emitted.step("many_states"),
     "exponential": lambda: emitted.step("exponential"),
     "gated_columns": lambda: emitted.step("gated_columns"),
+    "noisy_inputs": lambda: emitted.step("noisy_inputs"),
 }
 
 
