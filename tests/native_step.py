@@ -58,7 +58,7 @@ class NativeStep:
         count, step = len(y), self.step
         u, y = (np.ascontiguousarray(values, self.number) for values in (u, y))
         x = np.zeros((count, len(step.states)), self.number)
-        traces = np.zeros((count, len(step.observer.traces)), self.number)
+        traces = np.zeros((count, len(step.traces)), self.number)
         status = np.zeros(count, step.layout.word)
         arrays = [ctypes.c_void_p(array.ctypes.data) for array in (u, y, x, traces, status)]
         self._function("record")(*self._pointers, ctypes.c_size_t(count), *arrays)

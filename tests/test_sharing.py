@@ -38,7 +38,7 @@ def source(name: str) -> str:
 
 
 @pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "delayed")
-@pytest.mark.parametrize("name", sorted({*NAMES} - {"sure"}))  # whose report of innovations begins with zeros
+@pytest.mark.parametrize("name", NAMES)
 def test_no_list_of_first_values_stands_twice(name: str) -> None:
     """But that of the estimate, with which the compiler folds what comes after it."""
     shown = "|".join(read_fields([made(name).observer.z]))

@@ -445,8 +445,9 @@ class Graphs:
     def _reported(self, memory: Memory) -> dict[str, Graph]:
         results = {}
         for report in self.source.code.reports:
-            values = self._symbolic.section(report.program, memory)
-            results[report.name] = ca.veccat(*(values[Place(report.struct, field.name)] for field in report.fields))
+            places = {Place(report.struct, field.name): ca.MX.zeros(field.size) for field in report.fields}
+            values = self._symbolic.section(report.program, memory | places)
+            results[report.name] = ca.veccat(*(values[place] for place in places))
         return results
 
     def _estimated(self, memory: Memory) -> Graph:

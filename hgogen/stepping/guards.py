@@ -50,7 +50,8 @@ from hgogen.stepping import times
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
-SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
+# fields of the state that remember signals and what a call made of them, not estimates
+SIGNALS = ("u", "y", "y_valid", "innovation_e", "innovation_S")
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
     "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
