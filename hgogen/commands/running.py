@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -37,7 +37,7 @@ from hgogen.commands.command import (
     one_or_all,
 )
 from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
-from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
+from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.findings import Finding, findings
@@ -211,39 +211,89 @@ def run_(
     """
     ahead = horizons(horizon, "--horizon")
     with Bar("reading the log", STAGES + max(ahead)) as bar:
-        loaded = _timed(load(model).set(setting), data, columns)
-        folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
-        folder.demand(f"{name}_report.json")
-        step = loaded.step(observer)
+        loaded, folder, name = _destination(model, data, observer, setting, columns, out, "report")
         true = truth_of(loaded.plant, truth or ())
-        record = _record(step, data, columns, (*step.inputs, *step.samples), true)
-        shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
-        ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-        record = record.shifted(shifts | ages)
+        opened = _opened(loaded, observer, data, columns, shift or (), true)
         bar.tick("running the observer")
-        report = _over_record(loaded, step, record, true, initial, burn_in, ahead, shifts, bar)
+        report = _over_record(opened, _estimated(opened, initial), true, burn_in, ahead, bar)
     return folder.save(report, f"{name}_report.json", report.written(name))
 
 
-def _over_record(
+class _Opened(NamedTuple):
+    """A log on the grid of a step, with the signals that --shift shifts."""
+
+    model: Model
+    step: CallableStep
+    record: Record
+    shifts: Mapping[str, int]
+
+    def advice(self, better: Better | None) -> tuple[str, ...]:
+        """Return the advice for another shift, sign or unit, none without one."""
+        if better is None:
+            return ()
+        return (better.sentence(self.shifts.get(better.signal, 0), self.record.operands[better.signal]),)
+
+
+class _Estimated(NamedTuple):
+    """The run of a step over a log u (N, m), y (N, p), from `begins`; `judge`, `judged`: the step and the run by which
+    the log is judged."""
+
+    step: CallableStep
+    begins: dict[str, float]
+    u: np.ndarray
+    y: np.ndarray
+    samples: np.ndarray
+    run: Run
+    judge: CallableStep
+    judged: Run
+
+
+def _destination(
+    model: str, data: Path, observer: str | None, setting: Setting, columns: Columns, out: Path | None, ending: str
+) -> tuple[Model, Folder, str]:
+    """Return the model, the folder of its results, and the name of the log; the report's file ends with `ending`."""
+    loaded = _timed(load(model).set(setting), data, columns)
+    folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
+    folder.demand(f"{name}_{ending}.json")
+    return loaded, folder, name
+
+
+def _opened(
     model: Model,
-    step: CallableStep,
-    record: Record,
+    observer: str | None,
+    data: Path,
+    columns: Columns,
+    shift: Sequence[str],
+    true: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+) -> _Opened:
+    step = model.step(observer)
+    record = _record(step, data, columns, (*step.inputs, *step.samples), true)
+    shifts = shifts_of(str(data), shift, step.inputs, step.outputs)
+    ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
+    return _Opened(model, step, record.shifted(shifts | ages), shifts)
+
+
+def _estimated(opened: _Opened, initial: str | None = None) -> _Estimated:
+    u, samples = opened.record.of(opened.step.inputs), opened.record.of(opened.step.samples)
+    y, engine = opened.step.in_time(samples), engine_here()
+    step, begins = _begun(opened.step, y, initial)
+    step.reset(float(opened.record.t[0]))
+    done = step.run(u=u, y=samples, engine=engine)
+    return _Estimated(step, begins, u, y, samples, done, *_judged(step, done, u, y, engine))
+
+
+def _over_record(
+    opened: _Opened,
+    estimated: _Estimated,
     true: Mapping[str, tuple[str, str]],
-    initial: str | None,
     burn_in: float,
     ahead: Sequence[int],
-    shifts: Mapping[str, int],
     bar: Bar,
 ) -> RecordRun:
-    u, samples = record.of(step.inputs), record.of(step.samples)
-    y, engine = step.in_time(samples), engine_here()
-    step, begins = _begun(step, y, initial)
-    step.reset(float(record.t[0]))
-    done = step.run(u=u, y=samples, engine=engine)
+    model, record, engine = opened.model, opened.record, engine_here()
+    step, begins, u, y, samples, done, judge, judged = estimated
     counted = _counted(step, burn_in, len(y))
     bar.tick("predictions")
-    judge, judged = _judged(step, done, u, y, engine)
     there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
     errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
     bar.tick("innovations")
@@ -255,8 +305,7 @@ def _over_record(
     used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
     doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
     doubts += tuple(jumps_by_turns(unwrapped_outputs(model.plant), y, step.dt, step.time))
-    more = [*too_far(ahead, [one.ahead for one in errors])]
-    more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
+    more = [*too_far(ahead, [one.ahead for one in errors]), *opened.advice(other)]
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     messages = doubts, tuple(more)
     faults = tuple(findings(step, done, u, y))
@@ -411,27 +460,18 @@ def inspect_(
     of the model's observer, or of the tuning --observer. A figure shows the signals with the faults marked.
     """
     with Bar("reading the log", 4) as bar:
-        loaded = _timed(load(model).set(setting), data, columns)
-        folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
-        folder.demand(f"{name}_faults.json")
-        step = loaded.step(observer)
-        shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
-        record = _record(step, data, columns, (*step.inputs, *step.samples)).shifted(shifts)
+        loaded, folder, name = _destination(model, data, observer, setting, columns, out, "faults")
+        opened = _opened(loaded, observer, data, columns, shift or ())
         bar.tick("running the observer")
-        u, samples, engine = record.of(step.inputs), record.of(step.samples), engine_here()
-        y = step.in_time(samples)
-        step, _ = _begun(step, y, None)
-        done = step.run(u=u, y=samples, engine=engine)
+        step, _, u, y, _, done, judge, judged = _estimated(opened)
         bar.tick("other shifts, signs and units")
-        judge, judged = _judged(step, done, u, y, engine)
-        wrong = rejections(judge, judged, u, y, record.operands, engine)
-        other = None if wrong else better(judge, u, y, 0, engine)
-        notes = [*map(str, wrong), *clamped(step, u, record.operands)]
+        wrong = rejections(judge, judged, u, y, opened.record.operands, engine_here())
+        other = None if wrong else better(judge, u, y, 0, engine_here())
+        notes = [*map(str, wrong), *clamped(step, u, opened.record.operands)]
         notes += jumps_by_turns(unwrapped_outputs(loaded.plant), y, step.dt, step.time)
-        notes += [share.sentence for share in done.gates if share.excessive]
-        if other:
-            notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
-        report = InspectReport(loaded.path, step, record, tuple(findings(step, done, u, y)), other, tuple(notes))
+        notes += [*(share.sentence for share in done.gates if share.excessive), *opened.advice(other)]
+        faults = tuple(findings(step, done, u, y))
+        report = InspectReport(loaded.path, step, opened.record, faults, other, tuple(notes))
         bar.tick("the figure")
     return folder.save(report, f"{name}_faults.json", report.written(name))
 

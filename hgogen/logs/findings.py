@@ -313,7 +313,7 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
     A healthy log has none, in 98 of 100 and more. Raises: `BadShape` for another number of columns.
     """
     samples = log.of(step.inputs)
-    step.reset()
+    step.reset(log.start)
     return tuple(findings(step, step.run(u=samples.u, y=samples.y), samples.u, samples.y))
 
 
