@@ -88,40 +88,38 @@ def finite_on(
     """Return whether the expressions are proved to be finite around a point on the constraints near one of the places,
     values of `states` and `others`: with any of the pieces, signs and steps in them, and any argument of a maximum or
     minimum, which may each be the one on a part of c = 0."""
-    alike = [*product(*(tuple(islice(_each_argument(row), _CHOICES + 1)) for row in rows))]
+    choices = product(*(tuple(islice(_each_argument(row), _CHOICES + 1)) for row in rows))
+    alike = [*islice(choices, _CHOICES + 1)]
     if len(alike) > _CHOICES or any(row.has(*_INFINITE) for each in alike for row in each):
         return False
-    return all(_finite_somewhere(each, constraints, states, others, places) for each in alike)
+
+    def finite_somewhere(chosen: Iterable[sp.Expr]) -> bool:
+        plant, _ = plant_of(
+            map(_every_piece, chosen), constraints, states, others, places=places, constraints=constraints
+        )
+
+        def finite(numbers: Arithmetic, point: Point) -> bool:
+            inputs = (u for j in range(plant.m) for u in point.inputs(j, 1))
+            if all(ball.is_finite() for ball in values(plant.tape, [*point.states, *inputs], flint.ctx.prec)):
+                return True
+            raise Undecided
+
+        try:
+            return somewhere(plant, finite)
+        except NowhereDefined:
+            return False
+
+    return all(map(finite_somewhere, alike))
 
 
 def _each_argument(e: sp.Expr) -> Iterator[sp.Expr]:
+    """Yield the expression with each maximum and minimum replaced by one of its arguments, in all combinations."""
     node = min(e.atoms(sp.Max, sp.Min), key=str, default=None)
     if node is None:
         yield e
         return
     for argument in node.args:
         yield from _each_argument(e.xreplace({node: argument}))
-
-
-def _finite_somewhere(
-    rows: Iterable[sp.Expr],
-    constraints: Sequence[sp.Expr],
-    states: Sequence[sp.Symbol],
-    others: Sequence[sp.Symbol],
-    places: Places,
-) -> bool:
-    plant, _ = plant_of(map(_every_piece, rows), constraints, states, others, places=places, constraints=constraints)
-
-    def finite(numbers: Arithmetic, point: Point) -> bool:
-        others = (u for j in range(plant.m) for u in point.inputs(j, 1))
-        if all(ball.is_finite() for ball in values(plant.tape, [*point.states, *others], flint.ctx.prec)):
-            return True
-        raise Undecided
-
-    try:
-        return somewhere(plant, finite)
-    except NowhereDefined:
-        return False
 
 
 def _every_piece(e: sp.Expr) -> sp.Expr:
