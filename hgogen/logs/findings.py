@@ -21,6 +21,7 @@ The limits are chosen so that a healthy log raises nothing; a fault that is smal
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -88,10 +89,26 @@ class Course:
             return f"at sample {first} ({begin} {self.time})"
         return f"at samples {first} to {last} ({begin} to {last * self.dt:.6g} {self.time})"
 
-    @property
+    @cached_property
     def there(self) -> Array:
         """The numbers of the samples that are not missing."""
         return np.flatnonzero(np.isfinite(self.values))
+
+    @cached_property
+    def present(self) -> Array:
+        """The samples that are not missing."""
+        return np.asarray(self.values[self.there])
+
+    @cached_property
+    def quantum(self) -> float:
+        """The step q of values that are whole multiples of it, 0 where they have none: as many levels as samples."""
+        levels = np.unique(self.present)
+        if not 2 < len(levels) < 0.5 * len(self.present):
+            return 0.0
+        gaps = np.diff(levels)
+        q = float(gaps.min())
+        counts = gaps / q
+        return q if np.all(np.abs(counts - np.rint(counts)) < 0.02 * np.maximum(1, counts)) else 0.0
 
 
 def runs(values: Array) -> tuple[Array, Array]:
@@ -102,8 +119,8 @@ def runs(values: Array) -> tuple[Array, Array]:
 
 def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
     """Yield the fault of a signal that is constant while one of the `others` (N,), or the model, is not."""
-    there = course.there
-    first, lengths = runs(course.values[there])
+    there, present = course.there, course.present
+    first, lengths = runs(present)
     k = int(np.argmax(lengths))
     length, pairs = int(lengths[k]), len(there) - int(lengths[k])
     repeats = (pairs - (len(first) - 1)) / max(pairs, 1)
@@ -111,7 +128,7 @@ def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
     strength = length / max(_RUN, _BY_CHANCE * by_chance)
     if len(first) < 3 or strength <= 1:
         return
-    remaining = np.concatenate([course.values[there][: first[k]], course.values[there][first[k] + length :]])
+    remaining = np.concatenate([present[: first[k]], present[first[k] + length :]])
     noisy = repeats < _RARE and bool(
         np.median(np.abs(np.diff(remaining, 2))) > _NOISY * np.median(np.abs(np.diff(remaining)))
     )
@@ -120,7 +137,7 @@ def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
     predicted_motion = np.isfinite(off).any() and np.nanmedian(off) > _STEADILY_OFF
     if noisy or predicted_motion or any(is_moving(values, start, end) for values in others):
         name, where = course.signal.name, course.stretch(start, end)
-        ends = {float(course.values[there].max()): "largest", float(course.values[there].min()): "least"}
+        ends = {float(present.max()): "largest", float(present.min()): "least"}
         end_of = ends.get(float(course.values[start]))
         at = f"at its {end_of} value, {course.values[start]:g}, " if end_of else ""
         text = f"{name} stands still {at}{where}, {length} in a row"
@@ -139,8 +156,7 @@ def is_moving(values: Array, start: int, end: int) -> bool:
 
 def clipped(course: Course) -> Iterator[Finding]:
     """Yield the findings that a signal is cut off at its largest, and at its least value."""
-    there = course.there
-    values = course.values[there]
+    there, values = course.there, course.present
     change = np.abs(np.diff(values))
     moving = change[change > 0]
     if not len(moving):
@@ -153,7 +169,7 @@ def clipped(course: Course) -> Iterator[Finding]:
         speed = float(np.median(np.abs(values[first[at] - 1] - values[first[at] - 2])))
         levels, counts = np.unique(values, return_counts=True)
         piled = counts[levels == end][0] / counts[np.argsort(np.abs(levels - end))[1:4]].max()
-        strength = min(speed / max(0.5 * float(np.median(moving)), 1.5 * rounding(values)), piled / _PILED)
+        strength = min(speed / max(0.5 * float(np.median(moving)), 1.5 * course.quantum), piled / _PILED)
         if strength > 1:
             stretches = longest(there[first[at]], there[first[at] + lengths[at] - 1])
             count, text = int(lengths[at].sum()), f"{course.signal.name} is cut off at its {name} value, {end:g}"
@@ -182,8 +198,7 @@ def every(places: Array) -> int | None:
 def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
     """Yield the finding that a signal has new values, or new slopes, in every m-th sample only; `inputs` (N,) that step
     at the same samples explain a slope."""
-    there, name = course.there, course.signal.name
-    values = course.values[there]
+    there, values, name = course.there, course.present, course.signal.name
     if len(there) < LEAST or np.ptp(there) + 1 != len(there):
         return
     changes = np.flatnonzero(np.diff(values)) + 1
@@ -194,7 +209,7 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
         yield Finding(name, "held", ((0, len(values) - 1),), len(values), float(m), text, fix)
         return
     curvatures = np.abs(np.diff(values, 2))
-    straight = curvatures <= 1e-9 * np.abs(values).max() + 1.01 * rounding(values)
+    straight = curvatures <= 1e-9 * np.abs(values).max() + 1.01 * course.quantum
     corners = np.flatnonzero(~straight) + 1
     if np.mean(straight) > 0.5 and (m := every(corners)) is not None:
         if any(every(np.flatnonzero(np.diff(u)) + 1) == m for u in inputs):
@@ -204,22 +219,9 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
         yield Finding(name, "drawn", ((0, len(values) - 1),), len(values), float(m), text, fix)
 
 
-def rounding(values: Array) -> float:
-    """Return the step q of values (N,) that are whole multiples of it, 0 where they have none: as many levels as
-    samples."""
-    levels = np.unique(values)
-    if not 2 < len(levels) < 0.5 * len(values):
-        return 0.0
-    gaps = np.diff(levels)
-    q = float(gaps.min())
-    counts = gaps / q
-    return q if np.all(np.abs(counts - np.rint(counts)) < 0.02 * np.maximum(1, counts)) else 0.0
-
-
 def codes(course: Course) -> Iterator[Finding]:
     """Yield the fault of a value, such as -999, that is a code for missing samples."""
-    there = course.there
-    values = course.values[there]
+    there, values = course.there, course.present
     levels, counts = np.unique(values, return_counts=True)
     for end in (0, -1):
         code, count = float(levels[end]), int(counts[end])
@@ -255,7 +257,7 @@ def of_innovations(course: Course, deviation: float | None, constants: Sequence[
         if constants:
             fix = f"{fix}, or {', '.join(constants)}, held by Q and P(0), does not learn it: raise them"
         yield Finding(name, "offset", ((int(at[0]), int(at[-1])),), len(n), strength, text, fix)
-    q = rounding(course.values[course.there])
+    q = course.quantum
     if deviation is not None and q / math.sqrt(12) > 2 * deviation:
         text = f"{name} comes in steps of {q:.4g}{unit}, noise of {q / math.sqrt(12):.3g}, and R takes {deviation:.3g}"
         fix = f"give the sensor at least that, noise = {{{name} = {q / math.sqrt(12):.2g}}}"
@@ -265,12 +267,11 @@ def of_innovations(course: Course, deviation: float | None, constants: Sequence[
 def pulses(course: Course) -> Iterator[Finding]:
     """Yield the finding that single samples are far from both of their neighbours, r_k = x_k - (x_(k-1) + x_(k+1))/2,
     which are close to each other."""
-    there = course.there
-    values = course.values[there]
+    there, values = course.there, course.present
     r, across = values[1:-1] - (values[:-2] + values[2:]) / 2, np.abs(values[2:] - values[:-2])
     uneven = np.abs(r[r != 0])  # without the stretches in which the course is constant
     middle = 1.4826 * float(np.median(uneven)) if len(uneven) else 0.0
-    usual = max(middle, float(np.mean(np.abs(np.diff(values)))) / 10, rounding(values), 1e-300)
+    usual = max(middle, float(np.mean(np.abs(np.diff(values)))) / 10, course.quantum, 1e-300)
     wild = (np.abs(r) > _BEYOND * usual) & (across < 0.3 * np.abs(r))
     at = there[np.flatnonzero(wild) + 1]
     if len(at) < _LEAST_OUTLIERS:
