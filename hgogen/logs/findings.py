@@ -215,7 +215,7 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
         if any(every(np.flatnonzero(np.diff(u)) + 1) == m for u in inputs):
             return
         text = f"{name} runs in straight lines between every {m}th sample: it was drawn between slower samples"
-        fix = f"it looks ahead by up to {m} samples: take every {m}th row (--every {m}), where it was measured"
+        fix = f"it looks ahead by up to {m} samples: keep every {m}th row, where it was measured"
         yield Finding(name, "drawn", ((0, len(values) - 1),), len(values), float(m), text, fix)
 
 

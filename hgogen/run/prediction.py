@@ -359,11 +359,12 @@ class Better:
         if not self.late:
             return f"{better}: {fix}"
         names, delays = " and ".join(self.late), ", ".join(f"{y} = {self.shift}" for y in self.late)
+        ages = " ".join(f'--map {y}_age="{self.shift} + 0*{operand}"' for y in self.late)
         return (
             f"{better}. Two readings fit equally: samples of {names} come {self.shift} late, say delays = {{{delays}}} "
-            f"in the model and --map {self.late[0]}_age={self.shift}, by which the estimate is of now; or "
-            f"{self.signal} acts {self.shift} late, say {fix} and delay it in the firmware too. Another output without "
-            "delay, a --truth, or a look at the hardware decides"
+            f"in the model and {ages}, by which the estimate is of now; or {self.signal} acts {self.shift} late, say "
+            f"{fix} and delay it in the firmware too. Another output without delay, a --truth, or a look at the "
+            "hardware decides"
         )
 
 
