@@ -23,7 +23,7 @@ from hgogen.estimators.riccati_part import lower, pack
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, Report, When, column, scalar, sym
-from hgogen.reading.given import BadGain, names
+from hgogen.reading.given import BadGain, among, names
 from hgogen.signal import Signal
 from hgogen.stepping.guards import LARGEST_NUMBER, sample
 
@@ -36,7 +36,7 @@ def demand_reports(report: Any) -> tuple[str, ...]:
     """Return the names of reports in the order of `REPORTS`. Raises: `BadGain` for another name."""
     wanted = names("report", report)
     for name in wanted:
-        if name not in REPORTS:
+        if not among(name, REPORTS):
             raise BadGain(f"report {name!r}", f"is none; the reports are {', '.join(REPORTS)}")
     return tuple(name for name in REPORTS if name in wanted)
 
