@@ -733,7 +733,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
     )
     assert "holds no number for truth of v; say --truth v=COLUMN" in hgogen(*words, "--truth", "v=v", status=2)[1]
     said, beside = hgogen(*words, "--horizon", "1,500", "--json")
-    assert json.loads(said)["notes"][-1] == "no sample is there to compare with predictions 500 samples ahead"
+    assert "no sample is there to compare with predictions 500 samples ahead" in json.loads(said)["notes"]
     assert "no step at 0.05 s of the model's own tuning riccati: " in beside
     assert "v" in beside.partition("tuning riccati: ")[2]
 

@@ -1,8 +1,10 @@
 """The commands `tune` and `advise`: observer gains from measured logs, or from a plant's ranges alone."""
 
+import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -35,7 +37,7 @@ from hgogen.commands.command import (
     one_or_all,
 )
 from hgogen.commands.data import Logs, log_summary, logs_of, too_far, truth_of, truth_options
-from hgogen.commands.output import Bar, Written, cell, folder_of, headed, note, refusals_table, rendered
+from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, note, refusals_table, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
@@ -43,7 +45,7 @@ from hgogen.estimators.gate import Gates
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
-from hgogen.logs.tune import Calibration, Tuned, tune
+from hgogen.logs.tune import ADAPTIVE, Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -94,11 +96,29 @@ class TunedRow:
     gains: TunedGains | None
 
 
+FAR = 10.0  # factor by which a gain moves only if the rows held out are unlike the others
+
+
+@dataclass(frozen=True)
+class GainChange:
+    """A number of the recommended gains, from the rows that were not held out and from all rows."""
+
+    gain: Annotated[str, "its name, as Q w"]
+    judged: Annotated[float, "from the rows that were not held out: its errors are in `rows`"]
+    final: Annotated[float, "from all rows: it is in `tuning`"]
+
+    @property
+    def factor(self) -> float:
+        """The factor by which it changed, up or down; infinite across zero."""
+        pair = sorted((self.judged, self.final), key=abs)
+        return pair[1] / pair[0] if pair[0] * pair[1] > 0 else 1.0 if pair[0] == pair[1] else math.inf
+
+
 @dataclass(frozen=True, eq=False)
 class TuneReport(ModelReport):
     """Observers tuned to measured records."""
 
-    json_keys = "model equations records=logs.reports take tuning ahead truth segments rows refused notes files"
+    json_keys = "model equations records=logs.reports take tuning ahead truth segments rows changes refused notes files"
 
     equations: Annotated[list[str], "the plant's equations"]
     logs: Logs
@@ -107,7 +127,7 @@ class TuneReport(ModelReport):
     segments: Annotated[int, "segments of each record, by which gains that others chose are judged"]
     rows: Annotated[tuple[TunedRow, ...], "errors and costs of each observer"]
     notes: Annotated[tuple[str, ...], "what is doubtful, and which to take"]
-    held_out: bool
+    final: Tuned | None
     files: Written = ()
 
     @property
@@ -117,8 +137,19 @@ class TuneReport(ModelReport):
 
     @property
     def tuning(self) -> dict[str, Mapping[str, Any]]:
-        """Tables of the tunings by name."""
-        return {row.name: row.table for row in self.calibration.rows}
+        """Tables of the tunings by name; that to take is estimated from all rows, also from those held out."""
+        return {row.name: row.table for row in self.written}
+
+    @property
+    def written(self) -> tuple[Tuned, ...]:
+        """The tunings as they are written: that to take is estimated from all rows."""
+        final = self.final
+        return tuple(final if final and final.name == row.name else row for row in self.calibration.rows)
+
+    @property
+    def changes(self) -> tuple[GainChange, ...]:
+        """Numbers of the gains to take, before and after the rows held out were learned from; empty if none were."""
+        return () if self.final is None else gain_changes(self.calibration.best, self.final)
 
     @property
     def truth(self) -> tuple[str, ...]:
@@ -135,7 +166,8 @@ class TuneReport(ModelReport):
         yield from map(log_summary, self.logs.reports)
         ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
         hidden = list(self.rows[0].judged.hidden)
-        where = "in the rows held out" if self.held_out else "in all rows, since none were held out"
+        none = "in all rows, since none were held out"
+        where = "in the rows held out, which these gains do not know" if self.logs.held_out else none
         title = f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states"
         columns = *(f"{y} {h}" for h, y in ahead), *hidden
         errors = headed(title, "", "observer", *columns, numbers=len(columns))
@@ -152,9 +184,23 @@ class TuneReport(ModelReport):
                 nis = ", ".join(f"{each:.2g}" for each in one.nis.values())
                 cost = f"{gains.operations}", f"{gains.state} B"
                 comparison.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
-        steps = {row.name: row.first.step for row in self.calibration.rows}
+        steps = {row.name: row.first.step for row in self.written}
         noise = [Text(f"{name}: {line}") for name, step in steps.items() for line in deviation_lines(step)]
-        yield Group(errors, "", comparison, "", *noise, *map(Text, self.notes), "", *refusals_table(self.refused))
+        title = f"gains of {self.take}: the errors above are those of the first column; the file has the last one"
+        changes = headed(title, "gain", "without rows held out", "from all rows", numbers=2)
+        for gain in self.changes:
+            changes.add_row(gain.gain, cell(gain.judged), cell(gain.final))
+        yield Group(
+            errors,
+            "",
+            comparison,
+            "",
+            *filled(changes),
+            *noise,
+            *map(Text, self.notes),
+            "",
+            *refusals_table(self.refused),
+        )
 
 
 @command(TuneReport)
@@ -168,7 +214,7 @@ def tune_(
     truth: Truth = None,
     tune_on: TunedOn = "predictions",
     between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "line",
-    held_out: HeldOut = 0.3,
+    held_out: HeldOut = None,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
     gate: Gating = None,
     segments: Annotated[
@@ -206,29 +252,83 @@ def tune_(
         {state: each[name] for state, (name, _) in true.items()}
         for each in logs.columns([name for name, _ in true.values()])
     ]
-    courses = zip(measured, logs.cuts, strict=True)
+    courses = zip(measured[: logs.given], logs.cuts, strict=False)
     training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
     with Bar("trials", None) as bar:
-        calibration = tune(
+        tuned = partial(
+            tune,
             plant,
-            *logs.learned,
-            observers=names or None,
             ahead=ahead,
             segments=segments,
-            truth=training_truth if tune_on == "truth" else (),
             between=between,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
-            rows=requested_forms(loaded, deep),
             gate=gates_of(gate or ()),
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
+        on_truth = tune_on == "truth"
+        calibration = tuned(
+            *logs.learned,
+            observers=names or None,
+            truth=training_truth if on_truth else (),
+            rows=requested_forms(loaded, deep),
+        )
+        on_all_rows = partial(tuned, *logs.allowed, truth=measured[: logs.given] if on_truth else ())
+        final = tuned_again(calibration.best, on_all_rows) if logs.parted else None
     calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads, bool(held_out))
-    lines = equations(plant)
-    report = TuneReport(loaded.path, lines, logs, calibration, ahead, segments, rows, notes, bool(held_out))
+    take = calibration.best
+    final = replace(final, name=take.name) if isinstance(final, Tuned) else final
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads)
+    notes = (*notes, *_change_of_gains(take, final))
+    written = final if isinstance(final, Tuned) else None
+    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes, written)
     return folder.save(report, "tuned.json")
+
+
+def tuned_again(best: Tuned, tune_on_all_rows: Callable[..., Calibration]) -> Tuned | str:
+    """Return the row `best` with gains estimated in the same way from all rows, or the reason why it has none."""
+    adaptive = best.name == ADAPTIVE
+    try:
+        result = tune_on_all_rows(observers=[ADAPTIVE if adaptive else best.first.observer], rows=[best.first.row])
+    except HgogenError as error:
+        return str(error)
+    name = ADAPTIVE if adaptive else best.first.observer
+    return next((row for row in result.rows if row.name == name), result.refused.get(name, ""))
+
+
+def gain_changes(judged: Tuned, final: Tuned) -> tuple[GainChange, ...]:
+    """Return the numbers of the gains of two tunings of one observer."""
+    before, after = (dict(numbers_in(one.first.starting.gains)) for one in (judged, final))
+    return tuple(GainChange(name, before[name], after[name]) for name in before if name in after)
+
+
+def _change_of_gains(take: Tuned, final: Tuned | str | None) -> Iterator[str]:
+    """Yield how far the gains to take moved when all rows were learned from; `final`: the tuning from all rows, or why
+    there is none."""
+    if isinstance(final, str):
+        yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {final}"
+    if not isinstance(final, Tuned):
+        return
+    changes = gain_changes(take, final)
+    text = f"the errors above are those of {take.name} without the rows held out; the file has its gains from all rows"
+    farthest = max(changes, key=lambda one: one.factor, default=None)
+    if farthest is None or farthest.factor == 1:
+        yield f"{text}, which are the same"
+        return
+    far = f"of which {farthest.gain} moved most, from {farthest.judged:.2g} to {farthest.final:.2g}"
+    unlike = ": the rows held out are unlike the others; judge these gains on another log, by --held-out FILE"
+    yield f"{text}, {far}{unlike if farthest.factor > FAR else ''}"
+
+
+def numbers_in(gains: Any, name: str = "") -> Iterator[tuple[str, float]]:
+    """Yield the numbers of nested gains with the keys to each as a name, such as "Q w"."""
+    if isinstance(gains, Mapping | list | tuple):
+        pairs = gains.items() if isinstance(gains, Mapping) else enumerate(gains, 1)
+        for key, each in pairs:
+            yield from numbers_in(each, f"{name} {key}".strip())
+    elif isinstance(gains, int | float):
+        yield name, float(gains)
 
 
 def gates_of(texts: Iterable[str]) -> Gates:
@@ -250,17 +350,15 @@ def _judged(
     logs: Logs,
     measured: Sequence[Mapping[str, np.ndarray]],
     aheads: Sequence[int],
-    held_out: bool,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
     plant = model.plant
-    begins = [cut if held_out else 0 for cut in logs.cuts]
-    validation_logs = list(map(ValidationLog, logs.whole, begins, measured))
+    validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
     declared = _declared(model, logs.whole[0].dt)
     rows = judged(plant, calibration, declared, validation_logs, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
-    judgements = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
+    judgements = verdicts(calibration, rows, HELD_OUT if logs.held_out else ALL)
     shares = (f"left out as outliers: {share}" for share in calibration.gates)
     notes = (*logs.notes(), *difference_notes(rates), *shares, *judgements, *too_far(aheads, rows[0].errors))
     return tuple(_row(calibration, row) for row in rows), notes

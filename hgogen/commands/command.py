@@ -222,7 +222,11 @@ Shift = Annotated[
 ]
 Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
 HeldOut = Annotated[
-    float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
+    list[str] | None,
+    typer.Option(
+        metavar="PART|FILE",
+        help="The part at the end of each log that judges, by default 0.3; 0 for none, or a log that only judges.",
+    ),
 ]
 
 

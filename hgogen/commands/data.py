@@ -18,19 +18,45 @@ from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
 from hgogen.system import System
 
+HELD_OUT, LARGEST_PART = 0.3, 0.9  # part at the end of each log that judges: by default, and at most
+
 
 @dataclass(frozen=True, eq=False)
 class Logs:
-    """The logs of a plant. The rows of each from `cuts` on are validation data."""
+    """The logs of a plant. The rows of each from `cuts` on are validation data, of all rows if `cuts` are the lengths.
+    The first `given` logs are those to learn from, the others only judge."""
 
     plant: System
     records: tuple[Record, ...]
     cuts: tuple[int, ...]
+    given: int
 
     @property
     def learned(self) -> tuple[Log, ...]:
-        """The logs with their training rows alone, those before the cuts."""
-        return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
+        """The logs to learn from with their training rows alone, those before the cuts."""
+        return tuple(map(self._log, self.records[: self.given], self.cuts))
+
+    @property
+    def allowed(self) -> tuple[Log, ...]:
+        """The logs to learn from with all rows."""
+        return self.whole[: self.given]
+
+    @property
+    def parted(self) -> bool:
+        """Whether logs to learn from have validation rows."""
+        return any(len(log.y) > cut for log, cut in zip(self.allowed, self.cuts, strict=False))
+
+    @property
+    def held_out(self) -> bool:
+        """Whether any log has validation rows."""
+        return any(len(log.y) > cut for log, cut in zip(self.whole, self.cuts, strict=True))
+
+    @property
+    def judging(self) -> dict[int, int]:
+        """The first validation row by the number of each log that has any; 0 for all logs where none has."""
+        cuts = dict(enumerate(self.cuts))
+        lengths = [len(record.t) for record in self.records]
+        return {k: cut for k, cut in cuts.items() if cut < lengths[k]} or dict.fromkeys(cuts, 0)
 
     @property
     def reports(self) -> tuple[Report, ...]:
@@ -66,7 +92,7 @@ class Logs:
 def logs_of(
     plant: System,
     data: Sequence[Path],
-    held_out: float,
+    held_out: Sequence[str] | None,
     *,
     dt: float | None = None,
     named: Columns,
@@ -75,9 +101,9 @@ def logs_of(
     shift: Sequence[str] | None,
     window: Window,
 ) -> Logs:
-    """Return the logs in files on the grid of `dt`, by default with their own period. `named`: their columns;
-    `other_columns`: others by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the
-    averaging window of inputs.
+    """Return the logs in files on the grid of `dt`, by default with their own period. `held_out`: texts of the option
+    --held-out, a part of each log or files of logs that only judge; `named`: their columns; `other_columns`: others by
+    name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the averaging window of inputs.
 
     Raises: `BadRecord`.
     """
@@ -89,8 +115,28 @@ def logs_of(
     signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
     words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time}
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
-    records = tuple(read(path, columns, **words).shifted(shifts) for path in data)
-    return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
+    part, judges = parts_of(held_out or ())
+    records = tuple(read(path, columns, **words).shifted(shifts) for path in (*data, *judges))
+    cuts = [round(len(record.t) * (1 - part)) for record in records[: len(data)]]
+    return Logs(plant, records, (*cuts, *[0] * len(judges)), len(data))
+
+
+def parts_of(held_out: Sequence[str]) -> tuple[float, list[Path]]:
+    """Return the part of each log that is held out, and the logs that only judge, of which the former is 0 where there
+    are any; `held_out`: a number or file names. Raises: `typer.BadParameter`."""
+    if not held_out:
+        return HELD_OUT, []
+    judges = [Path(text) for text in held_out if Path(text).exists()]
+    if len(judges) == len(held_out):
+        return 0.0, judges
+    try:
+        (part,) = map(float, held_out)
+        if 0 <= part <= LARGEST_PART:
+            return part, []
+    except ValueError:
+        pass
+    reason = f"{', '.join(held_out)!r:.80} is neither a part from 0 to {LARGEST_PART:g} of each log nor files of logs"
+    raise typer.BadParameter(reason, param_hint="--held-out")
 
 
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:

@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from time import monotonic
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -56,6 +58,8 @@ from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the progress of an unfinished fit
 EVERY = 1.0  # seconds at least between two writes of that file
+FAR = 4.0  # standard errors by which a parameter moves only if the rows held out are unlike the others
+UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
 _AHEAD = (1, 5, 25)  # samples ahead, of the validation errors
 _JUDGE = "riccati"  # the observer that starts predictions if the model has none
 _FEEDBACK = (
@@ -83,14 +87,23 @@ class PredictionErrors:
     copying: Annotated[float | None, "error of copying the last value"]
 
 
+@dataclass(frozen=True)
+class ParameterChange:
+    """A fitted parameter without and with the rows held out."""
+
+    judged: Annotated[float, "without the rows held out: its errors are in `predictions`"]
+    final: Annotated[float, "from all rows"]
+
+
 @dataclass(frozen=True, eq=False)
 class FitReport(ModelReport):
     """A fit, and how well it predicts the rows held out."""
 
-    json_keys = "model equations records=logs.reports *result predictions unjudged notes files"
+    json_keys = "model equations records=logs.reports *result changes predictions unjudged notes files"
 
     equations: Annotated[list[str], "the plant's equations"]
     result: Fit
+    judged: Fit
     logs: Logs
     by: By
     predictions: Annotated[list[PredictionErrors], "errors in the rows held out"]
@@ -98,9 +111,31 @@ class FitReport(ModelReport):
     files: Written = ()
 
     @property
+    def changes(self) -> dict[str, ParameterChange]:
+        """Parameters before and after the rows held out were learned from; empty if none were."""
+        before = self.judged.values if self.judged is not self.result else {}
+        return {one.name: ParameterChange(before[one.name], one.value) for one in self.result.parameters if before}
+
+    @property
     def verdicts(self) -> tuple[str, ...]:
         """The verdicts on the validation rows, and the advice about offsets."""
-        return (*_verdicts(self.predictions, self.by), *_without_offset(self.result))
+        return (*_verdicts(self.predictions, self.by), *self._distance(), *_without_offset(self.result))
+
+    def _distance(self) -> Iterator[str]:
+        """Yield how far the parameters moved when all rows were learned from."""
+        deviations = {name: sigma for name, sigma in self.judged.deviation.items() if 0 < sigma < math.inf}
+        errors = {
+            name: abs(one.final - one.judged) / deviations.get(name, math.inf) for name, one in self.changes.items()
+        }
+        if not errors:
+            return
+        name = max(errors, key=lambda each: errors[each])
+        far = f"{name} moved most, from {self.changes[name].judged:.5g} to {self.changes[name].final:.5g}"
+        yield (
+            f"the errors in the rows held out are those of the parameters without these rows; the file has those from "
+            f"all rows, of which {far}, by {errors[name]:.2g} of its standard errors"
+            f"{UNLIKE if errors[name] > FAR else ''}"
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -113,20 +148,20 @@ class FitReport(ModelReport):
 
         outputs, plant = self.result.plant.outputs, self.logs.plant
         return {
-            f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(outputs)[:cut], y)
-            for k, (record, cut, y) in enumerate(
-                zip(self.logs.records, self.logs.cuts, self.result.fitted, strict=True), 1
-            )
+            f"fitted_{k}": figures.fitted(plant, record.t[: len(y)], record.of(outputs)[: len(y)], y)
+            for k, (record, y) in enumerate(zip(self.logs.records, self.result.fitted, strict=False), 1)
         }
 
     def tables(self) -> Iterator[Any]:
         """Yield the logs, the fit and its predictions."""
         yield from map(log_summary, self.logs.reports)
-        yield fit_tables(self.result, self.logs.notes())
+        yield fit_tables(self.result, self.logs.notes(), self.changes)
         if not self.predictions:
             yield Text(f"nothing judges the fit; {self.unjudged}\n")
             return
-        title = "RMS prediction error in the rows held out, from an observer's estimate"
+        title = (
+            "RMS prediction error in the rows held out, from an observer's estimate, without learning from these rows"
+        )
         table = headed(title, "output", "samples ahead", "fitted", "before", "copying the last value", numbers=5)
         several = len({one.record for one in self.predictions}) > 1
         for one in self.predictions:
@@ -157,7 +192,7 @@ def fit_(
         By,
         typer.Option(help="The error that is least; prediction for a plant that is unstable or that noise moves."),
     ] = By.SIMULATION,
-    held_out: HeldOut = 0.3,
+    held_out: HeldOut = None,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
     robust: Annotated[
@@ -186,22 +221,21 @@ def fit_(
     plant = loaded.plant
     window = WINDOWS["forward"]  # the fit holds an input from its sample to the next
     logs = logs_of(plant, data, held_out, dt=setting.dt, named=columns, shift=shift, window=window)
+    fitted = partial(
+        fit,
+        plant,
+        free=names["--free"] or None,
+        offset=names["--offset"],
+        lag=names["--lag"],
+        seed=seed,
+        robust=robust,
+        by=by.value,
+    )
     with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, stopped.kept(bar) as each:
-        result = fit(
-            plant,
-            *logs.learned,
-            free=names["--free"] or None,
-            offset=names["--offset"],
-            lag=names["--lag"],
-            starts=starts,
-            seed=seed,
-            robust=robust,
-            by=by.value,
-            each=each,
-            resume=begun,
-        )
-    judged, unjudged = _judgement(loaded, observer, result, logs) if held_out else ([], "no rows were held out")
-    report = FitReport(loaded.path, equations(plant), result, logs, by, judged, unjudged)
+        judged = fitted(*logs.learned, starts=starts, each=each, resume=begun)
+        result = fitted(*logs.allowed, starts=1, begin=judged.values) if logs.parted else judged
+    errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
+    report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged)
     saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
     folder.remove(BEGUN)
     if new:
@@ -292,7 +326,7 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
-    for record, cut in zip(logs.records, logs.cuts, strict=True):
+    for record, cut in ((logs.records[k], cut) for k, cut in logs.judging.items()):
         u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
@@ -336,19 +370,27 @@ def _without_offset(result: Fit) -> Iterator[str]:
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {correction}, in its unit"
 
 
-def fit_tables(result: Fit, notes: Iterable[str]) -> RenderableType:
-    """Return the tables of fitted parameters and residuals, with the notes on the fit; `notes`: those on the logs."""
-    parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
+def fit_tables(
+    result: Fit, notes: Iterable[str], changes: Mapping[str, ParameterChange] = MappingProxyType({})
+) -> RenderableType:
+    """Return the tables of fitted parameters and residuals, with the notes on the fit; `notes`: those on the logs;
+    `changes`: of the parameters without and with the rows held out."""
+    before, rows = ("before", *(["without rows held out"] if changes else [])), "fitted parameters"
+    title = f"{rows}, from all rows" if changes else rows
+    parts = headed(title, "name", "value", "standard error", *before, "unit", numbers=3 + len(before))
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)
-        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
+        former = [f"{changes[one.name].judged:.5g}"] if changes else []
+        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", *former, Text(one.unit))
+    empty = [""] * bool(changes)
     for one in result.lags:
-        parts.add_row(f"lag of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "", Text(one.unit))
+        parts.add_row(f"lag of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "", *empty, Text(one.unit))
     for one in result.offsets:
-        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
+        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", *empty, Text(one.unit))
     for what, levels in zip(("process noise of", "noise of a sample of"), result.noise, strict=True):
         for name, level in levels.items():
-            parts.add_row(f"{what} {name}", f"{level:.3g}", "", "", "density" if levels is result.noise[0] else "")
+            unit = "density" if levels is result.noise[0] else ""
+            parts.add_row(f"{what} {name}", f"{level:.3g}", "", "", *empty, unit)
     follows = headed(_ALONG[result.by], "output", "fitted", "before", "Ljung-Box", "limit", numbers=5)
     for name, error in result.error.items():
         test = result.whiteness[name]

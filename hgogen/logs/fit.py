@@ -7,7 +7,7 @@ the lag d = h - y itself, which does not: d' = h' - d/tau, with h' the derivativ
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -324,7 +324,7 @@ class CannotFit(BadLog):
 class Task:
     """The problem of a fit. `given`: the plant; `plant`: the plant with states for the lags of its sensors; `chosen`:
     the fitted parameters besides the `lags`; `by`: one of `BY`; `corner`: the corner c of each output's pseudo-Huber
-    loss, None for squares."""
+    loss, None for squares; `begin`: values of parameters where searches begin, in place of the nominal ones."""
 
     given: System
     plant: System
@@ -335,6 +335,7 @@ class Task:
     between: str
     by: str
     corner: Array | None = None
+    begin: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def free(self) -> tuple[Signal, ...]:
@@ -388,8 +389,8 @@ class Task:
 
     @property
     def nominal(self) -> Array:
-        """The unknowns (v) of the fit with the parameters at their nominal values."""
-        values = [float(self.plant.nominal[p]) for p in self.free]
+        """The unknowns (v) of the fit with the parameters at their nominal values, or at those of `begin`."""
+        values = [float(self.begin.get(p.name, self.plant.nominal[p])) for p in self.free]
         levels = [start for start, _, _ in self.problem.levels]
         return np.array([*values, *[0.0] * len(self.offset), *self._nodes, *levels])
 
@@ -542,6 +543,7 @@ def fit(
     robust: bool = False,
     each: Callable[[Progress], None] = lambda progress: None,
     resume: Progress | None = None,
+    begin: Mapping[str, float] | None = None,
 ) -> Fit:
     """Return the parameters with which the plant follows the logs best.
 
@@ -552,7 +554,8 @@ def fit(
     shooting, or the "prediction" error of a Kalman filter whose noise is fitted too, for a plant with process noise or
     an unstable one; `starts`: the first at the nominal values, the others random within the ranges, by `seed`;
     `robust`: an outlier, as of a failed sensor, costs its distance, not its square; `each(progress)` is called after
-    every iteration; `resume`: the progress of the same fit, stopped earlier, from which it continues.
+    every iteration; `resume`: the progress of the same fit, stopped earlier, from which it continues; `begin`: values
+    of parameters at which the first start begins, such as those of an earlier fit, by default the nominal ones.
 
     Raises: `Misfit` if `plant` is no plant; `CannotFit`; `CannotGoOn`; `BadGain` for invalid counts and names;
     `BadShape`, `BadNames` for logs of another shape.
@@ -569,8 +572,18 @@ def fit(
     )
     period, duration = max(record.dt for record in logs), min(len(record.y) * record.dt for record in logs)
     slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
-    task = Task(plant, slow, chosen, tuple(lags), logs, _named("offset", offset, plant.outputs), between, by)
-    options = {"free": task.free, "offset": task.offset, "between": between, "by": by, "starts": starts, "seed": seed}
+    _named("begin", begin or (), plant.parameters)
+    outputs = _named("offset", offset, plant.outputs)
+    task = Task(plant, slow, chosen, tuple(lags), logs, outputs, between, by, begin=begin or {})
+    options = {
+        **(begin or {}),
+        "free": task.free,
+        "offset": task.offset,
+        "between": between,
+        "by": by,
+        "starts": starts,
+        "seed": seed,
+    }
     searches = Searches(digests(plant, logs, {**options, "robust": robust}), each, resume)
     return _best(task, searches, starts, np.random.default_rng(seed), AGAIN if robust else 0)
 
