@@ -46,6 +46,7 @@ from hgogen.stepping.recovery import Sign
 from hgogen.stepping.reports import demand_reports
 from hgogen.stepping.sections import Assembly, flat, multiples
 from hgogen.stepping.substeps import ELAPSED, elapsed_bits, elapsed_signal
+from hgogen.stepping.times import set_time
 
 
 class BadStep(BadArgument):
@@ -152,16 +153,18 @@ class Layout:
 class Code:
     """The programs of a step: `tuning`, `sections`, `estimate`.
 
-    `timed`: the updates of `sections` for samples with their time, for sensors of different rates; `inner`: sections
-    that a step for late samples calls; `rule`: the method that integrates the observer, which may be another one than
-    the step's; `choice`: the program of a part that was selected among two, and why; `signs`: the fault counters of the
-    law of recovery, by which a lost estimate restarts; `reports`: functions that report on the estimate.
+    `timed`: the updates of `sections` for samples with their time, for sensors of different rates; `time`: the section
+    that sets the time of functions of t; `inner`: sections that a step for late samples calls; `rule`: the method that
+    integrates the observer, which may be another one than the step's; `choice`: the program of a part that was selected
+    among two, and why; `signs`: the fault counters of the law of recovery, by which a lost estimate restarts;
+    `reports`: functions that report on the estimate.
     """
 
     tuning: Program
     sections: tuple[Section, ...]
     estimate: Program
     timed: tuple[Section, ...]
+    time: tuple[Section, ...]
     inner: tuple[Section, ...]
     rule: Annotated[str, "name of the method"]
     choice: str
@@ -171,7 +174,7 @@ class Code:
     @property
     def called(self) -> tuple[Section, ...]:
         """Every section, each after the sections that it calls."""
-        return (*self.inner, *self.sections, *self.timed)
+        return (*self.inner, *self.sections, *self.timed, *self.time)
 
     @property
     def parts(self) -> tuple[Section, ...]:
@@ -506,6 +509,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
         sections=assembly.sections,
         estimate=assembly.estimate,
         timed=assembly.timed,
+        time=(set_time(system.times, clock.longest),) if system.times else (),
         inner=assembly.inner,
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         choice=next((piece.choice for piece in pieces if piece.choice), ""),

@@ -457,6 +457,11 @@ def elapsed(step: hg.Step) -> dict[str, float]:
     return {"dt": step.dt} if step.clock.varying else {}
 
 
+def begin(step: hg.Step) -> str:
+    """The last argument of init and reset, for a plant with functions of t."""
+    return ", 0" * len(step.code.time)
+
+
 def files(name: str, real: str = "float") -> Mapping[str, str]:
     """The C of a step, with its self-check."""
     return _files(name, real)

@@ -64,7 +64,7 @@ int main(void)
         ${name}_output measurement;
         ${name}_plant x;
 $input
-        ${name}_init(&s, &p);
+        ${name}_init(&s, &p$t);
         if (round % 2u == 1u) { /* a state restored from worn memory */
             noise(&s, sizeof s);
         }
@@ -113,6 +113,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
         name=made.name,
         upper=made.name.upper(),
         real=real,
+        t=emitted.begin(made),
         rounds=rounds,
         values=", ".join(f"({real}){value!r}" for value in NASTY if np.isfinite(value)),
         input=f"        {made.name}_input in;" if made.given else "",

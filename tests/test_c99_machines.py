@@ -88,7 +88,7 @@ int board_main(void)
 {
     ${name}_state s;
     ${name}_params p;
-    ${name}_init(&s, &p);
+    ${name}_init(&s, &p$t);
     paint();
     (void)steps(60u, &s, &p);
     say_number("stack ", painted_over());
@@ -131,6 +131,7 @@ def on_the_board(
     lines += ["(void)wave;"]
     program = _BOARD.substitute(
         name=made.name,
+        t=emitted.begin(made),
         real=real,
         samples="\n".join(f"        {line}" for line in lines),
         call=", ".join(["s", "p", *(f"&{short}" for _, short, signals in kinds if signals)]),
@@ -250,7 +251,7 @@ int main(void)
     ${name}_state s;
     ${name}_params p;
 $locals
-    ${name}_init(&s, &p);
+    ${name}_init(&s, &p$t);
 $first
 $parameters
     (void)${name}_tune(&p);
@@ -315,6 +316,7 @@ def driver(made: hg.Step, anything: bool = False) -> tuple[str, int]:
     )
     text = _DRIVER.substitute(
         name=made.name,
+        t=emitted.begin(made),
         locals="\n".join(f"    {made.name}_{types[kind]} {kind};" for kind in kinds),
         first="\n".join(inside),
         parameters="\n".join(f"    p.{name} = any;" for name in parameters),

@@ -62,7 +62,7 @@ int main(void)
 $locals
     uint16_t at = 0u;
     $state made;
-    ${name}_init(&made, &p);
+    ${name}_init(&made, &p$t);
 $samples
     for (unsigned how = 0u; how < 40u; ++how) {
         $state s;
@@ -70,11 +70,11 @@ $samples
         $params none;
 $entries
         fill(&s, sizeof s, how);
-        ${name}_reset(&s);
+        ${name}_reset(&s$t);
         if ($step_s != $step_made) {
             return differs("reset", how);
         }
-        ${name}_reset(&made);
+        ${name}_reset(&made$t);
     }
     return 0;
 }
@@ -82,7 +82,7 @@ $entries
 _ENTRY = Template("""
 fill(&s, sizeof s, how);
 fill(&fresh, sizeof fresh, how < 6u ? how : 0u);
-${name}_reset(&fresh);
+${name}_reset(&fresh$t);
 fill(&none, sizeof none, how);
 if ($without != (unsigned long)(${upper}_NO_PARAMETERS | ${upper}_UNINITIALISED)
     || (how < 6u && memcmp(&s, &fresh, sizeof s) != 0)) {
@@ -119,7 +119,7 @@ def called(function: Prototype, state: str, parameters: str = "p") -> str:
 
 def garbage(made: hg.Step) -> str:
     """A program that calls each entry first on memory that is no state, and beside it on one that was reset."""
-    values = {"name": made.name, "upper": made.name.upper()}
+    values = {"name": made.name, "upper": made.name.upper(), "t": emitted.begin(made)}
     bodies = [
         _ENTRY.substitute(
             values,

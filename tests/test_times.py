@@ -6,23 +6,28 @@ import pickle
 import tomllib
 from copy import copy
 from fractions import Fraction
+from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
+from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
+from hgogen.emit import pystep
+from hgogen.emit.syntax import DTYPE
 from hgogen.program import Place
 from hgogen.reading.text_model import from_table, to_text
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.recurrent import grouped
 from hgogen.signal import Time
-from hgogen.stepping.times import BadTime, ratio
+from hgogen.stepping.times import BadTime, T, parts, ratio
 from hgogen.trial import Trial, simulate
 
-t, COUNT = hg.t, Place("state", "count")
+t, COUNT, LARGEST = hg.t, Place("state", "count"), 20 * ((1 << 24) // 20)
 q, v = hg.Signal("q", low=-2, high=2), hg.Signal("v", low=-20, high=20)
 u, w, y = hg.Signal("u", low=-1, high=1), hg.Signal("w", low=-1, high=1), hg.Signal("y", low=-3, high=3)
 f = hg.Signal("f", "1/s", "frequency", 50)
@@ -163,10 +168,67 @@ def test_it_keeps_its_digits_for_years(real: str) -> None:
     step.reset(3e8 + 0.005)
     assert not np.allclose(step.run(y=samples).x, first.x, atol=1e-3)
     step.reset(-0.001)
-    assert step._kept.places[COUNT].tolist() == [19]
+    assert step._kept.places[COUNT].tolist() == [19 * LARGEST // 20]
+    step.reset(0.00137)  # between two samples of the first second
+    assert step._kept.places[COUNT][0] == pytest.approx(0.0685 * LARGEST, abs=2)
 
 
-@pytest.mark.parametrize("spoiled", [math.nan, -1.0, 20.0, 3.5, math.inf])
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_what_is_emitted_begins_at_its_time(real: str) -> None:
+    """The counts of init and set_time are those of `reset`, up to the rounding of the time; of a time that has no
+    place in a turn they are lost, and the next call says so."""
+    step = kalman(oscillator(HUM + sp.sin(t)), real=real)
+    set_time, places = pystep.entries(step, step._kept.record, real)["set_time"], step._kept.places
+    rng, unit = np.random.default_rng(4), np.finfo(DTYPE[real]).eps
+    for begin in [0.0, 0.02, -1e-12, 6.2831853, *rng.uniform(-30, 30, 40).astype(DTYPE[real]).astype(float)]:
+        step.reset(begin)
+        wanted = places[COUNT].copy()
+        for running in (False, True):
+            if running:  # the count goes on by one call before it is used
+                step(y=0.0)
+            places[T][:] = begin
+            set_time()
+            if running:
+                step.predict()
+            away = np.abs(places[COUNT] - wanted)
+            ends = np.array([parts(time, step.dt)[1] for time in step.observer.form.system.times])
+            assert (places[COUNT] < ends).all()
+            turns = np.array([begin / float(time.turn) for time in step.observer.form.system.times])
+            assert (np.minimum(away, ends - away) <= 0.51 + 2 * unit * ends * (1 + np.abs(turns))).all()
+    for lost in (math.nan, math.inf, 1e30, 4e3 if real == "float" else 1e15):
+        places[T][:] = lost
+        set_time()
+        assert step(y=0.0).flags == ("TIME_LOST",)
+
+
+def test_casadi_begins_at_its_time() -> None:
+    step = kalman(oscillator(HUM + sp.sin(t), (u,)))
+    functions = hg.targets.casadi(step, bundled=True)
+    y, inputs = np.random.default_rng(5).normal(size=(60, 1)) / 9, np.linspace(0, 1, 60)[:, None]
+    step.reset(1.2345)
+    run = step.run(u=inputs, y=y)
+    begin = functions.begin(1.2345)
+    _, x, status, *_ = functions.step.mapaccum(60)(begin, inputs.T, y.T, functions.p.initial)
+    assert np.array_equal(x.full().T, run.x)
+    assert np.array_equal(status.full()[0], run.status)
+    assert ca.Function.deserialize(functions["osc_begin.casadi"])(1.2345).full().tolist() == begin.full().tolist()
+    assert hg.targets.casadi(kalman(oscillator(sp.S.Zero, (u,)))).begin is None
+
+
+def test_a_lost_value_keeps_the_time() -> None:
+    """All else begins anew; the estimate is then that of a step which began there."""
+    step, other = kalman(oscillator(HUM)), kalman(oscillator(HUM))
+    step.run(y=np.zeros(7))
+    step._kept.places[Place("state", "z")][:] = math.nan
+    assert "RESTARTED" in step(y=math.nan).flags
+    assert step._kept.places[COUNT] == 7 * LARGEST // 20
+    other.reset(0.007)
+    other(y=math.nan)
+    blind = np.full(30, math.nan)
+    assert np.array_equal(step.run(y=blind).x, other.run(y=blind).x)
+
+
+@pytest.mark.parametrize("spoiled", [math.nan, -1.0, 1.0 * LARGEST, 3.5, math.inf])
 def test_a_spoiled_count_begins_anew(spoiled: float) -> None:
     step, other = kalman(oscillator(HUM)), kalman(oscillator(HUM))
     step(y=0.1)
@@ -330,6 +392,32 @@ def test_a_log_begins_at_its_time(between: str) -> None:
     assert fitted.parameters[0].value == pytest.approx(40, rel=1e-4)
     wrong = hg.fit(plant, hg.Log(no_input, truth.y[rows], 0.02), starts=1, between=between)
     assert abs(wrong.parameters[0].value - 40) > 1e-2
+
+
+@pytest.mark.full
+def test_a_command_sets_the_time_of_the_first_row(tmp_path: Path) -> None:
+    """A log without absolute times, whose first row is at t = 0.9; run follows it with --start alone."""
+    a = hg.Signal("a", "", "", 30.0, 20, 60)
+    flow = [v, -a * q - v / 2 + 3 * sp.cos(2 * sp.pi * t)]
+    plant = hg.System("dated", states=(q, v), outputs=(y,), parameters=(a,), flow=flow, output=[q])
+    truth = simulate(hg.system.valued(plant, {"a": 40}), Trial("log", 6.0, {"q": 0, "v": 0}), 0.02)
+    tuning = {"observer": {"kind": "riccati", "R": 1e-4, "Q": [1e-4, 1e-4], "dt": 0.02}}
+    (tmp_path / "dated.toml").write_text(to_text(plant, tuning))
+    rows = "\n".join(f"{each:.12g}" for each in truth.y[45:, 0])
+    (tmp_path / "log.csv").write_text(f"y\n{rows}\n")
+    model, data = str(tmp_path / "dated.toml"), ("--data", str(tmp_path / "log.csv"), "--period", "0.02")
+    fitted, errors = list[float](), list[float]()
+    for start in ("0.9", "0"):
+        options = (*data, "--start", start, "--out", str(tmp_path / start), "--json")
+        printed = hgogen("fit", model, *options, "--starts", "1", "--held-out", "0")[0]
+        fitted.append(json.loads(printed)["parameters"]["a"])
+        parameters = ("--parameters", str(tmp_path / "0.9" / "fitted.json"))
+        last = json.loads(hgogen("run", model, *options, *parameters)[0])["predictions"][-1]
+        assert last["ahead"] is None
+        errors.append(last["model"])
+    assert fitted[0] == pytest.approx(40, rel=1e-4)
+    assert abs(fitted[1] - 40) > 1e-2
+    assert errors[1] > 1.2 * errors[0]
 
 
 def test_time_is_no_input_of_any_course() -> None:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from functools import wraps
 from inspect import Parameter, Signature, getdoc, signature
 from pathlib import Path
@@ -45,6 +45,7 @@ from hgogen.errors import HgogenError
 from hgogen.modelfiles.place import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.reading.jumps import JumpsByTurn
+from hgogen.reading.measured import Record
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
 from hgogen.run.gates import RejectsMany
@@ -262,13 +263,17 @@ class Runs:
 
 @dataclass(frozen=True)
 class Columns:
-    """The options that map the columns of a log: the column of times, else the `period` between rows, and the columns
-    of the signals."""
+    """The options that map the columns of a log: the column of times, else the `period` between rows, the time of the
+    first row if `start` sets it, and the columns of the signals."""
 
     time: Annotated[str | None, typer.Option(help="The column of times, in the unit of the model's time.")] = None
     period: Annotated[
         float | None,
         typer.Option(help="The time between rows, in the unit of the model's time, where no column has times."),
+    ] = None
+    start: Annotated[
+        float | None,
+        typer.Option(help="The time t of the first row of each log, by default its own; 0 for dates and --period."),
     ] = None
     map_: Annotated[
         list[str] | None,
@@ -278,6 +283,10 @@ class Columns:
             help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
         ),
     ] = None
+
+    def begun(self, record: Record) -> Record:
+        """Return the log with the time of its first row."""
+        return record if self.start is None else replace(record, t=self.start + (record.t - record.t[0]))
 
 
 NO_RUNS = Runs()

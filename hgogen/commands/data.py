@@ -116,7 +116,7 @@ def logs_of(
     words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time}
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
     part, judges = parts_of(held_out or ())
-    records = tuple(read(path, columns, **words).shifted(shifts) for path in (*data, *judges))
+    records = tuple(named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
     cuts = [round(len(record.t) * (1 - part)) for record in records[: len(data)]]
     return Logs(plant, records, (*cuts, *[0] * len(judges)), len(data))
 

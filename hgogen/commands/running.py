@@ -374,7 +374,7 @@ def _record(
         rates=derived(step.inputs),
     )
     demand_regular(step.observer.form.system, record.report)
-    return record
+    return columns.begun(record)
 
 
 def _estimates(step: CallableStep, record: Record, run: Run) -> str:

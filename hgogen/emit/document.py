@@ -140,7 +140,7 @@ def _use(step: Step) -> list[str]:
     what = "predict, and update where a sample came," if step.code.timed else "one step"
     lines = [f"One init, then {what} a sampling period of {every}.", "", "```c"]
     lines += [each.local for each in (*structs(step), *reported(step))]
-    lines += [f"{name}_init(&s, &p);", f"for (;;) {{                      /* every {every} */"]
+    lines += [f"{prototypes(step)['init'].call(address)};", f"for (;;) {{                      /* every {every} */"]
     lines += [*indented(_body(step)), f"    {name}_estimate(&s, &p, &x);"]
     lines += [f"    {prototypes(step)[each.name].call(address)};" for each in step.code.reports]
     lines += ["}", "```", ""]

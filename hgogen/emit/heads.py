@@ -42,6 +42,7 @@ from hgogen.stepping.sections import ROUND
 # --- NAME.h
 
 _NONE, _NO_RANGE = f"unsigned char none; {TRAILING_DOC}there are none */", "of no declared range"
+TURNS_OF_FLOAT = ": a float has 24 bits, so give it modulo the period of the functions of t"
 _LISTED = ("OUTSIDE_BOX", "STATE_LIMITED")  # bits whose ranges are in the manual
 
 
@@ -61,6 +62,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.code.timed else []
     period, *constants = _constants(step, real)
     lines += ["", period, ""]
+    lines += _time(step, real)
     for struct in typedefs(
         step.name, structs(step, C, real, marked=True, notes=proved_above(step)), _NONE, lambda text: text or _NO_RANGE
     ):
@@ -82,6 +84,14 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     equations = (harmless(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
     verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
     return [*lines, *verbatim, "", f"#endif /* {guard} */"]
+
+
+def _time(step: Step, real: Real) -> list[str]:
+    """Return the lines that declare the type of the time, none without functions of t."""
+    if not step.code.time:
+        return []
+    about = f"a time in {plural(step.time)}{TURNS_OF_FLOAT * (real == 'float')}"
+    return [documented(about), f"typedef {real} {step.name}_time;", ""]
 
 
 def _block(lines: Iterable[str]) -> list[str]:
@@ -162,7 +172,8 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
     """Return the documentation at the head of a step's Rust crate, as lines."""
     first, *others = title(step, command)
     every = step.pace
-    begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
+    new = f"State::new({'t' * len(step.code.time)})"
+    begin = f"Begin with `let mut s = {new}` and `let p = Parameters::new()`. Every {every} say"
     timed = [_TIMED.format(rates=rates(step), function=step.code.timed[-1].name)] if step.code.timed else []
     lists = [
         [f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`."],

@@ -2,7 +2,7 @@
 of the members of its structs.
 
 A parameter is one of `s` (the state), `p` (the parameters), `in`, `measurement` (what a call is given), `x` (the
-estimate) and `at` (a counter).
+estimate), `at` (a counter) and `t` (the time).
 """
 
 from collections.abc import Callable, Iterable
@@ -21,6 +21,7 @@ REACHED = {  # the parameter of a function that leads to a place, and the member
     "output": ("measurement", ""),
     "estimate": ("x", ""),
     "argument": ("at", ""),
+    "time": ("t", ""),
     "deviations": ("sigma", ""),
     "ages": ("age", ""),
     "innovations": ("innovation", ""),
@@ -32,6 +33,7 @@ MEANINGS = {  # of the parameters of functions
     "measurement": "the measurement now",
     "x": "the estimate of the plant's state",
     "at": "the number of the period in which the sample was taken",
+    "t": "the time of the next call",
     "sigma": "the standard deviations of the estimate",
     "age": "the samples since the last used one of each output",
     "innovation": "the joint innovations of all samples",
@@ -72,11 +74,12 @@ def entries(step: Step) -> dict[str, Entry]:
     does = ["limits them to their ranges"] * step.clock.guarded
     does += ["computes the derived ones"] * bool(step.layout.derived)
     limits = f"after a change of parameters: {' and '.join(does) or 'there is nothing to do'}"
-    both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
+    both, nominal, time = ("s", "p"), "nominal parameters, tuned, and a reset state", ("t",) * len(step.code.time)
     every = (
-        Entry("init", both, both, nominal, status=False, anew=both),
+        Entry("init", (*both, *time), both, nominal, status=False, anew=both),
         Entry("tune", ("p",), ("p",), limits),
-        Entry("reset", ("s",), ("s",), "the state as before the first call", status=False, anew=("s",)),
+        Entry("reset", ("s", *time), ("s",), "the state as before the first call", status=False, anew=("s",)),
+        *(Entry(each.name, ("s", *time), ("s",), each.meaning, status=False) for each in step.code.time),
         Entry("step", _parameters(step, {"in", "measurement"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
         *map(of_report, step.code.reports),
@@ -162,8 +165,8 @@ def same_name(parameter: Parameter) -> str:
 
 
 def address(parameter: Parameter) -> str:
-    """Return the C argument for a parameter (&name for a pointer), if the caller's structs have its name."""
-    return f"&{parameter.name}" if parameter.pointer else parameter.name
+    """Return the C argument for a parameter, if the caller's structs have its name: &name for a pointer; 0 for t."""
+    return f"&{parameter.name}" if parameter.pointer else "0" if parameter.name == "t" else parameter.name
 
 
 def inside(step: Step, section: Section) -> Prototype:
@@ -213,7 +216,8 @@ def prototypes(step: Step) -> dict[str, Prototype]:
 
 def prototype(step: Step, entry: Entry) -> Prototype:
     """Return the C declaration of a function of a step, as the target c99 has it."""
-    kinds = {each.name: each for each in (*structs(step), *reported(step), AT)}
+    time = Parameter(f"{step.name}_time", "t", pointer=False)
+    kinds = {each.name: each for each in (*structs(step), *reported(step), AT, time)}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
     parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
     returns = status_type(step) if entry.status else "void"

@@ -1,7 +1,7 @@
 """The memory of a step in the layout of the C structs: numpy aligns records as a C compiler of this machine does.
 
 A record of `kept_type` is all memory of a step, so that one address is enough: the state and the parameters, the input
-and the measurement of a sample, the number of its period (`at`), the estimate and the traces.
+and the measurement of a sample, the number of its period (`at`), the time (`t`), the estimate and the traces.
 """
 
 from collections.abc import Iterable
@@ -14,6 +14,7 @@ from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.step import Step
 from hgogen.stepping.sections import AT
+from hgogen.stepping.times import T
 
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
@@ -34,6 +35,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     signals = {"input": step.given, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.code.timed else []
+    members += [("t", np.dtype(DTYPE[real]))] if step.code.time else []
     members += [(each.name, np.dtype(_members(each.fields, real), align=True)) for each in step.code.reports]
     scalars = {kind: [signal.name for signal in each] for kind, each in signals.items()}
     scalars |= {"traces": list(step.traces)}
@@ -51,6 +53,7 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
         views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
     for report in step.code.reports:
         views |= {Place(report.struct, field.name): _flat(record[report.name], field) for field in report.fields}
+    views |= {T: record["t"]} if step.code.time else {}
     return views | ({AT: record["at"]} if step.code.timed else {})
 
 

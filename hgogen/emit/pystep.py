@@ -56,6 +56,7 @@ from hgogen.step import Step
 from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED, plausible_range, readings
 from hgogen.stepping.recovery import MARGIN
 from hgogen.stepping.reports import E
+from hgogen.stepping.times import T
 
 Entry = Callable[[], int]
 
@@ -113,7 +114,7 @@ class _Writer(Reader[list[str]]):
         for section in step.code.called:
             self.sections[section.name] = len(self.sections)
             text += self._function(self._called(section), section.program)
-        calls = {section.name: [section] for section in (*step.code.sections, *step.code.timed)}
+        calls = {each.name: [each] for each in (*step.code.sections, *step.code.timed, *step.code.time)}
         calls |= {"step": list(step.code.sections), "estimate": []}
         numbered = {name: f"entry{k}" for k, name in enumerate(calls)}
         for name, sections in calls.items():
@@ -271,6 +272,7 @@ MISSING, INFINITE, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 25, 30, 35, 40, 
 FAR = 60  # a sample that is hardly plausible
 AT_ONCE, LONG, BACKWARD = 10, 15, 18  # samples after no time, after a long one, and after a negative one
 FARTHEST = 1e37  # a float, far beyond `LOST`
+BEGUN = 0.3  # of a turn of the first time, at the start
 SAVED = 32  # the sample before which the state is saved, reset and restored
 # samples before which the estimate is put at a multiple of its ranges, and fault counts of the ranges and the outputs
 # at a multiple of their limits
@@ -304,7 +306,7 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     times = step.observer.form.system.times
-    begins, y = _motion(step, with_times(times, u, [0.0] * len(times), step.dt))
+    begins, y = _motion(step, with_times(times, u, [begun(step, real)] * len(times), step.dt))
     u = np.hstack([u, _elapsed(step)])
     if step.clock.guarded:
         sensors = zip(step.outputs, readings(step.observer.form), strict=True)
@@ -333,6 +335,11 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(values).max(axis=0)
     return Vectors(placed, u, y, values, 16 * distance, status)
+
+
+def begun(step: Step, real: Real) -> float:
+    """Return t at the first sample of a self-check, 0 for a plant without functions of t."""
+    return sum(float(DTYPE[real](BEGUN * float(time.turn))) for time in step.observer.form.system.times[:1])
 
 
 def lost_samples(step: Step) -> tuple[int, int]:
@@ -422,6 +429,9 @@ def _run(
     memory = layout.initial_record(step, real)
     views, calls = layout.places(step, memory), entries(step, memory, real)
     calls["tune"]()
+    for section in step.code.time:
+        views[T][:] = begun(step, real)
+        calls[section.name]()
     kinds = (("input", step.given), ("output", step.samples))
     signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
     results = [(views[each.place], each.index) for each in compared(step)]

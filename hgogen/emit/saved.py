@@ -317,6 +317,11 @@ def rust_save(step: Step) -> list[str]:
     ]
 
 
+def blank(step: Step) -> str:
+    """Return the Rust call that makes a state as before the first call, without a time."""
+    return "initial()" if step.code.time else "new()"
+
+
 def rust_restored(step: Step, real: Real) -> list[str]:
     """Return the lines of the function that restores a saved state."""
     end = f"SAVED - {CHECKSUM}"
@@ -331,7 +336,7 @@ def rust_restored(step: Step, real: Real) -> list[str]:
         f"    if checksum(&saved[..{end}]).to_le_bytes() != saved[{end}..] {{",
         "        return None;",
         "    }",
-        "    let mut s = State::new();",
+        f"    let mut s = State::{blank(step)};",
         f"    let mut at = {DIGEST};",
         *indented(_each("s", step.layout.state, step.layout.groups, ".iter_mut()", read, types)),
         "    Some(s)",

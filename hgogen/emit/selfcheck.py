@@ -8,11 +8,12 @@ from string import Template
 
 from hgogen.emit.code import indented
 from hgogen.emit.heads import arguments, rust_status_type
-from hgogen.emit.interface import address, prototypes, reported, status_type, structs
+from hgogen.emit.interface import Parameter, address, prototypes, reported, status_type, structs
 from hgogen.emit.pystep import (
     MISSING,
     SAVED,
     Vectors,
+    begun,
     compared,
     fault_words,
     lost_samples,
@@ -163,12 +164,12 @@ unsigned ${name}_check(void)
     unsigned bad = (none >= none) ? ${missing}u : 0u; /* compiled to take it for a number: sample $missing is lost */
 $locals
     unsigned char saved[${upper}_SAVED];
-    ${name}_init(&s, &p);
+    $init;
     for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
 $placed
         if (k == ${restored}u) {
             ${name}_save(&s, saved);
-            ${name}_reset(&s);
+            $reset;
             (void)${name}_restore(&s, saved, sizeof(saved)); /* refused, it leaves the reset state, which differs */
         }
 $fill
@@ -205,6 +206,10 @@ def c_check(step: Step, real: Real) -> list[str]:
     """Return the lines of a step's self-check in C, whose test vectors take a while to compute."""
     here = caller(C, step, real)
     results, values = _results(here), recorded(here, "{{{}}},", 16)
+
+    def begin(parameter: Parameter) -> str:
+        return C.literal(begun(step, real), real) if parameter.name == "t" else address(parameter)
+
     text = _C_TEXT.substitute(
         values,
         faults=values["faults"].replace(", a", ",\n * a", 1),
@@ -214,6 +219,8 @@ def c_check(step: Step, real: Real) -> list[str]:
         cmsis=C.literal(CMSIS, real),
         missing=MISSING + 1,
         restored=SAVED,
+        init=prototypes(step)["init"].call(begin),
+        reset=prototypes(step)["reset"].call(begin),
         locals=block(each.local for each in (*structs(step), *reported(step))),
         reports="".join(f"\n        {prototypes(step)[each.name].call(address)};" for each in step.code.reports),
         fill=block(filled(here, "{place} = (k == {missing}u) ? none : given[k][{column}];"), 8),
@@ -250,11 +257,11 @@ $expected
 /// The first sample that differs, counted from 1.
 fn differs() -> Option<usize> {
     let p = Parameters::new();
-    let mut s = State::new();
+    let mut s = State::new($begun);
     for k in 0..$count {
 $placed
         if k == $restored {
-            s = State::restored(&s.save()).unwrap_or_else(State::new);
+            s = State::restored(&s.save()).unwrap_or_else(${unread});
         }
 $fill
         let status = s.step($arguments);
@@ -283,12 +290,15 @@ fn main() {
 def rust_check(step: Step, real: Real) -> list[str]:
     """Return the lines of a step's self-check in Rust, whose test vectors take a while to compute."""
     here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.given)
+    begin = RUST.literal(begun(step, real), real)
     fill = filled(here, f"{{name}}: if k == {{missing}} {{{{ {kind}::NAN }}}} else {{{{ GIVEN[k][{{column}}] }}}},")
     inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []
     text = _RUST_TEXT.substitute(
         recorded(here, "[{}],", 1),
         status=rust_status_type(step),
         restored=SAVED,
+        begun=begin if step.code.time else "",
+        unread=f"|| State::new({begin})" if step.code.time else "State::new",
         structs="Inputs, " if many else "",
         signals=", ".join(signal.name for signal in (*step.given, *step.samples)),
         fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),

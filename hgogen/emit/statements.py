@@ -39,6 +39,7 @@ from hgogen.program import (
 )
 from hgogen.step import Step
 from hgogen.stepping.guards import LARGEST_NUMBER
+from hgogen.stepping.times import T
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +166,7 @@ class Writer(Reader[Code]):
 
     def place_text(self, place: Place) -> str:
         """Return the text of a place of memory, such as `state->z`; of an array without an index."""
-        if place.struct in ("work", "argument"):
+        if place.struct in ("work", "argument", "time"):
             return place.name
         name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the current member
         start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
@@ -184,6 +185,7 @@ class Writer(Reader[Code]):
         work = sorted((p, n) for p, n in places(program) if p.struct == "work")
         declared = joined(self._declaration(place, size) for place, size in work)
         reserved = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
+        reserved |= {T.name} if self.step.code.time else set()
         reserved |= {*self.syntax.parameters.values(), *(report.name for report in self.step.code.reports)}
         depths = (len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop))
         reserved |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
@@ -361,7 +363,7 @@ class Writer(Reader[Code]):
 
     def _local(self, place: Place, size: int, element: int) -> str:
         kind, name = place
-        if kind == "argument":
+        if kind in ("argument", "time"):
             return f"{name}_given"
         if kind == "output" and name in (outputs := [output.name for output in self.step.outputs]):
             return "reading" if len(outputs) == 1 else f"reading_{name}"

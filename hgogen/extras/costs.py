@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from hgogen.emit.code import indented
-from hgogen.emit.interface import Parameter, assigned, prototypes, structs
+from hgogen.emit.interface import Parameter, address, assigned, prototypes, structs
 from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
@@ -164,6 +164,7 @@ def driver(step: Step) -> str:
         name=step.name,
         locals="\n".join(indented(each.local for each in inner)),
         given="\n".join(indented(filled)),
+        init=declared["init"].call(_argument).replace("m->", "(m)->"),
         step=declared["step"].call(_argument),
         estimate=declared["estimate"].call(_argument),
         states="\n".join(indented(states)),
@@ -176,7 +177,7 @@ def counting(called: str) -> str:
 
 
 def _argument(parameter: Parameter) -> str:
-    return f"&m->{parameter.name}" if parameter.name in ("s", "p") else f"&{parameter.name}"
+    return f"&m->{parameter.name}" if parameter.name in ("s", "p") else address(parameter)
 
 
 @dataclass(frozen=True)

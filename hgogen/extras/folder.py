@@ -165,6 +165,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "word": f"{step.layout.word}_t",
         "sketched": "unsigned long" if step.layout.word.itemsize == 4 else f"{step.layout.word}_t",
         "told": "\n".join(indented(_PRINTED_STATUS[step.layout.word.itemsize], 8)),
+        "init": declared["init"].call(address),
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),

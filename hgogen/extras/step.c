@@ -4,7 +4,7 @@ typedef struct {
     ${name}_state s;
     ${name}_params p;
 } memory;
-#define BEGIN(m) ${name}_init(&(m)->s, &(m)->p), sample(m, record[0])
+#define BEGIN(m) $init, sample(m, record[0])
 
 static void sample(memory *m, const real *row)
 {

@@ -50,6 +50,7 @@ from hgogen.step import Step
 from hgogen.stepping.discretise import NoEquation, equation, tuned
 from hgogen.stepping.guards import EXACT, LARGEST_NUMBER, limit_parameters
 from hgogen.stepping.members import read_fields
+from hgogen.stepping.times import T
 
 
 @dataclass(frozen=True)
@@ -363,6 +364,16 @@ class Graphs:
         results = {"next": after, "x": x, "status": status} | self._reported(memory)
         arguments = ["state", "u", "y", "p"]
         return ca.Function(f"{step.name}_step", [state, u, y, p], [*results.values()], arguments, [*results])
+
+    def begin(self) -> ca.Function | None:
+        """Return t -> state, the memory before a call at the time t; None for a plant without functions of t."""
+        lies, t = shapes(self.source.layout.state, self.source.layout.groups), ca.MX.sym("t")
+        memory = {**_parts(ca.MX(self.memory.initial), lies), T: t}
+        for section in self.source.code.time:
+            memory = self._symbolic.section(section.program, memory)
+            state = ca.veccat(*(memory[place] for place in lies))
+            return ca.Function(f"{self.source.name}_begin", [t], [state], ["t"], ["state"])
+        return None
 
     def flow(self) -> Flow:
         """Return the observer as x' = f(x, u, y, p). Raises: `NoEquation` for one that has no differential equation."""

@@ -51,7 +51,7 @@ LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "no
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
 # fields of the state that remember signals and what a call made of them, not estimates
-SIGNALS = ("u", "y", "y_valid", "innovation_e", "innovation_S")
+SIGNALS = ("u", "y", "y_valid", "innovation_e", "innovation_S", times.COUNT.name)
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
     "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
@@ -114,8 +114,9 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         f"none if rare; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
     ),
     "TIME_LOST": (
-        "the count of the time was no whole number of its range: it began anew at 0",
-        "set the count to the time that it is",
+        "the count of the time was no whole number of its range, as after a time that was not finite or too long for "
+        "its precision: it began anew at 0",
+        "set the time, and give a float a time in the first turns of its period",
     ),
     "OUT_OF_ORDER": (
         "an update was called again, or before the first predict, without a predict since: no second correction",

@@ -27,6 +27,7 @@ from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.times import T
 from hgogen.target import Sources
 
 
@@ -127,7 +128,8 @@ def _checking(step: Step, prototype: Prototype, body: Code) -> Code:
 
 
 def _readied(step: Step, mark: Field, rarely: str) -> Code:
-    upper, reset = step.name.upper(), prototypes(step)["reset"].call(same_name)
+    upper = step.name.upper()
+    reset = prototypes(step)["reset"].call(lambda each: "0" if each.name == T.name else each.name)
     lines = [
         (f"if ({name}->{mark.name} != {upper}_READY) {{", f"    {reset};", f"    status |= {upper}_{bit.name};", "}")
         for name, bit in (("s", UNINITIALISED), ("p", NO_PARAMETERS))
@@ -147,9 +149,12 @@ def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
     bodies["estimate"] = writer.function(step.code.estimate)
     bodies |= {report.name: reading(C, step, writer.real).function(report.program) for report in step.code.reports}
     bodies["tune"] = _nominal_unless_marked(step) + writer.function(step.code.tuning)
-    bodies["reset"] = _reset(writer)
-    tune, reset = (prototypes(step)[name].call(same_name) for name in ("tune", "reset"))
-    bodies["init"] = code(f"{nominal(step).call(same_name)};", f"(void){tune};", f"{reset};", parameters="ps")
+    bodies |= {section.name: writer.function(section.program) for section in step.code.time}
+    tune, reset, *set_time = (
+        prototypes(step)[name].call(same_name) for name in ("tune", "reset", *(each.name for each in step.code.time))
+    )
+    bodies["reset"] = _reset(writer) + code(*(f"{call};" for call in set_time), parameters="st")
+    bodies["init"] = code(f"{nominal(step).call(same_name)};", f"(void){tune};", f"{reset};", parameters="pst")
     return bodies, functions
 
 

@@ -4,6 +4,7 @@
     estimate     (state, u, p) -> x                     the plant's state from that state
     step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status;
                                                         then each report of the step, such as age
+    begin        t -> state                             of functions of t: all that a call remembers, before one at t
 
 The first two have one state, `continuous`, the step has another, `memory`: all that a call remembers. Each vector names
 its elements. A covariance is the S or P that an explicit method integrates, and P where the method keeps factors. `p`
@@ -51,7 +52,7 @@ class Functions(Files):
     and MATLAB), and NAME_entries.json says what their elements are.
 
     `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status;
-    `reports`: the vectors of its other results, by name.
+    `reports`: the vectors of its other results, by name; `begin`: None for a plant without functions of t.
     """
 
     step: ca.Function
@@ -63,6 +64,7 @@ class Functions(Files):
     bits: tuple[str, ...]
     flow: Flow | NoEquation
     reports: Mapping[str, Vector]
+    begin: ca.Function | None
 
     @property
     def derivative(self) -> ca.Function:
@@ -114,11 +116,12 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
         raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
     known = elementary("double") if bundled else {}
     graphs = Graphs(step, lambda block: _block(block, known))
-    call, flow = graphs.step(), _flow(graphs)
+    call, flow, begin = graphs.step(), _flow(graphs), graphs.begin()
     u, y, p = graphs.inputs
     vectors = {"memory": graphs.memory, "u": u, "y": y, "p": p, "x": graphs.estimates}
     continuous = {"continuous": flow.state} if isinstance(flow, Flow) else {}
     functions = [call, *([flow.derivative, flow.estimate] if isinstance(flow, Flow) else [])]
+    functions += [begin] if begin else []
     texts = [(f"{function.name()}.casadi", function.serialize()) for function in functions]
     keys = ("name", "initial", "unit", "meaning")
     listed: dict[str, list[dict[str, Any]]] = {
@@ -129,7 +132,7 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.action_of(bit)} for bit in raised]
     texts.append((f"{step.name}_entries.json", json.dumps(listed, indent=1) + "\n"))
     bits = tuple(bit.name for bit in raised)
-    return Functions(tuple(texts), step=call, bits=bits, flow=flow, reports=graphs.reports, **vectors)
+    return Functions(tuple(texts), step=call, bits=bits, flow=flow, reports=graphs.reports, begin=begin, **vectors)
 
 
 def _flow(graphs: Graphs) -> Flow | NoEquation:

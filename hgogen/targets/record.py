@@ -66,7 +66,8 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 def _sample(step: Step, real: Real) -> list[str]:
     s, p, *others = (each.local for each in structs(step))
-    members = [s, p, *(["unsigned at;"] if step.code.timed else []), *(each.local for each in reported(step)), *others]
+    counted = [*(["unsigned at;"] * bool(step.code.timed)), *([f"{real} t;"] * bool(step.code.time))]
+    members = [s, p, *counted, *(each.local for each in reported(step)), *others]
     members += [f"{real} traces[{len(step.traces)}];"] if step.traces else []
     return ["typedef struct {", *indented(members), f"}} {step.name}_kept;"]
 

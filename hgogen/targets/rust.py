@@ -110,8 +110,22 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     calls = joined(called(RUST, step, section) for section in step.code.parts)
     bodies["step"] = calls if step.code.parts else writer.function(step.code.sections[0].program)
     fresh = indented(["State {", *indented(rust_initial(memory, "state")), "}"])
-    of_state = [code("/// the state as before the first call", "pub const fn new() -> State {", *fresh, "}")]
-    of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
+    meaning = doc(known["reset"].meaning)
+    if step.code.time:
+        (section,), time = step.code.time, f"t: {RUST.types[writer.real]}"
+        begun = [f"let mut s = State::{saved.blank(step)};", f"s.{section.name}(t);", "s"]
+        setting = code("let s = self;") + writer.function(section.program)
+        of_state = [
+            code("const fn initial() -> State {", *fresh, "}"),
+            code(*meaning, f"pub fn new({time}) -> State {{", *indented(begun), "}"),
+            code(*meaning, f"pub fn reset(&mut self, {time}) {{", "    *self = State::new(t);", "}"),
+            code(*doc(section.meaning), f"pub fn {section.name}(&mut self, {time}) {{")
+            + setting.indented()
+            + code("}"),
+        ]
+    else:
+        of_state = [code(*meaning, "pub const fn new() -> State {", *fresh, "}")]
+        of_state.append(code(*meaning, "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
     of_state += [code(*saved.rust_save(step)), code(*saved.rust_restored(step, writer.real))]
     of_state.append(_reading(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))

@@ -61,7 +61,7 @@ static bool sample_came(void)
 
 int main(void)
 {
-    %{name}_init(&s, &p); /* then start the timer, with a period of %{upper}_DT */
+    %{init}; /* then start the timer, with a period of %{upper}_DT */
     while (sample_came()) {
         const %{name}_plant x = latest();
         if (taken_bits() == 0u) { /* else README.md says what each bit asks */

@@ -8,7 +8,7 @@
 void setup()
 {
     Serial.begin(115200);
-    %{name}_init(&s, &p);
+    %{init};
 }
 
 void loop()
