@@ -354,12 +354,12 @@ def spread(signal: Signal) -> tuple[float, float]:
     return signal.interval if signal.bounded else (resting(signal),) * 2
 
 
-def part_of_turn(signal: Signal, shift: Any) -> str:
-    """Return a shift of a signal in words: as a part of its turn, or with its unit where it has no period."""
+def part_of_turn(signal: Signal, shift: sp.Rational) -> str:
+    """Return a shift of a signal in words; `shift`: in turns, or in the signal's unit where it has no period."""
     if signal.period is None:
         return f"{float(shift):g} {signal.unit}".strip()
-    parts = round(signal.period / float(shift))
-    return {2: "half a turn", 3: "a third of a turn", 4: "a quarter turn"}.get(parts, f"1/{parts} of a turn")
+    words = {2: "half a turn", 3: "a third of a turn", 4: "a quarter turn"}
+    return words[shift.q] if shift.p == 1 and shift.q in words else f"{shift} of a turn"
 
 
 def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:

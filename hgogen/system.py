@@ -16,8 +16,9 @@ from hgogen.reading import files
 from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
-from hgogen.rigor.periodic import advance, exact_turn, hidden_shift
+from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.recurrent import Aperiodic, Choose, divides, grouped, rewritten
+from hgogen.rigor.shifts import hidden_shifts
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, Time, check_name, is_unit, part_of_turn, supplied, t, times
@@ -187,18 +188,20 @@ class System:
 
     @cached_property
     def modulo(self) -> str:
-        """The states that outputs with periods give modulo a part of a turn only, as an encoder with four pole pairs
-        does, in words: "th modulo a quarter turn"; "" without any."""
-        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
-        if not any(period for _, period in rows):
+        """The states that the outputs give modulo a part of a turn only, as an encoder with four pole pairs does, or
+        modulo a joint shift, in words: "th modulo a quarter turn"; "" without any, and of a plant without periods."""
+        if all(s.period is None for s in (*self.states, *self.outputs)):
             return ""
-        rows += [(row, None) for row in self.invariants]
-        if self.discrete:  # the next state moves as far as the state itself
-            rows += [(row - x, x.period) for x, row in zip(self.states, self.flow, strict=True)]
-        else:
-            rows += [(row, None) for row in self.flow]
-        shifts = {x: hidden_shift(x, x.period, rows) for x in self.states}
-        return ", ".join(f"{x} modulo {part_of_turn(x, shift)}" for x, shift in shifts.items() if shift is not None)
+        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
+        rows += [(row, None) for row in (*self.invariants, *(() if self.discrete else self.flow))]
+        following = self.flow if self.discrete else ()
+        shifts = hidden_shifts({x: x.period for x in self.states}, rows, following)
+        parts = [f"{x} modulo {part_of_turn(x, shift)}" for x, shift in shifts.single.items()]
+        for joint in shifts.joint:
+            each = (f"{part_of_turn(x, shift)} of {x}" for x, shift in joint.items())
+            parts.append(f"{' and '.join(map(str, joint))} modulo a joint shift by {' and '.join(each)}")
+        parts += [f"{x} up to shifts that are not excluded" for x in shifts.open]
+        return ", ".join(parts)
 
     @cached_property
     def constraints(self) -> tuple[sp.Expr, ...]:

@@ -20,7 +20,8 @@ from hgogen.modelfiles.tuning import value
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import from_table, to_text
-from hgogen.rigor.periodic import advance, exact_turn, hidden_shift
+from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.rigor.shifts import hidden_shifts
 from hgogen.run.prediction import forecasts
 from hgogen.signal import BadRange
 from hgogen.starting import gains_of, scale
@@ -123,25 +124,41 @@ def test_an_output_goes_on_by_whole_turns_of_its_own(output: sp.Expr) -> None:
 a, b, q = angle("a"), angle("b"), hg.Signal("q", "m", low=-9, high=9)
 
 
-@pytest.mark.parametrize(
-    ("symbol", "rows", "shift"),
-    [
-        (a, [(4 * a, TURN), (sp.S.Zero, None)], sp.pi / 2),
-        (a, [(a, TURN)], None),
-        (a, [(4 * a, TURN), (6 * a, TURN)], sp.pi),
-        (a, [(4 * a, TURN), (sp.sin(a), None)], None),  # gravity
-        (a, [(24 * a, TURN), (sp.cos(6 * a), None)], sp.pi / 3),
-        (a, [(24 * a, TURN)], sp.pi / 12),
-        (a, [(4 * a - b, TURN), (sp.sin(2 * a), None)], sp.pi),
-        (a, [(sp.sin(3 * a), None)], 2 * sp.pi / 3),
-        (q, [(2 * q, TURN)], sp.pi),
-        (q, [(2 * q, TURN), (3 * q, TURN)], 2 * sp.pi),
-        (q, [(2 * q, TURN), (q, None)], None),
-        (q, [(b, TURN)], None),
-    ],
-)
-def test_the_least_shift_that_changes_no_row_is_found(symbol: Any, rows: Any, shift: sp.Expr | None) -> None:
-    assert hidden_shift(symbol, symbol.period, rows) == shift
+HALF, QUARTER = sp.Rational(1, 2), sp.Rational(1, 4)
+SHIFTS = [  # rows, next values, then single and joint shifts and states with others
+    ([(4 * a, TURN), (sp.S.Zero, None)], [], {a: QUARTER}, [], []),
+    ([(a, TURN), (b, TURN)], [], {}, [], []),
+    ([(4 * a, TURN), (6 * a, TURN), (b, TURN)], [], {a: HALF}, [], []),
+    ([(4 * a, TURN), (sp.sin(a), None), (b, TURN)], [], {}, [], []),  # gravity
+    ([(24 * a, TURN), (sp.cos(6 * a), None), (b, TURN)], [], {a: sp.Rational(1, 6)}, [], []),
+    ([(24 * a, TURN), (b, TURN)], [], {a: sp.Rational(1, 24)}, [], []),
+    ([(4 * a - b, TURN), (sp.sin(2 * a), None), (b, TURN)], [], {a: HALF}, [], []),
+    ([(2 * q, TURN), (b, TURN)], [], {q: sp.pi}, [], []),
+    ([(2 * q, TURN), (3 * q, TURN)], [], {q: 2 * sp.pi}, [], []),
+    ([(2 * q, TURN), (q, None)], [], {}, [], []),
+    ([(q, TURN), (sp.sqrt(2) * q, TURN)], [], {}, [], [a, b]),  # no ratio of whole numbers
+    ([(2 * a, TURN), (3 * a + b, TURN)], [], {}, [{a: HALF, b: HALF}], []),
+    ([(a + b, TURN), (a - b, TURN)], [], {}, [{a: HALF, b: HALF}], []),
+    ([(2 * a, TURN), (3 * a + b, TURN), (sp.sin(a), None)], [], {}, [], []),
+    ([(sp.sin(2 * a) ** 2 + v * b, None)], [], {a: QUARTER}, [], []),
+    ([(sp.tan(a), None), (sp.sqrt(2 + sp.cos(3 * b)), None)], [], {a: HALF, b: sp.Rational(1, 3)}, [], []),
+    ([(sp.Abs(sp.sin(a)), None), (sp.atan2(sp.sin(4 * b), sp.cos(4 * b)), TURN)], [], {a: HALF, b: QUARTER}, [], []),
+    ([(sp.sin(a) / sp.cos(a), None), (b, TURN)], [], {}, [], [a]),
+    ([(sp.Max(sp.sin(2 * a), sp.cos(2 * a)), None), (b, TURN)], [], {a: HALF}, [], [a]),
+    ([(sp.floor(3 * a / sp.pi) - 3 * a / sp.pi, None), (b, TURN)], [], {a: sp.Rational(1, 6)}, [], []),
+    ([(4 * a, TURN)], [-a, b, q], {a: QUARTER}, [], []),
+    ([(4 * a, TURN)], [5 * a + 1, b, q], {a: QUARTER}, [], []),
+    ([(4 * a, TURN)], [a + b, b, q], {a: QUARTER, b: QUARTER}, [], []),
+    ([(4 * a, TURN), (b, TURN)], [a + b / 2, b, q], {a: QUARTER}, [], []),
+    ([(a, TURN), (b, TURN)], [a + q / 10, b, q], {q: 20 * sp.pi}, [], []),  # of a speed, between samples
+    ([(a, TURN), (b, TURN)], [a + q / 10, b, 9 * q / 10], {}, [], []),
+]
+
+
+def test_all_shifts_that_change_no_row_are_found() -> None:
+    for rows, following, single, joint, others in SHIFTS:
+        shifts = hidden_shifts({a: TURN, b: TURN, q: None}, rows, following)
+        assert (shifts.single, list(shifts.joint), list(shifts.open)) == (single, joint, others), (rows, following)
 
 
 def test_pole_pairs_give_an_angle_modulo_a_part_of_its_turn() -> None:
@@ -164,6 +181,15 @@ def test_pole_pairs_give_an_angle_modulo_a_part_of_its_turn() -> None:
     assert counted.modulo == "q modulo 12.5664 m"
     stepped = hg.System("stepped", states=(a,), outputs=(angle("y"),), flow=[a + 1], output=[4 * a], discrete=True)
     assert stepped.modulo == "a modulo a quarter turn"
+
+
+def test_shifts_of_several_angles_at_once_are_reported() -> None:
+    outputs, flow = (angle("y"), angle("z")), [sp.S.Zero, sp.S.Zero]
+    plant = hg.System("two", states=(a, b), outputs=outputs, flow=flow, output=[2 * a, 3 * a + b])
+    said = "the outputs give a and b modulo a joint shift by half a turn of a and half a turn of b"
+    assert said in str(hg.observability(plant).checks[0].reason)
+    most = hg.System("most", states=(a,), outputs=(hg.Signal("y"),), flow=[0], output=[sp.Max(sp.sin(a), sp.cos(a))])
+    assert most.modulo == "a up to shifts that are not excluded"
 
 
 def test_a_parameter_has_no_turns() -> None:

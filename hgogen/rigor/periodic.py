@@ -5,7 +5,6 @@ proofs take one turn as the range of an angle. The ends of that range are rounde
 """
 
 import math
-from collections.abc import Sequence
 from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
@@ -13,7 +12,6 @@ from typing import Any
 
 import sympy as sp
 
-_PARTS = 12  # of a turn, or turns, that are tried
 _MOST = 720  # a float is taken for a multiple of pi by a fraction with at most this denominator
 _FINE = 10**40  # parts of 1 to which a multiple of pi is rounded
 _DIGITS = 13  # after the first digit of a period, of the ends of a turn
@@ -42,28 +40,6 @@ def whole_turn(low: Fraction, high: Fraction, period: float) -> tuple[Fraction, 
     while top - bottom < Fraction(int(sp.ceiling(exact_turn(period) * _FINE)), _FINE):
         bottom, top = bottom - step, top + step
     return bottom, top
-
-
-Row = tuple[sp.Expr, float | None]  # an expression and the period, if any, modulo which it is meant
-
-
-def hidden_shift(symbol: sp.Symbol, own: float | None, rows: Sequence[Row]) -> sp.Expr | None:
-    """Return the least shift of a symbol that is found to change no row: a part of the symbol's period `own`, or of a
-    symbol without a period whole turns of a row; None for no shift."""
-    slopes = [(sp.diff(row, symbol), exact_turn(period)) for row, period in rows if period is not None]
-    steps = [turn / abs(slope) for slope, turn in slopes if slope.is_number and slope.is_zero is False]
-    if own is not None:
-        counts = [int(turns) for step in steps if (turns := exact_turn(own) / step).is_Integer]
-        parts = {*range(2, _PARTS + 1), *(m for count in counts for m in sp.divisors(count) if m > 1)}
-        candidates = [exact_turn(own) / m for m in sorted(parts, reverse=True)]
-    else:
-        candidates = [k * step for step in steps[:1] for k in range(1, _PARTS + 1)]
-    return next((shift for shift in candidates if all(_unchanged(*row, symbol, shift) for row in rows)), None)
-
-
-def _unchanged(row: sp.Expr, period: float | None, symbol: sp.Symbol, shift: sp.Expr) -> bool:
-    change = advance(row, symbol, shift)
-    return bool(change.is_zero if period is None else (change / exact_turn(period)).is_Integer)
 
 
 def advance(expression: sp.Expr, symbol: sp.Symbol, turn: sp.Expr) -> sp.Expr:
