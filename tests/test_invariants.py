@@ -19,7 +19,6 @@ from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile, from_table, to_text
 from hgogen.rigor.invariant import Division, divided, rate, restricted
-from hgogen.rigor.rank import NowhereDefined
 from hgogen.rigor.series import Undecided
 from hgogen.rigor.zero_point import zero_near
 from hgogen.run.gramian import sight
@@ -131,10 +130,27 @@ def test_an_expression_is_divided_by_constraints() -> None:
         (sp.Piecewise((y, sp.exp(CIRCLE) > 1), (x, True)), x),
         (y * CIRCLE + x, y * CIRCLE + x),  # smooth: ranks are taken along the constraint
         (y / sp.Abs(CIRCLE), y / sp.Abs(CIRCLE)),  # has no value there
+        (y * sp.Abs(CIRCLE) / CIRCLE, y * sp.Abs(CIRCLE) / CIRCLE),
+        (y * sp.sin(CIRCLE) / CIRCLE, y),
+        (x + y * (sp.exp(CIRCLE) - 1) / CIRCLE, x + y),
+        (y * sp.Abs(sp.sqrt(x**2 + y**2) - 1) + x, x),
+        (x + sp.Max(sp.log(x**2 + y**2), 0), x),
+        (x + y * sp.Heaviside(CIRCLE), x + y / 2),
     ],
 )
-def test_functions_of_what_is_0_on_constraints_have_their_value_at_0(row: sp.Expr, there: sp.Expr) -> None:
-    assert sp.expand(restricted(row, [CIRCLE]) - there) == 0
+def test_functions_of_what_is_a_number_on_constraints_have_their_value_there(row: sp.Expr, there: sp.Expr) -> None:
+    assert divided(restricted(row, [CIRCLE]) - there, [CIRCLE]).remainder == 0
+
+
+def test_a_removable_singularity_on_an_invariant_is_filled_in() -> None:
+    def observed(output: sp.Expr) -> Any:
+        return hg.observability(on([z], {a: b, b: -a, z: 0}, output=[output]))
+
+    assert dict(observed(a + b * sp.sin(z) / z).known.orders)[a] == 1
+    assert observed(b * sp.sin(z) / z).rank == 3
+    check = observed(b * sp.Abs(z) / z).checks[0]
+    assert check.verdict is hg.Verdict.UNKNOWN
+    assert "at none of 282 points on the invariants is the plant known to have a value" in str(check.reason)
 
 
 def on(invariants: Sequence[Any], flow: dict[hg.Signal, Any], parameters: Sequence[hg.Signal] = (), **more: Any) -> Any:
@@ -408,10 +424,9 @@ def test_ranks_are_those_of_coordinates_on_the_circle(terms: list[tuple[int, ...
 
 
 def test_what_is_not_decided_on_them_is_no_branch() -> None:
-    """On the circle sqrt(a^2 + b^2) - 1 is 0, which is not proved: no sign is taken from its rounding."""
-    shown = sp.Piecewise((a + z, sp.sqrt(a**2 + b**2) > 1), (a, True))
-    with pytest.raises(NowhereDefined):
-        hg.observability(on([RING], {a: -b, b: a, z: 0}, output=[shown]))
+    """On the circle sqrt(a^2 + b^2 + z^2) is sqrt(1 + z^2), which is not proved: no sign is taken from its rounding."""
+    shown = sp.Piecewise((a + z, sp.sqrt(a**2 + b**2 + z**2) > sp.sqrt(1 + z**2)), (a, True))
+    assert hg.observability(on([RING], {a: -b, b: a, z: 0}, output=[shown])).known.verdict is hg.Verdict.UNKNOWN
 
 
 def test_uniform_observability_is_not_claimed_on_them() -> None:

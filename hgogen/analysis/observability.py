@@ -380,6 +380,8 @@ class Answer(Encoded):
     def counted(self) -> str:
         """The rank in words."""
         rank = self.rank
+        if not rank.final:
+            return "the rank is not decided"
         samples = "by the outputs up to sample {}, the first is 0"
         by = samples if self.discrete else "by derivatives of the outputs up to order {}"
         return f"rank {rank.rank} of {rank.dimension}, {by.format(rank.order)}"
@@ -544,6 +546,14 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     first = {one.key: one for one in reversed(questions)}  # branches with the same rows have the same ranks
     generic = {key: one.ranks() for key, one in first.items()}
     ranked = [(one, ranks_of_branch) for one in questions if (ranks_of_branch := generic[one.key]) is not None]
+    if not ranked and plant.constraints:  # a quotient or a jump there whose limits are not known to be equal
+        undecided = [
+            Answer(Rank(len(every), 0, 0, (), every, False)) for every in (plant.states, (*plant.states, *unknowns))
+        ]
+        scope = because(
+            "at none of {points} points on the invariants is the plant known to have a value", points=reached.points
+        )
+        return Observability(plant, undecided[0], undecided[1] if unknowns else None, "not decided", scope)
     if not ranked:
         raise NowhereDefined(reached.points)
     known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked])
@@ -715,6 +725,7 @@ def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check
     pattern = "rank {rank} of {dimension} at a random point{where}, {method}"
     where = because(" on the invariants") if whole.system.invariants else NONE
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, where=where, method=whole.method)
+    reason = reason if rank.final else NONE
     if answer.passing:
         why = because("it is that of samples where {condition}, which the plant may leave", condition=answer.condition)
         return Check(id, claim, Verdict.UNKNOWN, joined(reason, why, whole.scope))

@@ -20,6 +20,7 @@ from hgogen.rigor.field import Exp, Half, TooLarge, Writer, vanishes
 from hgogen.rigor.lookup import Table
 from hgogen.rigor.rank import NowhereDefined, Places, plant_of, somewhere
 from hgogen.rigor.series import Arithmetic, Point, Undecided, values
+from hgogen.rigor.singular import Resolved, resolved
 from hgogen.rigor.tape import NoTape
 
 _JUMPS = (sp.Piecewise, sp.sign, sp.Heaviside, sp.floor, sp.ceiling, Table)
@@ -167,30 +168,59 @@ def _logarithm(factor: sp.Expr) -> sp.Expr:
 
 
 def restricted(row: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr:
-    """Return an expression that is equal where the constraints are 0: with functions, roots and comparisons of 0 where
-    their arguments are proved to vanish. Its derivatives along the constraints are equal, others need not be."""
-    for node in sp.postorder_traversal(row) if constraints else ():
-        at_zero = _at_zero(node, constraints)
-        if at_zero is not None:
-            put_in = row.xreplace({node: at_zero})
-            return row if put_in.has(*_INFINITE) else restricted(put_in, constraints)
-    return row
+    """Return an expression that is equal where the constraints are 0: with functions, roots and comparisons where their
+    arguments are proved to be a number, and quotients by what vanishes where they are continuous. Its derivatives along
+    the constraints are equal, others need not be. An expression that is a quotient by 0 there is returned as it is."""
 
-
-def _at_zero(node: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic | None:
     def zero(e: sp.Expr) -> bool:
-        return bool(e.free_symbols) and divided(e, constraints).remainder == 0
+        return _value(e, constraints) == 0
 
-    if isinstance(node, sp.core.relational.Relational) and zero(node.lhs - node.rhs):
-        return sp.sympify(node.func(0, 0))
-    if isinstance(node, sp.Function) and len(node.args) == 1 and zero(node.args[0]):
-        return node.func(0)
-    if isinstance(node, sp.Pow) and node.exp.is_positive and not node.exp.is_Integer and zero(node.base):
-        return sp.S.Zero
+    if not constraints:
+        return row
+    filled, full = row, resolved(row)
+    while nodes := full.atoms(Resolved):
+        node = next(each for each in nodes if not any(part.has(Resolved) for part in each.args))
+        (within, inside), (beyond, _) = node.args
+        full = full.xreplace({node: within if _put_in(inside, constraints) == sp.true else beyond})
+    if any(zero(node.base) for node in row.atoms(sp.Pow) if node.exp.is_negative):
+        filled = full
+    if any(zero(node.base) for node in filled.atoms(sp.Pow) if node.exp.is_negative):
+        return row
+    there = _put_in(filled, constraints)
+    return row if there.has(*_INFINITE) else there
+
+
+def _put_in(e: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic:
+    """Return an expression or a comparison with the values of its parts that are numbers where constraints are 0."""
+    for node in sp.postorder_traversal(e):
+        value = _at_number(node, constraints)
+        if value is not None:
+            return _put_in(e.xreplace({node: value}), constraints)
+    return e
+
+
+def _value(e: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr | None:
+    """Return the number that an expression of symbols is proved to be where the constraints are 0, or None."""
+    value = divided(e, constraints).remainder if e.free_symbols else e
+    return value if value.is_number else None
+
+
+def _at_number(node: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic | None:
+    if not node.free_symbols:
+        return None
+    if isinstance(node, sp.core.relational.Relational):
+        value = _value(node.lhs - node.rhs, constraints)
+        return None if value is None else sp.sympify(node.func(value, 0))
     if isinstance(node, (sp.Min, sp.Max)):
         pairs = ((a, b) for i, a in enumerate(node.args) for b in node.args[:i])
-        same = next((a for a, b in pairs if zero(a - b)), None)
+        same = next((a for a, b in pairs if _value(a - b, constraints) == 0), None)
         return None if same is None else node.func(*(e for e in node.args if e != same))
+    if isinstance(node, sp.Heaviside) or (isinstance(node, sp.Function) and len(node.args) == 1):
+        value = _value(node.args[0], constraints)
+        return None if value is None else node.func(value, *node.args[1:])
+    if isinstance(node, sp.Pow) and not node.exp.is_Integer and node.exp.is_number:
+        value = _value(node.base, constraints)
+        return None if value is None else value**node.exp
     return None
 
 
