@@ -139,6 +139,36 @@ def test_a_threshold_is_not_lost_though_each_branch_hides_it() -> None:
     assert (relay.lost, relay.advice) == ((), "")
 
 
+def test_a_branch_that_is_left_refutes_nothing() -> None:
+    """What a branch hides is seen later on another one, unless one symmetry is that of all branches."""
+    h = hg.Signal("h", low=-2, high=2)
+    verdicts = {  # of an oscillator a, b and a constant h
+        sp.Max(a, h): Verdict.UNKNOWN,  # h where a < h
+        sp.Piecewise((a, u > 0), (h, True)): Verdict.UNKNOWN,
+        a + sp.Max(b, 0): Verdict.REFUTED,  # h -> h + c everywhere
+        sp.Max(a, 0) * h: Verdict.REFUTED,  # the scaling a -> c a, h -> h/c changes no sign
+        sp.sign(a): Verdict.UNKNOWN,  # the times at which it changes tell more
+        sp.Piecewise((a + h, h > 0), (0, True)): Verdict.WHERE,
+        sp.Piecewise((a, h > 0), (0, True)): Verdict.REFUTED,  # h' = 0: it is not left
+    }
+    for output, verdict in verdicts.items():
+        analysis = observability(plant([b, -a, 0], output, states=(a, b, h), parameters=()))
+        assert analysis.checks[0].verdict is verdict, output
+    kept = observability(plant([a, 0], sp.Piecewise((a, a > 0), (b, True)), parameters=()))  # a > 0 stays so, by a' = a
+    assert (kept.checks[0].verdict, kept.known.lost) == (Verdict.REFUTED, ())
+    left = observability(plant([b, -a, 0], sp.Max(a, h), states=(a, b, h), parameters=()))
+    assert "h is not observable where a > h, which the plant may leave" in str(left.checks[0].reason)
+    assert (left.known.lost, left.known.advice) == ((), "")
+
+
+def test_hidden_directions_that_differ_between_branches_are_not_lost() -> None:
+    """Each branch hides b and h, by b + h and by b - h."""
+    h, v = hg.Signal("h", low=-2, high=2), hg.Signal("v", low=-2, high=2)
+    output = v + sp.Piecewise((b + h, v > 0), (b - h, True))
+    known = observability(plant([a, 0, 0, 1], output, states=(a, b, h, v), parameters=())).known
+    assert (known.verdict, known.lost) == (Verdict.REFUTED, (a,))
+
+
 def test_a_direction_that_is_not_proved_is_no_fact() -> None:
     answer = observability(plant([b, -a], a * (sp.sin(b) ** 2 + sp.cos(b) ** 2 - 1), parameters=())).known
     assert answer.hidden == ()

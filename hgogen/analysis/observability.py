@@ -36,7 +36,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import BadGain, cached, requires_any_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
-from hgogen.rigor.invariant import divided
+from hgogen.rigor.invariant import divided, rate
 from hgogen.rigor.rank import (
     FEW_BITS,
     Blurred,
@@ -355,8 +355,10 @@ class Answer(Encoded):
 
     `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
     where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`;
-    `discrete`: the orders count samples, not derivatives; `passing`: the conditions read a state of a discrete plant,
-    or the time, so that samples may leave the branch, and the rank on it decides nothing.
+    `discrete`: the orders count samples, not derivatives; `passing`: the plant may leave the branch, where it would
+    show what is hidden, or of a discrete plant and one with functions of time what is observable, so that the rank on
+    it decides nothing; `lost`: the unknowns that are proved to be unobservable by one symmetry of every branch, which
+    changes no condition.
     """
 
     json_keys = (
@@ -375,6 +377,7 @@ class Answer(Encoded):
     elsewhere: Annotated[tuple["Answer", ...], "the answers on other branches that hide something"] = ()
     discrete: bool = False
     passing: bool = False
+    lost: tuple[sp.Symbol, ...] = ()
 
     @property
     def counted(self) -> str:
@@ -401,16 +404,6 @@ class Answer(Encoded):
         return tuple(s for s in self.rank.unobservable if s not in self.hidden)
 
     @property
-    def lost(self) -> tuple[sp.Symbol, ...]:
-        """The unknowns that are proved to be unobservable on every branch. It is empty where the conditions of a branch
-        read a hidden unknown, such as a threshold: the time of a change of branch depends on it."""
-        every = (self, *self.elsewhere)
-        read = sp.Tuple(*(condition for answer in every for condition in answer.where)).free_symbols
-        if any(read.intersection(answer.rank.unobservable) for answer in every):
-            return ()
-        return tuple(s for s in self.hidden if all(s in answer.hidden for answer in self.elsewhere))
-
-    @property
     def advice(self) -> str:
         """The advice what else to measure, where an unknown is proved unobservable on every branch; else ""."""
         if not self.lost:
@@ -435,7 +428,9 @@ class Answer(Encoded):
         """The unobservable unknowns on this branch, and those not known to be observable, in words."""
         place = because(" where {condition}", condition=self.condition) if self.where else NONE
         are = "is" if len(self.hidden) == 1 else "are"
-        hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
+        stays = because(", which the plant may leave") if self.passing else NONE
+        pattern = "{names} {are} not observable{place}{stays}"
+        hidden = because(pattern, names=self.hidden, are=are, place=place, stays=stays)
         undecided = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
         return tuple(one for one, names in ((hidden, self.hidden), (undecided, self.doubtful)) if names)
 
@@ -556,8 +551,9 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
         return Observability(plant, undecided[0], undecided[1] if unknowns else None, "not decided", scope)
     if not ranked:
         raise NowhereDefined(reached.points)
-    known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked])
-    joint = _whole([(question, one.joint) for question, one in ranked]) if unknowns else None
+    every = len(ranked) == len(questions) and not reached.more
+    known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked], every)
+    joint = _whole([(question, one.joint) for question, one in ranked], every) if unknowns else None
     scope = _scope(plant, unknowns, reached, len(ranked))
     return Observability(plant, known, joint, ranked[0][1].method, scope)
 
@@ -634,6 +630,34 @@ class _Question:
     def where(self) -> tuple[sp.Basic, ...]:
         around, where = self.plant.box, self.branch.where
         return tuple(one for one in where if isinstance(one, sp.Eq) or not enclose(one.gts - one.lts, around)[0] >= 0)
+
+    @property
+    def unknowns(self) -> tuple[sp.Symbol, ...]:
+        """The states and the unknown parameters."""
+        return (*self.plant.states, *self.parameters)
+
+    @property
+    def tests(self) -> tuple[sp.Expr, ...]:
+        """The expressions whose signs are the conditions of the branch."""
+        return tuple(one.lhs - one.rhs for one in self.branch.where if not isinstance(one, sp.Eq))
+
+    @property
+    def left(self) -> bool:
+        """Whether the plant may leave the branch: unless g' = k g is proved of each g > 0, k finite."""
+        rates = dict(zip(self.plant.states, self.rows[0], strict=True))
+        moving = {*self.plant.inputs, *(self.plant.states if self.plant.discrete else ())}
+        return any(g.free_symbols & moving or divided(rate(g, rates), [g]).remainder != 0 for g in self.tests)
+
+    def kept(self, fields: Sequence[Sequence[sp.Expr]]) -> list[Sequence[sp.Expr]]:
+        """Return the vector fields that change neither an output nor the sign of a condition on the branch, each with
+        the others."""
+        flow, output, *_ = self.rows
+        rates = (*flow, *(self.parameters if self.plant.discrete else (sp.S.Zero for _ in self.parameters)))
+        rows = (*output, *self.constraints)
+        proved = _proved(fields, rates, rows, self.unknowns, self.plant.discrete, self.constraints)
+        along = [dict(zip(self.unknowns, field, strict=True)) for field in fields]
+        inside = [all(divided(rate(g, field), [g]).remainder == 0 for g in self.tests) for field in along]
+        return [field for field, *sure in zip(fields, proved, inside, strict=True) if all(sure)]
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
         hidden, discrete = rank.unobservable, self.plant.discrete
@@ -713,11 +737,33 @@ class _Question:
             return (), ()
 
 
-def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
+def _whole(ranked: Sequence[tuple[_Question, Rank]], every: bool) -> Answer:
     best, rank = max(ranked, key=lambda pair: pair[1].rank)
     blind = [(question, other) for question, other in ranked if other.unobservable and question is not best]
-    elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]
-    return replace(best.answer(rank), elsewhere=tuple(elsewhere))
+    elsewhere = tuple(question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind))
+    answer = best.answer(rank)
+    if not answer.hidden or (every and len(ranked) == 1):
+        return replace(answer, lost=answer.hidden, elsewhere=elsewhere)
+    symmetries = _shared(answer, best, [question for question, _ in ranked]) if every else ()
+    moved = {s for one in symmetries for s, _ in one.field}
+    lost = tuple(s for s in answer.hidden if s in moved)
+    if best.left and lost:
+        answer = replace(answer, symmetries=symmetries, hidden=lost)
+    return replace(answer, lost=lost, elsewhere=elsewhere, passing=best.left and not lost)
+
+
+def _shared(answer: Answer, best: _Question, questions: Sequence[_Question]) -> tuple[Symmetry, ...]:
+    """Return the symmetries of the answer on the best branch that are symmetries on every branch."""
+    fields: list[Sequence[sp.Expr]]
+    fields = [[dict(one.field).get(s, sp.S.Zero) for s in best.unknowns] for one in answer.symmetries if one.proved]
+    count = -1
+    while count != len(fields):
+        count = len(fields)
+        for question in questions:
+            fields = question.kept(fields)
+    return tuple(
+        Symmetry(tuple((s, v) for s, v in zip(best.unknowns, field, strict=True) if v != 0), True) for field in fields
+    )
 
 
 def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check:
@@ -726,14 +772,15 @@ def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check
     where = because(" on the invariants") if whole.system.invariants else NONE
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, where=where, method=whole.method)
     reason = reason if rank.final else NONE
-    if answer.passing:
+    if answer.passing and not answer.hidden:
         why = because("it is that of samples where {condition}, which the plant may leave", condition=answer.condition)
         return Check(id, claim, Verdict.UNKNOWN, joined(reason, why, whole.scope))
     if not rank.unobservable:
         verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
         modulo = because("the outputs give {states}", states=whole.system.modulo) if whole.system.modulo else NONE
         return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.scope, modulo))
-    proofs = (because("no output sees {symmetry}", symmetry=one) for one in answer.symmetries if one.proved)
+    shared = () if answer.passing else answer.symmetries
+    proofs = (because("no output sees {symmetry}", symmetry=one) for one in shared if one.proved)
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
     why = because("no output reads a state") if blind else next(proofs, NONE)
     fix = f"{answer.advice[:1].upper()}{answer.advice[1:]}." if answer.advice else ""
