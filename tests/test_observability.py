@@ -154,8 +154,10 @@ def test_a_branch_that_is_left_refutes_nothing() -> None:
     for output, verdict in verdicts.items():
         analysis = observability(plant([b, -a, 0], output, states=(a, b, h), parameters=()))
         assert analysis.checks[0].verdict is verdict, output
-    kept = observability(plant([a, 0], sp.Piecewise((a, a > 0), (b, True)), parameters=()))  # a > 0 stays so, by a' = a
-    assert (kept.checks[0].verdict, kept.known.lost) == (Verdict.REFUTED, ())
+    invariant = observability(
+        plant([a, 0], sp.Piecewise((a, a > 0), (b, True)), parameters=())
+    )  # a > 0 stays so, by a' = a
+    assert (invariant.checks[0].verdict, invariant.known.lost) == (Verdict.REFUTED, ())
     left = observability(plant([b, -a, 0], sp.Max(a, h), states=(a, b, h), parameters=()))
     assert "h is not observable where a > h, which the plant may leave" in str(left.checks[0].reason)
     assert (left.known.lost, left.known.advice) == ((), "")

@@ -21,6 +21,7 @@ from hgogen.emit import pystep
 from hgogen.emit.syntax import DTYPE
 from hgogen.program import Place
 from hgogen.reading.text_model import from_table, to_text
+from hgogen.recheck.file import NoCertificate
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.recurrent import grouped
 from hgogen.signal import Time
@@ -366,6 +367,21 @@ def test_a_certificate_holds_for_every_time() -> None:
     rows = recheck(json.dumps(certificate(form, observer.checks, observer.name))).rows
     assert len(rows) >= 4
     assert {row.found for row in rows} == {"verified"}
+
+
+def test_a_certificate_of_derivatives_of_the_output_takes_the_rate_of_time_for_1() -> None:
+    plant = oscillator(HUM, output=q * (2 + sp.cos(2 * sp.pi * t)))
+    form = hg.forms.phase(plant)
+    content = certificate(form, form.checks, "")
+    assert content["plant"]["times"] == [w.name for w in plant.times]
+    rows = {row.id: row.found for row in recheck(json.dumps(content)).rows}
+    assert (rows["phase.chain"], rows["phase.rank"]) == ("verified", "verified")
+    assert "fails" not in rows.values()
+    free = {**content, "plant": {key: value for key, value in content["plant"].items() if key != "times"}}
+    assert "fails" in {row.found for row in recheck(json.dumps(free)).rows}
+    strange = {**content, "plant": {**content["plant"], "times": ["q"]}}
+    with pytest.raises(NoCertificate, match="is a time, and no input"):
+        recheck(json.dumps(strange))
 
 
 def test_what_is_not_followed_between_samples_is_unknown() -> None:

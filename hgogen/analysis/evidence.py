@@ -279,6 +279,7 @@ def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
             "flow": _written(form, plant.flow),
             "output": _written(form, plant.output),
             **_periods((*plant.states, *system.inputs, *plant.outputs)),
+            **({"times": [w.name for w in system.times]} if system.times else {}),
         },
         "form": {
             "kind": form.kind if form.behind is None else f"{form.kind}.recovered",

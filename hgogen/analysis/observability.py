@@ -6,7 +6,8 @@ everywhere. A deficiency is proved by a symmetry, a vector field that changes no
 an accident of the random points, and nothing is concluded from it.
 
 A plant with kinks, jumps or tables has an answer on each branch that its declared ranges reach (`rigor.rank`), as long
-as it stays there. One branch may hide a state that another does not: a shaft in its backlash hides the load.
+as it stays there. One branch may hide a state that another does not: a shaft in its backlash hides the load. So a
+branch that the plant may leave refutes nothing, unless a symmetry is that of all branches and changes no condition.
 
 Of a discrete plant, x+ = f(x, u), the rank is that of y at samples 0, 1, .., one less than there are unknowns, the
 inputs at different samples free of each other.
@@ -642,13 +643,13 @@ class _Question:
         return tuple(one.lhs - one.rhs for one in self.branch.where if not isinstance(one, sp.Eq))
 
     @property
-    def left(self) -> bool:
+    def may_be_left(self) -> bool:
         """Whether the plant may leave the branch: unless g' = k g is proved of each g > 0, k finite."""
         rates = dict(zip(self.plant.states, self.rows[0], strict=True))
         moving = {*self.plant.inputs, *(self.plant.states if self.plant.discrete else ())}
         return any(g.free_symbols & moving or divided(rate(g, rates), [g]).remainder != 0 for g in self.tests)
 
-    def kept(self, fields: Sequence[Sequence[sp.Expr]]) -> list[Sequence[sp.Expr]]:
+    def symmetries(self, fields: Sequence[Sequence[sp.Expr]]) -> list[Sequence[sp.Expr]]:
         """Return the vector fields that change neither an output nor the sign of a condition on the branch, each with
         the others."""
         flow, output, *_ = self.rows
@@ -745,11 +746,11 @@ def _whole(ranked: Sequence[tuple[_Question, Rank]], every: bool) -> Answer:
     if not answer.hidden or (every and len(ranked) == 1):
         return replace(answer, lost=answer.hidden, elsewhere=elsewhere)
     symmetries = _shared(answer, best, [question for question, _ in ranked]) if every else ()
-    moved = {s for one in symmetries for s, _ in one.field}
-    lost = tuple(s for s in answer.hidden if s in moved)
-    if best.left and lost:
+    unseen = {s for one in symmetries for s, _ in one.field}
+    lost = tuple(s for s in answer.hidden if s in unseen)
+    if best.may_be_left and lost:
         answer = replace(answer, symmetries=symmetries, hidden=lost)
-    return replace(answer, lost=lost, elsewhere=elsewhere, passing=best.left and not lost)
+    return replace(answer, lost=lost, elsewhere=elsewhere, passing=best.may_be_left and not lost)
 
 
 def _shared(answer: Answer, best: _Question, questions: Sequence[_Question]) -> tuple[Symmetry, ...]:
@@ -760,7 +761,7 @@ def _shared(answer: Answer, best: _Question, questions: Sequence[_Question]) -> 
     while count != len(fields):
         count = len(fields)
         for question in questions:
-            fields = question.kept(fields)
+            fields = question.symmetries(fields)
     return tuple(
         Symmetry(tuple((s, v) for s, v in zip(best.unknowns, field, strict=True) if v != 0), True) for field in fields
     )

@@ -9,10 +9,11 @@
      "claims": [{"id", "verdict", "evidence"}],
      "digest": SHA-256 of all the other keys}
 
-Plant and form have "periods", {name: "2*pi"}, where a signal has one; the range of an angle is a whole turn. Numbers
-are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
-value as both ends. The plant as first declared is x' = flow(x, u), y = output(x, u). The form is z = to_form(x), x =
-from_form(z), z' = A z + b, y = output, with the number of states of each output's chain, and the alignment of chains.
+Plant and form have "periods", {name: "2*pi"}, where a signal has one; the range of an angle is a whole turn. A plant
+has "times", the inputs that are times, of which the rate is 1. Numbers are exact and texts, "7/2" or "0.05"; an
+infinite end of a range is null; a parameter without a range has its value as both ends. The plant as first declared is
+x' = flow(x, u), y = output(x, u). The form is z = to_form(x), x = from_form(z), z' = A z + b, y = output, with the
+number of states of each output's chain, and the alignment of chains.
 
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
 the box. For several chains gains act chain by chain. Or they are a matrix, row by row, whose entry for the state i and

@@ -29,7 +29,7 @@ _ROWS = re.compile(r"(.*?)((?:_[1-9][0-9]{0,3})*)\Z", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}\Z", re.ASCII)
 _KEYS = {
     "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
-    "plant": ("name", "states", "inputs", "parameters", "outputs", "periods", "flow", "output"),
+    "plant": ("name", "states", "inputs", "parameters", "outputs", "periods", "times", "flow", "output"),
     "form": ("kind", "states", "periods", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"),
     "a range": ("name", "low", "high"),
     "a claim": ("id", "verdict", "evidence"),
@@ -119,7 +119,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as read from a file.
+    """A certificate as read from a file; `times`: the inputs that are times, of which the rate is 1.
 
     `model` is the digest of the model; `named` says whether the file states the same digest, `untouched` whether the
     file's digest is that of its content."""
@@ -129,6 +129,7 @@ class Certificate:
     form: FormFile
     observer: Observer | None
     inputs: tuple[str, ...]
+    times: tuple[str, ...]
     parameters: tuple[str, ...]
     claims: tuple[Claim, ...]
     model: str
@@ -241,6 +242,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> 
         ),
         observer=_observer(content, observers, z_box, _blocks(form, len(z))),
         inputs=tuple(inputs),
+        times=_times(plant, inputs),
         parameters=tuple(parameters),
         claims=_claims(content),
         model=model_digest(content),
@@ -265,6 +267,13 @@ def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = N
 
 def _names(values: Iterable[Any]) -> tuple[str, ...]:
     return tuple(value if isinstance(value, str) else "" for value in values)
+
+
+def _times(plant: Mapping[str, Any], inputs: Iterable[str]) -> tuple[str, ...]:
+    times = _names(part({"times": [], **plant}, "times", list))
+    if strange := sorted({*times} - set(inputs)):
+        raise NoCertificate(f"{words(strange[0])} is a time, and no input")
+    return times
 
 
 def _periods(holder: Mapping[str, Any], names: Iterable[str]) -> dict[str, Turn]:

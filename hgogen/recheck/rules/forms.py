@@ -305,14 +305,16 @@ def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str]
 
 
 def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
-    """Return the plant's box with the derivatives u', u'', .. of inputs, unbounded without a range, and the name of
-    each derivative by the name of what it is the derivative of. Raises: `Unproved`."""
+    """Return the plant's box with the derivatives u', u'', .. of inputs, unbounded without a range, those of a time 1,
+    0, .., and the name of each derivative by the name of what it is the derivative of. Raises: `Unproved`."""
     count, inputs = len(context.plant.states), context.file.inputs
     endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
     lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
     derived = {other for line in lines for other in line[1:]}
     rates = {one: after for line in lines if line[0] not in derived for one, after in pairwise(line)}
-    box = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
+    box: dict[str, tuple[Any, Any]] = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
+    for first, *others in (derivatives for name, *derivatives in lines if name in context.file.times):
+        box |= {first: (Fraction(1), Fraction(1)), **dict.fromkeys(others, (Fraction(0), Fraction(0)))}
     if derived & {*context.plant.states, *context.file.parameters}:
         raise Unproved("a name that a derivative of an input would have is taken")
     return box, rates
