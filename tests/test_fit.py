@@ -18,8 +18,8 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset
-from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted
-from hgogen.logs.problem import Progress, Shooting, Solution
+from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted, with_rates
+from hgogen.logs.problem import Progress, Shooting, Solution, Solver
 from hgogen.logs.records import BadLog
 from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
@@ -972,3 +972,67 @@ def test_a_millionth_of_a_range_from_its_end_is_at_the_end() -> None:
     """k lies in 1..20, c in 0..3."""
     one = task(PLANT, log())
     assert [one._end(0, value) for value in (1 + 1e-5, 1 + 1e-4, 20 - 1e-4, 20 - 1e-5)] == ["low", "", "", "high"]
+
+
+def test_nodes_of_rates_are_differences() -> None:
+    """Of a chain: the rate of a measured state, with its sign, and the rate of that; other states have none."""
+    p, q, r, s = (hg.Signal(name) for name in "pqrs")
+    plant = hg.System("chain", states=(p, q, r, s), outputs=(Y,), flow=[-q, r, -p, -s], output=[p])
+    t = DT * np.arange(50)
+    courses = with_rates(plant, {p: t**2}, 4, DT)
+    assert set(courses) == {p, q, r}
+    assert courses[q][5:-5] == pytest.approx(-2 * t[5:-5])
+    assert courses[r][5:-5] == pytest.approx(np.full(40, -2.0))
+    assert with_rates(plant, {p: t**2}, 1, DT)[q][1:-1] == pytest.approx(-2 * t[1:-1])
+
+
+@pytest.mark.full
+def test_a_pendulum_that_turns_over_is_fitted_from_wrong_values() -> None:
+    """With rates of 0 in all segments the search ended at 30 times the error."""
+    a, b, k = (
+        hg.Signal("a", nominal=40, low=5, high=200),
+        hg.Signal("b", nominal=0.3, low=0, high=5),
+        hg.Signal("k", nominal=20, low=1, high=200),
+    )
+    q, w = hg.Signal("q", low=-60, high=60), hg.Signal("w", low=-30, high=30)
+    arm = hg.System(
+        "arm",
+        states=(q, w),
+        inputs=(U,),
+        outputs=(Y,),
+        parameters=(a, b, k),
+        flow=[w, -a * sp.sin(q) - b * w + k * U],
+        output=[q],
+    )
+    x, u, rows, dt = np.array([0.1, 11.0]), np.sin(0.01 * np.arange(1500)), [], 0.005
+    for each in u:
+        rows.append(x[0])
+        for _ in range(10):
+            x = x + dt / 10 * np.array([x[1], -19.0 * np.sin(x[0]) - 0.2 * x[1] + 12.0 * each])
+    fit = hg.fit(arm, hg.Log(u, np.array(rows), dt), starts=1)
+    assert np.ptp(rows) > 4 * np.pi
+    assert fit.values == pytest.approx({"a": 19.0, "b": 0.2, "k": 12.0}, rel=0.05)
+
+
+def test_a_search_that_ends_above_its_start_begins_once_more_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the values before, with their best states; and if it stays above them, the result says so."""
+    begun: list[Any] = []
+    solve = Solver.solve
+
+    def astray(self: Solver, start: Any, *more: Any) -> Any:
+        one = solve(self, start, *more)
+        if self.problem.constants:
+            begun.append(start)
+            one = replace(one, cost=1e3 * one.cost)
+        return one
+
+    monkeypatch.setattr(Solver, "solve", astray)
+    record = log(6)
+    result = hg.fit(PLANT, record, free=["c"], starts=1)
+    assert len(begun) == len(result.starts) == 2
+    assert begun[1][0] == 1.0  # c as it was given
+    assert np.ptp(begun[1][1::2] - begun[0][1::2]) > 0  # with other states
+    assert result.above_start > 0
+    assert any(note.startswith("the fit ended above its start, at ") for note in result.notes())
+    monkeypatch.setattr(Solver, "solve", solve)
+    assert hg.fit(PLANT, record, free=["c"], starts=1).above_start == 0

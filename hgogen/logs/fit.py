@@ -107,7 +107,7 @@ class Fit(Encoded):
 
     json_keys = (
         "by parameters=values deviation nominal at_end lags=lag_values offsets=offset_values first error spread "
-        "unfitted alike untold joint confined outlying whiteness rivals noise=levels starts=ends"
+        "unfitted alike untold joint confined outlying whiteness rivals noise=levels starts=ends above_start"
     )
 
     by: Annotated[str, "the error that is least, of which the residuals are: simulation or prediction"]
@@ -129,6 +129,9 @@ class Fit(Encoded):
     whiteness: Annotated[dict[str, Whiteness | None], "test of each output's residuals, of innovations over deviations"]
     rivals: Annotated[tuple[dict[str, float], ...], "estimates of starts that ended elsewhere at the same cost"]
     noise: tuple[dict[str, float], dict[str, float]]
+    above_start: Annotated[
+        float, "by how much the cost exceeds that of the plant as given: a share, or a log likelihood"
+    ]
 
     @property
     def values(self) -> dict[str, float]:
@@ -198,6 +201,11 @@ class Fit(Encoded):
         for name, part in self.outlying.items():
             if part and self.error[name] > FINE * self.spread[name]:
                 lines.append(f"{part:.2g} of the residuals of {name} lie beyond 5 times their typical size")
+        if self.above_start:
+            cost = _HIGHER[self.by](self.above_start)
+            lines.append(
+                f"the fit ended above its start, {cost}; keep the values before, narrow ranges, or add --starts"
+            )
         return (*lines, *self._searched())
 
     def _undetermined(self, parts: Mapping[str, float]) -> str:
@@ -406,15 +414,16 @@ class Task:
     def _nodes(self) -> list[float]:
         nodes: list[float] = []
         for record, segments in zip(self.records, self.problem.segments, strict=True):
-            at = np.arange(segments) * self.problem.length
-            rows = [np.full(segments, resting(x)) for x in self.plant.states]
+            at, every_row = np.arange(segments) * self.problem.length, np.arange(len(record.y))
+            courses: dict[sp.Expr, Array] = {}
             outputs = zip(self.plant.outputs, record.y.T, self.given.output, self.plant.output, strict=True)
             for y, column, *expressions in outputs:
                 there = np.flatnonzero(np.isfinite(column))
                 for x, slope, level in measured_states(self.plant.states, expressions):
                     course = y.unwrapped(column) if x.period else y.nearest(column, slope * middle_of(x) + level)
-                    values = np.interp(at, there, (course[there] - level) / slope)
-                    rows[self.plant.states.index(x)] = values
+                    courses[x] = np.interp(every_row, there, (course[there] - level) / slope)
+            courses = with_rates(self.plant, courses, self.problem.length, record.dt)
+            rows = [courses[x][at] if x in courses else np.full(segments, resting(x)) for x in self.plant.states]
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
 
@@ -429,8 +438,7 @@ class Task:
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
         begins = (zip(self.given.states, at[:, 0].full().ravel().tolist(), strict=False) for at in nodes)
         first = ({x.name: float(x.turned(value)) for x, value in states} for states in begins)
-        still = replace(self, plant=self.given, chosen=(), lags=(), offset=(), corner=None)
-        before = still.problem.information(still.solver.solve(still.nominal).unknowns, still.solver.unit)
+        before = self.given_task.problem.information(self.given_solution.unknowns, self.given_task.solver.unit)
         return Fit(
             self.by,
             valued(self.given, {e.name: e.value for e in estimates[:inner]}),
@@ -451,7 +459,38 @@ class Task:
             self._by_output(map(whiteness, known.tell)),
             tuple(self._rivals(best, ended, deviations)),
             self.problem.noise(best.unknowns),
+            self.above_given(best.cost) if self.corner is None else 0.0,
         )
+
+    @cached_property
+    def given_task(self) -> "Task":
+        """The task of the plant as it was given, of which only the states are fitted."""
+        return replace(self, plant=self.given, chosen=(), lags=(), offset=(), corner=None, begin={})
+
+    @cached_property
+    def given_solution(self) -> Solution:
+        """The states with which the plant as it was given follows the logs best."""
+        return self.given_task.solver.solve(self.given_task.nominal)
+
+    def above_given(self, cost: float) -> float:
+        """Return by how much a `cost`, as in `above`, exceeds that of the plant as it was given; 0 for one that is not
+        above it, or for residuals that are integration errors."""
+        residuals = sum(np.isfinite(record.y).sum() for record in self.records)
+        fine = self.by == "simulation" and cost < FINE**2 * residuals
+        excess = above(self.by, cost, self.given_solution.cost)
+        return excess if excess > EQUAL and not fine else 0.0
+
+    def from_given(self) -> Array:
+        """Return the unknowns (v) with the parameters at their nominal values and the states of `given_solution`."""
+        start, own = self.nominal, self.given_task.problem
+        *_, nodes = self.problem.parts(ca.DM(start))
+        *_, solved = own.parts(ca.DM(self.given_solution.unknowns))
+        if self.problem.segments != own.segments:  # a lag asks for shorter ones
+            return start
+        columns = [ca.vertcat(of_given, mine[own.n :, :]) for of_given, mine in zip(solved, nodes, strict=True)]
+        first, last = self.problem.constants, self.problem.size - len(self.problem.levels)
+        start[first:last] = np.concatenate([column.full().T.ravel() for column in columns])
+        return start
 
     def _deviations(
         self, known: Information, together: float, unknowns: Array
@@ -628,6 +667,9 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
     best = best_of(task.by, ended)
     if best is None:
         raise CannotFit(f"plant {task.given.name!r}", "has no finite residuals from any start; narrow the ranges")
+    if task.above_given(best.cost):
+        ended = searches.solved(task.solver, task.from_given(), ended)
+        best = best_of(task.by, ended) or best
     for _ in range(passes):
         task = replace(task, corner=task.corners(best.unknowns))
         ended = searches.solved(task.solver, best.unknowns, ended)
@@ -642,6 +684,21 @@ def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterat
             slope = row.diff(x)
             if slope.is_number and slope:
                 yield x, float(slope), float(row.xreplace({x: 0}))
+
+
+def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, dt: float) -> dict[sp.Expr, Array]:
+    """Return the courses (N) of states, and those of states that are by definition their rates, x_i' = +-x_j, by
+    differences over `length` rows of the period `dt`."""
+    complete, half = dict(courses), max(1, length // 2)
+    for _ in plant.states:
+        for x, rate in zip(plant.states, plant.flow, strict=True):
+            for sign in (1, -1):
+                if x in complete and sign * rate in plant.states and sign * rate not in complete:
+                    rows = np.arange(len(complete[x]))
+                    first, last = np.maximum(rows - half, 0), np.minimum(rows + half, len(rows) - 1)
+                    change = complete[x][last] - complete[x][first]
+                    complete[sign * rate] = sign * change / (dt * np.maximum(last - first, 1))
+    return complete
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
