@@ -279,8 +279,8 @@ def tune_(
     calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
     take = calibration.best
     final = replace(final, name=take.name) if isinstance(final, Tuned) else final
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads)
-    notes = (*notes, *_change_of_gains(take, final))
+    changes = _change_of_gains(take, final)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes)
     written = final if isinstance(final, Tuned) else None
     report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes, written)
     return folder.save(report, "tuned.json")
@@ -350,6 +350,7 @@ def _judged(
     logs: Logs,
     measured: Sequence[Mapping[str, np.ndarray]],
     aheads: Sequence[int],
+    changes: Iterable[str],
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
     plant = model.plant
     validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
@@ -359,8 +360,9 @@ def _judged(
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
     judgements = verdicts(calibration, rows, HELD_OUT if logs.held_out else ALL)
+    far = too_far(aheads, rows[0].errors)
     shares = (f"left out as outliers: {share}" for share in calibration.gates)
-    notes = (*logs.notes(), *difference_notes(rates), *shares, *judgements, *too_far(aheads, rows[0].errors))
+    notes = (*logs.notes(), *difference_notes(rates), *shares, *changes, *far, *judgements)
     return tuple(_row(calibration, row) for row in rows), notes
 
 

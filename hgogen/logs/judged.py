@@ -14,7 +14,7 @@ from typing import Annotated
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.logs.records import Log, readable
+from hgogen.logs.records import AS_WELL, Log, readable
 from hgogen.logs.tune import Calibration, Tuned
 from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
@@ -24,7 +24,6 @@ from hgogen.system import System
 
 Array = np.ndarray
 COPYING, DIFFERENCING = "copying", "differencing"
-AS_WELL = 1.05  # factor between errors that count as equal
 HELD_OUT, ALL = "in the rows held out", "in all rows"
 COLOURED = 5  # correlations beyond their bound; a white log has more in one case of 5,000
 CONSISTENT = 2.0  # factor by which the NIS of a consistent filter may differ from 1
@@ -162,10 +161,8 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
     best = judged[calibration.best.name]
     return (
         *_selection(calibration),
-        *_other_horizons(best, judged, where),
-        *_as_well_without_a_model(best, judged, where),
-        *_of_hidden_states(best, judged, calibration.truth),
         *_doubts(calibration.best, best, where),
+        *_disagreements(calibration, best, judged, where),
     )
 
 
@@ -180,12 +177,11 @@ def _selection(calibration: Calibration) -> Iterator[str]:
         f"much as {rival}"
     )
     if best is first:
-        others = ", ".join(row.name for row in calibration.tied if row is not best)
-        yield f"{sentence}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
+        yield f"{sentence}, the least of all"
     else:
         cheaper = "knows its noise" if first.noise is None else "costs less"
         why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
-        yield f"{sentence}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
+        yield f"{sentence}; {first.name} errs {first.error:.3g}, no less segment by segment, and {best.name} {why}"
     if best.error >= 1:
         yield (
             f"no gains of {best.name} do better than {rival}: the model does not predict "
@@ -197,36 +193,41 @@ def _ahead(samples: int) -> str:
     return f"{samples} sample{'s' * (samples > 1)} ahead"
 
 
-def _other_horizons(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
+def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
+    """Yield a sentence that lists the rows that are as good as the `best`, and those that another measure prefers."""
+    others = [f"{row.name} ({row.error:.3g})" for row in calibration.tied if row.name != best.name]
+    ties = [f"as good, within {100 * (AS_WELL - 1):.0f} %: {', '.join(others)}"] if others else []
+    other_measures = [*_other_horizons(best, judged), *_of_hidden_states(best, judged, calibration.truth)]
+    if ties or other_measures:
+        parts = [*ties, *([f"{where}, {other_measures[0]}", *other_measures[1:]] if other_measures else [])]
+        yield f"beside {best.name} ({calibration.best.error:.3g}): {'; '.join(parts)}"
+
+
+def _rival(error: float, others: Mapping[str, float], verb: str, measure: str) -> Iterator[str]:
+    """Yield that the least of `others`, errors by name, is clearly less than `error`, and which predictors without a
+    model are as good."""
+    finite = {name: other for name, other in others.items() if other == other}
+    name = min((each for each in finite if each not in _MODELLESS), key=lambda each: finite[each], default="")
+    for each in (name, *_MODELLESS):
+        other = finite.get(each, math.inf)
+        if other * AS_WELL < error:
+            yield f"{each} {verb} better{measure}, {other:.3g} for {error:.3g}"
+        elif each in _MODELLESS and other <= AS_WELL * error:
+            yield f"{each} {verb} as well{measure}, {other:.3g} for {error:.3g}"
+
+
+def _other_horizons(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
     for ahead, errors in best.errors.items():
         for output, error in errors.items():
-            others = {name: row.errors[ahead][output] for name, row in judged.items() if name not in _MODELLESS}
-            name = min(others, key=lambda each: others[each] if others[each] == others[each] else math.inf)
-            if others[name] * AS_WELL < error:
-                better = f"{name} predicts {output} better {_ahead(ahead)}, {others[name]:.3g} for {error:.3g}"
-                yield f"{where}, {better}"
-
-
-def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
-    for name in _MODELLESS:
-        for output in next(iter(best.errors.values()), {}):
-            pairs = [(h, errors[output], judged[name].errors[h][output]) for h, errors in best.errors.items()]
-            as_well = [str(h) for h, error, other in pairs if other <= AS_WELL * error]
-            if as_well:
-                samples = f"{', '.join(as_well)} sample{'s' * (as_well != ['1'])} ahead"
-                yield f"{where}, {name} predicts {output} as well as {best.name}, {samples}"
+            others = {name: row.errors[ahead][output] for name, row in judged.items() if row is not best}
+            yield from _rival(error, others, f"predicts {output}", f" {_ahead(ahead)}")
 
 
 def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], tuned_on: Sequence[str]) -> Iterator[str]:
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
-        differenced = others.pop(DIFFERENCING, None)
-        if differenced is not None and differenced <= AS_WELL * error:
-            yield f"differencing estimates {state} as well, {differenced:.3g} for {error:.3g}"
-        name = min(others, key=lambda each: others[each], default=None)
-        if name is not None and others[name] * AS_WELL < error:
-            better = f"{name} is better, {others[name]:.3g} for {error:.3g}"
-            yield f"by the truth of {state}{'' if state in tuned_on else ', which is not tuned on'}, {better}"
+        measure = "" if state in tuned_on else " by its truth, which is not tuned on"
+        yield from _rival(error, others, f"estimates {state}", measure)
 
 
 def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:

@@ -158,6 +158,7 @@ def demand_regular(plant: System, report: Report) -> None:
 JITTER = 0.05  # of the period: a row farther off the grid is of another time
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
+AS_WELL = 1.05  # factor between errors that count as equal
 ALIKE = 2e-3  # relative difference of E by rounding: a thousandth of an error
 BEGIN = 0.05  # share of a log at its beginning, in which an estimate may converge
 
@@ -292,12 +293,13 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 def as_good(errors: Array, best: Array) -> bool:
     """Return whether the squared `errors` by segment exceed the `best` by at most one standard error (the rule of
-    Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984). The standard error is that of their
-    difference or that of the best, whichever is less, so that a candidate with scattered errors is not preferred.
-    Differences by rounding are ignored."""
+    Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984), and their root by at most 5 %. The
+    standard error is that of the paired differences or that of the best, whichever is less, so that a candidate with
+    scattered errors is not preferred. Differences by rounding are ignored."""
     difference = errors - best
     scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
-    return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))
+    limit = min(scatter, (AS_WELL**2 - 1) * best.mean())
+    return bool(difference.mean() <= max(limit, ALIKE * best.mean()))
 
 
 def readable(plant: System, record: Log, number: int) -> Log:

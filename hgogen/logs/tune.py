@@ -342,7 +342,7 @@ class Calibration:
 
     @property
     def tied(self) -> tuple[Tuned, ...]:
-        """The rows that predict as well as the best."""
+        """The rows that predict as well as the best: within 5 %, and no worse segment by segment."""
         return tuple(row for row in self.rows if as_good(row.errors, self.rows[0].errors))
 
     @property
