@@ -202,7 +202,7 @@ class Model:
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
         one = first(name, rows, period)
         if isinstance(one, NoFirst):
-            raise MissingPart(self.path, self._unstarted(name, one))
+            raise MissingPart(self.path, self._unstarted(name, one)) from one.too_long
         return replace(tuning, tables={**tuning.tables, name: one.table()})
 
     @property

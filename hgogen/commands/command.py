@@ -44,6 +44,7 @@ from hgogen.commands.output import (
 from hgogen.errors import HgogenError
 from hgogen.modelfiles.place import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
+from hgogen.reading.cells import Rows
 from hgogen.reading.jumps import JumpsByTurn
 from hgogen.reading.measured import Record
 from hgogen.recheck.text import RecheckError
@@ -263,10 +264,16 @@ class Runs:
 
 @dataclass(frozen=True)
 class Columns:
-    """The options that map the columns of a log: the column of times, else the `period` between rows, the time of the
-    first row if `start` sets it, and the columns of the signals."""
+    """The options by which a log is read: the column of times, else the `period` between rows, the time of the first
+    row if `start` sets it, the columns of the signals, the rows taken, and the spelling of numbers and dates."""
 
-    time: Annotated[str | None, typer.Option(help="The column of times, in the unit of the model's time.")] = None
+    time: Annotated[
+        str | None,
+        typer.Option(
+            help="The column of times: numbers in the unit of the model's time, dates, or times of day; or an "
+            "expression of columns, such as time/1000."
+        ),
+    ] = None
     period: Annotated[
         float | None,
         typer.Option(help="The time between rows, in the unit of the model's time, where no column has times."),
@@ -283,6 +290,33 @@ class Columns:
             help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
         ),
     ] = None
+    begin: Annotated[
+        str | None,
+        typer.Option("--from", metavar="TIME", help="The first time that is taken, or the first row, as row:100."),
+    ] = None
+    end: Annotated[
+        str | None,
+        typer.Option("--to", metavar="TIME", help="The last time that is taken, or the last row, as row:200."),
+    ] = None
+    every: Annotated[int | None, typer.Option(metavar="N", min=1, help="Take each N-th of these rows.")] = None
+    decimal: Annotated[
+        Literal[".", ","] | None, typer.Option(help="The decimal sign in a text; by default as its cells tell.")
+    ] = None
+    dates: Annotated[
+        Literal["dmy", "mdy", "ymd"] | None,
+        typer.Option(help="The order of day, month and year in dates; by default as the cells tell."),
+    ] = None
+
+    def reading(self) -> dict[str, Any]:
+        """Return the arguments of `read` by name, without the columns of signals."""
+        rows = Rows(self.begin, self.end, self.every or 1)
+        return {
+            "time": self.time,
+            "period": self.period,
+            "rows": rows,
+            "decimal": self.decimal,
+            "dates": self.dates,
+        }
 
     def begun(self, record: Record) -> Record:
         """Return the log with the time of its first row."""

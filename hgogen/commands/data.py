@@ -113,7 +113,7 @@ def logs_of(
     inputs = {s.name: window for s in plant.supplied}
     first = plant.declared
     signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
-    words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time}
+    words: dict[str, Any] = {**named.reading(), "dt": dt, "unit": plant.time}
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
     part, judges = parts_of(held_out or ())
     records = tuple(named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))

@@ -39,17 +39,19 @@ from hgogen.commands.command import (
 from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
 from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
+from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.findings import Finding, findings
 from hgogen.logs.records import Log, beyond, demand_regular, reading_of
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.cells import BadRecord
 from hgogen.reading.files import file_name_fault
 from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
-from hgogen.reading.log import mapping, shifts_of
+from hgogen.reading.log import mapping, quotient, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run.comparison import Difference, coarse, differences
-from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest, within_interval
+from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
 from hgogen.run.gates import GateShare
 from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
@@ -66,12 +68,13 @@ from hgogen.run.prediction import (
     rms,
 )
 from hgogen.run.samples import Engine, Run
-from hgogen.signal import Signal, derived
-from hgogen.step import Step
+from hgogen.signal import Signal, derived, plural
+from hgogen.step import Step, StepTooLong
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 ROUNDING = 1e-12  # relative rounding of a time over a period
 PIECE = 10_000  # rows of CSV text at once; cells take about ten times the memory of their text
+_PARTS = {"milli": 1000, "micro": 1_000_000}  # of a unit of time
 _NAN = re.compile("nan")
 STAGES = 5  # stages of `run` before the figures, besides one for each sample ahead
 
@@ -266,7 +269,7 @@ def _opened(
     shift: Sequence[str],
     true: Mapping[str, tuple[str, str]] = MappingProxyType({}),
 ) -> _Opened:
-    step = model.step(observer)
+    step = _step(model, observer, data, columns)
     record = _record(step, data, columns, (*step.inputs, *step.samples), true)
     shifts = shifts_of(str(data), shift, step.inputs, step.outputs)
     ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
@@ -346,8 +349,31 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
     if model.has("step") or model.setting.dt is not None:
         return model
-    clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
-    return model.sampled(clock.report.dt)
+    return model.sampled(_period(model, data, columns))
+
+
+def _period(model: Model, data: Path, columns: Columns) -> float:
+    return read(data, {}, dt=None, unit=model.plant.time, **columns.reading()).report.dt
+
+
+def _step(model: Model, observer: str | None, data: Path, columns: Columns) -> CallableStep:
+    """Return the step of a model, or of its tuning `observer`. Raises: `BadRecord` if its dt is the period of the log
+    and too long, and a thousandth or a millionth of it is not."""
+    try:
+        return model.step(observer)
+    except HgogenError as error:
+        refused = error if isinstance(error, StepTooLong) else error.__cause__
+        if not isinstance(refused, StepTooLong) or model.setting.dt != _period(model, data, columns):
+            raise
+        parts = {name: part for name, part in _PARTS.items() if refused.dt / part <= refused.limit}
+        if not parts:
+            raise
+        name, part = next(iter(parts.items()))
+        option = f"--time '{quotient(columns.time, part)}'" if columns.time else f"--period {refused.dt / part:g}"
+        time = plural(refused.unit)
+        question = f"has a row every {refused.dt:g} {time}: are the times {name}{time}? Say {option}"
+        as_it_is = f"dt = {refused.dt:g} is too long for {refused.rule}: refused above {refused.limit:.3g}"
+        raise BadRecord(str(data), f"{question}. As {time}, {as_it_is}") from None
 
 
 def _record(
@@ -365,13 +391,12 @@ def _record(
         data,
         wanted,
         dt=step.dt,
-        time=columns.time,
-        period=columns.period,
         unit=step.time,
         caller=replace(COMMAND, others=truth_options(true)),
         inputs=inputs,
         signals=known,
         rates=derived(step.inputs),
+        **columns.reading(),
     )
     demand_regular(step.observer.form.system, record.report)
     return columns.begun(record)
@@ -510,19 +535,15 @@ def noise_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     columns: Columns = NO_COLUMNS,
-    begin: Annotated[
-        float | None, typer.Option("--from", help="Where the quiet part begins, in the model's time.")
-    ] = None,
-    end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends, in the model's time.")] = None,
     window: Annotated[float | None, typer.Option(help="Window d, in the model's time; by default the model's.")] = None,
 ) -> NoiseReport:
-    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests."""
+    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests, or its
+    quiet part, by --from and --to."""
     loaded = _timed(load(model).set(setting), data, columns)
-    step = loaded.step(observer)
+    step = _step(loaded, observer, data, columns)
     d = innovation_window(loaded, "--window", observer) if window is None else window
     record = _record(step, data, columns, step.outputs)
-    selected = within_interval(record.t, begin, end, step.time)
-    courses = ((s, s.unwrapped(record.of([s])[selected, 0])) for s in step.outputs)
+    courses = ((s, s.unwrapped(record.of([s])[:, 0])) for s in step.outputs)
     suggestions = (suggest(s.name, course, step.dt, d, step.time) for s, course in courses)
     return NoiseReport(loaded.path, record, tuple(suggestions), step.time)
 

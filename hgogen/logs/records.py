@@ -25,7 +25,7 @@ from hgogen import forms
 from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
-from hgogen.reading.log import BadRecord
+from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import PYTHON, WINDOWS, Report, difference, read
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts

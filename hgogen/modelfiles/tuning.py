@@ -344,11 +344,11 @@ class First:
 @dataclass(frozen=True)
 class NoFirst:
     """The reason why there is no first step; `ruled`: a form admits the observer, but there are no starting gains;
-    `too_long`: a form admits it, but the period is too long."""
+    `too_long`: the error if a form admits it, but the period is too long."""
 
     reason: str
     ruled: bool = False
-    too_long: bool = False
+    too_long: StepTooLong | None = None
 
 
 def places(survey: Survey) -> Iterator[Row]:
@@ -392,7 +392,7 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         except HgogenError as error:
             # without the fix, such as another form: all forms are tried
             reason = str(replace(error, fix="") if isinstance(error, BadGain) else error)
-            refusals.append(NoFirst(reason, too_long=isinstance(error, StepTooLong)))
+            refusals.append(NoFirst(reason, too_long=error if isinstance(error, StepTooLong) else None))
         else:
             return First(observer, row, starting, step)
     return next(iter((*refusals, *skipped)), NoFirst("no form takes the plant"))

@@ -13,10 +13,12 @@ command line give a signal its column, SIGNAL=COLUMN, or a shift, SIGNAL=SAMPLES
 import csv
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, cached_property
+from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,71 +26,59 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.errors import BadArgument
 from hgogen.graph import NoGraph, to_casadi
 from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, frame_columns
+from hgogen.reading.cells import (
+    EMPTY,
+    BadRecord,
+    Column,
+    DateOrder,
+    DecimalSign,
+    Undecided,
+    decimal_signs,
+    is_stamp,
+    is_value,
+    numbers_of,
+    quantities,
+    signs_of,
+    with_points,
+)
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.files import Unread, content_of
 from hgogen.registry import NotInstalled, library
 from hgogen.signal import Signal
 
 BYTES = 1 << 28  # of a log; its cells need about ten times as much memory
-DELIMITERS = ",;\t|"
-PIECE = 1024  # cells that are converted at once, or one by one if any is no number
-EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
+DELIMITERS = ";\t|, "  # of those that serve equally the first; blanks: one or several
+HEAD, TAIL = 100, 20  # lines at the begin and the end of a file that tell its delimiter and its header
+MARKS = ("#", "%", "//")  # of a comment
+NEUTRAL = EMPTY | {"nan", "-nan", "inf", "-inf"}  # cells that are neither a value nor text
 PARQUET, MAT, HDF = b"PAR1", b"MATLAB 5.0", (b"MATLAB 7.3", b"\x89HDF")
+PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}
 _BINARY = {
     "parquet": ("a Parquet file", "Parquet", ("pandas", "pyarrow.parquet")),
     "mat": ("a MAT file", "a MAT file", ("scipy.io",)),
 }
 _OLD = "is a MAT file of version 7.3, which is HDF5; save it again by save('log.mat', '-v7')"
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")  # characters of no text
 _EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header determines anyway
-_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
-_NO_THOUSANDS = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")  # unlike "1,234"
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
-
-
-class BadRecord(BadArgument):
-    """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
-
-    text = "{what}: {reason}"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column as numbers (N,), NaN where a cell is empty, `blank` (N,), or no finite number, such as `example`."""
-
-    name: str
-    values: np.ndarray
-    blank: np.ndarray
-    example: str
-
-    @property
-    def empty(self) -> int:
-        """The number of empty cells."""
-        return int(np.count_nonzero(self.blank))
-
-    @property
-    def not_numbers(self) -> int:
-        """The number of cells that are neither empty nor a finite number; NaN is not a finite number."""
-        return int(np.count_nonzero(np.isnan(self.values))) - self.empty
-
-    def select_rows(self, rows: np.ndarray) -> "Column":
-        """Return the column in the given rows (N,), a mask or indices, only."""
-        return replace(self, values=self.values[rows], blank=self.blank[rows])
 
 
 @dataclass(frozen=True)
 class Table:
     """Header and columns (N,), of cells or, from a library, arrays; `malformed` counts the rows longer than the header,
-    which are left out."""
+    which are left out; `units`: those of a row below the header, by name; `decimal`, `dates`: the decimal sign and the
+    order of dates, None as the cells tell; `read`: the columns read so far."""
 
     path: str
     header: tuple[str, ...]
     columns: Sequence[Any]
     malformed: int = 0
-    decimal_comma: bool = False
     notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    decimal: DecimalSign | None = None
+    dates: DateOrder | None = None
+    read: dict[str, Column] = field(default_factory=dict, repr=False)
 
     @property
     def rows(self) -> int:
@@ -97,13 +87,49 @@ class Table:
 
     def column(self, name: str) -> Column:
         """Return the column `name` as numbers; a missing value is an empty cell. Raises: `BadRecord`."""
+        if name not in self.read:
+            self.read[name] = self._read(name)
+        return self.read[name]
+
+    def _read(self, name: str) -> Column:
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self.no_column(name))
         array, kind = self._column_and_kind(name)
-        if kind not in "iufbm":
-            return parsed(name, self.cells(name), self.decimal_comma)
-        values = array / np.timedelta64(1, "s") if kind == "m" else array.astype(float)  # spans of time in seconds
-        return Column(name, np.where(np.isfinite(values), values, np.nan), np.isnan(values), "")
+        if kind in "iufbm":
+            values = array / np.timedelta64(1, "s") if kind == "m" else array.astype(float)  # spans of time in seconds
+            read = Column(name, np.where(np.isfinite(values), values, np.nan), np.isnan(values), "")
+        else:
+            read = self._numbers(name, self.cells(name))
+        return replace(read, unit=read.unit or self.units.get(name, "") or named_unit(name)).without_codes()
+
+    def _numbers(self, name: str, cells: Sequence[str]) -> Column:
+        numbers, units = quantities(cells)
+        kinds = list(dict.fromkeys(filter(None, units)))
+        if not all(map(is_unit, kinds)):
+            numbers, kinds = cells, []
+        try:
+            plain, notes = with_points(numbers, self.decimal, lambda: self._decimal_signs)
+        except Undecided as error:
+            raise BadRecord(self.path, f"the column {name!r} holds {error}") from None
+        read = numbers_of(name, plain)
+        for unit in kinds[1:]:
+            try:
+                change = conversion(name, unit, kinds[0])
+            except Inconvertible as error:
+                raise BadRecord(
+                    self.path, f"the column {name!r} holds cells in {kinds[0]} and one that {error}"
+                ) from None
+            if isinstance(change, Conversion):
+                there = np.array(units) == unit
+                read.values[there] = change.factor * read.values[there] + change.offset
+        return replace(read, unit="".join(kinds[:1]), notes=notes)
+
+    @cached_property
+    def _decimal_signs(self) -> set[DecimalSign]:
+        """The decimal signs that the columns show, none in a log without commas in its cells."""
+        every = [self.cells(name) for name in self.header if self._column_and_kind(name)[1] in "OU"]
+        commas = any("," in "".join(cells) for cells in every)
+        return {sign for cells in every for sign in decimal_signs(cells)} if commas else set()
 
     def cells(self, name: str) -> Sequence[str]:
         """Return the cells of the column `name` as text, "" for a missing value."""
@@ -128,9 +154,15 @@ class Table:
         return f"has no column {name!r}; its columns are {', '.join(named)}{hint}"
 
 
-def log_of(source: Any) -> Table:
-    """Return the table of a path to a file of any kind, or of a DataFrame. Raises: `BadRecord`; `NotInstalled` if the
-    library for the file is missing."""
+def log_of(
+    source: Any,
+    wanted: Iterable[str] = (),
+    decimal: DecimalSign | None = None,
+    dates: DateOrder | None = None,
+) -> Table:
+    """Return the table of a path to a file of any kind, packed by gzip, bzip2 or xz or not, or of a DataFrame.
+    `wanted`: names of columns, or expressions with such names, by which the header of a text is found; `decimal`,
+    `dates`: as of the `Table`. Raises: `BadRecord`; `NotInstalled` if the library for the file is missing."""
     if isinstance(source, Table):
         return source
     if hasattr(source, "columns") and hasattr(source, "to_numpy"):
@@ -140,59 +172,44 @@ def log_of(source: Any) -> Table:
             raise BadRecord("the DataFrame", str(error)) from None
     if not isinstance(source, str | Path):
         raise BadRecord(f"a {type(source).__name__}", "is no log; give the path of a file, or a DataFrame")
-    content = bytes_of(Path(source))
+    content = unpacked(str(source), bytes_of(Path(source)))
     if content.startswith(PARQUET):
-        return _binary(str(source), "parquet", content)
-    if content.startswith(HDF):
+        read = _binary(str(source), "parquet", content)
+    elif content.startswith(HDF):
         raise BadRecord(str(source), _OLD)
-    if content.startswith(MAT) or (Path(source).suffix.lower() == ".mat" and b"\0" in content[:128]):
-        return _binary(str(source), "mat", content)
-    return table(source, content)
+    elif content.startswith(MAT) or (Path(source).suffix.lower() == ".mat" and b"\0" in content[:128]):
+        read = _binary(str(source), "mat", content)
+    else:
+        read = table(source, content, wanted)
+    return replace(read, decimal=decimal, dates=dates, read={})
 
 
 # --- text ---------------------------------------------------------------------------------------------------
 
 
-def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
-    """Return cells as numbers."""
-    if decimal_comma:
-        cells = [cell.replace(",", ".") for cell in cells]
-    values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
-    for first in range(0, len(cells), PIECE):
-        piece = cells[first : first + PIECE]
-        numbers = _plain_numbers(list(filter(None, piece)))
-        if numbers is not None:
-            there = first + np.flatnonzero(list(map(len, piece)))
-            values[there] = numbers
-            blank[first : first + PIECE] = True
-            blank[there] = False
-            continue
-        for k, cell in enumerate(piece, first):
-            if _NUMBER.fullmatch(cell):
-                values[k] = float(cell.replace("d", "e").replace("D", "e"))
-            elif cell.lower() in EMPTY:
-                blank[k] = True
-            else:
-                example = example or cell
-    values[np.isinf(values)] = np.nan
-    return Column(name, values, blank, example)
+@dataclass(frozen=True)
+class _Head:
+    """A line that may be the header: its number, the delimiter and the names; `values`: how many cells of the rows that
+    fit it are values, less those that are text; `known`: how many of its names are wanted."""
+
+    line: int
+    delimiter: str
+    names: tuple[str, ...]
+    values: int
+    known: int
+
+    def rank(self) -> tuple[int, int, int, bool]:
+        """Return what a header has most of, and a row of units least."""
+        return self.values, self.known, len(self.names), not all(map(is_unit, self.names))
 
 
-def _plain_numbers(cells: Sequence[str]) -> list[float] | None:
-    try:
-        numbers = list(map(float, cells))
-    except ValueError:
-        return None
-    return numbers if math.isfinite(sum(numbers)) and "_" not in "".join(cells) else None  # float accepts 1_000 as well
+def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] = ()) -> Table:
+    """Return the table of the text file at `path`, or of its `content`, whose columns are `wanted`.
 
-
-def table(path: str | Path, content: bytes | None = None) -> Table:
-    """Return the table of the CSV file at `path`, or of its `content`.
-
-    The delimiter (comma, semicolon, tab or bar) is the header's most frequent. Decimal commas are accepted if a cell
-    has one that cannot separate thousands, with a comma as delimiter only in quotes. Lines that start with # are
-    comments; the last one before the data is the header if the data has none. Each line is parsed alone, so a stray
-    quote spoils only its own line.
+    Header and delimiter (comma, semicolon, tab, bar or blanks) are those with which most cells of the rows are values:
+    the header is a line above them with as many names, perhaps in a comment; of several the one with the most wanted
+    names, else the last that does not hold units. Lines above it, comments, its repetitions and other lines of text are
+    left out. Each line is parsed alone, so a stray quote spoils only its own line.
 
     Raises: `BadRecord`.
     """
@@ -203,62 +220,125 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
     full = [line for line in lines if line.strip()]
     if len(full) < len(lines):
         notes.append(f"{len(lines) - len(full)} empty lines: skipped")
-    comments = [line for line in full if line.lstrip().startswith("#")] if "#" in text else []
-    data = [line for line in full if not line.lstrip().startswith("#")] if comments else full
-    if data and _EXCEL.fullmatch(data[0].strip()):
-        notes.append(f"the line {data.pop(0).strip()!r}, which is for a spreadsheet: skipped")
-    if not data:
+    if full and _EXCEL.fullmatch(full[0].strip()):
+        notes.append(f"the line {full.pop(0).strip()!r}, which is for a spreadsheet: skipped")
+    if not any(map(_uncommented, full)):
         raise BadRecord(str(path), "is empty; it needs a header with column names, then rows of numbers")
-    delimiter = max(DELIMITERS, key=re.sub(r'"[^"]*"', "", data[0]).count)
-    named = [cell for cell in _cells(data[0], delimiter) if cell.lower() not in EMPTY | {"nan"}]
-    if named and all(_NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
-        if not comments:
-            raise BadRecord(str(path), "has numbers in its first row; it needs a header with column names there")
-        data.insert(0, comments.pop().lstrip().lstrip("#"))
-    if comments:
-        notes.append(f"{len(comments)} comment lines: skipped")
-    return _aligned(str(path), _cells(data[0], delimiter), data[1:], delimiter, notes)
+    head = _head(str(path), full, {word for text in wanted for word in words_of(text)})
+    following = full[head.line + 1 :]
+    begins = (_uncommented(line) and _value_balance(_cells(line, head.delimiter)) is not None for line in following)
+    first = next((k for k, begin in enumerate(begins) if begin), 0)
+    above, below = full[: head.line], list(filter(_uncommented, following[:first]))
+    units = [cell.strip("[]()") for cell in _cells(below[0], head.delimiter)] if below else []
+    of_units = bool(units) and all(map(is_unit, units))
+    repeated = {*full[: head.line + 1], *below}.intersection(following[first:])
+    body = [line for line in following[first:] if line not in repeated] if repeated else following[first:]
+    rows = list(filter(_uncommented, body)) if any(mark in text for mark in MARKS) else body
+    counted = (
+        (len(list(filter(_uncommented, above))), "lines above the header: skipped"),
+        (len(below) - of_units, "lines below the header: skipped"),
+        (of_units, "line of units below the header"),
+        (
+            len(following) - first - len(body),
+            "lines that repeat the header, as a logger that starts anew writes it: skipped",
+        ),
+        (len(above) - len(list(filter(_uncommented, above))) + len(body) - len(rows), "comment lines: skipped"),
+    )
+    notes += [f"{count} {what}" for count, what in counted if count]
+    read = _aligned(str(path), head.names, rows, head.delimiter, notes)
+    return replace(read, units=dict(zip(head.names, units, strict=False)) if of_units else {})
 
 
-def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, notes: list[str]) -> Table:
+def _uncommented(line: str) -> bool:
+    return not line.lstrip().startswith(MARKS)
+
+
+def _value_balance(cells: Sequence[str]) -> int | None:
+    """Return how many cells are values, less those that are text; None for text alone."""
+    texts = [cell for cell in cells if cell.lower() not in NEUTRAL]
+    values = sum(map(is_value, texts))
+    return 2 * values - len(texts) if values or not texts else None
+
+
+def _trimmed(cells: list[str]) -> tuple[str, ...]:
+    return tuple(cells[: max((k for k, cell in enumerate(cells, 1) if cell), default=0)])
+
+
+def _head(path: str, lines: list[str], wanted: set[str]) -> _Head:
+    sample = [*lines[:HEAD], *lines[HEAD:][-TAIL:]]
+    heads = [head for delimiter in DELIMITERS for head in _heads(sample, delimiter, wanted)]
+    if heads:
+        return max(heads, key=_Head.rank)
+    first = next(k for k, line in enumerate(lines) if _uncommented(line))
+    plain = re.sub(r'"[^"]*"', "", lines[first])
+    delimiter = max(",;\t|", key=plain.count)
+    names = _trimmed(_cells(lines[first], delimiter))
+    if all(is_value(name) or name.lower() in EMPTY for name in names):
+        raise BadRecord(path, "has numbers in its first row; it needs a header with column names there")
+    return _Head(first, delimiter, names, 0, 0)
+
+
+def _heads(lines: list[str], delimiter: str, wanted: set[str]) -> Iterator[_Head]:
+    """Yield the lines that may be the header if that is the delimiter, the last first."""
+    split = [_cells(line.lstrip(" \t#%/"), delimiter) for line in lines]
+    rows = [
+        (k, len(_trimmed(cells)), len(cells), balance)
+        for k, (line, cells) in enumerate(zip(lines, split, strict=True))
+        if _uncommented(line) and (balance := _value_balance(cells)) is not None
+    ]
+    for k, cells in reversed(list(enumerate(split[:HEAD]))):
+        names = _trimmed(cells)
+        if not any(names) or any(signs_of(name) or is_stamp(name) for name in names):
+            continue
+        fitting = [
+            balance for line, least, most, balance in rows if line > k and least <= len(names) <= max(least, most)
+        ]
+        if fitting:
+            yield _Head(k, delimiter, names, sum(fitting), len(wanted.intersection(names)))
+
+
+def _aligned(path: str, header: tuple[str, ...], lines: list[str], delimiter: str, notes: list[str]) -> Table:
     if not lines:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
-    columns, malformed, short_rows = _regular(lines, delimiter, width) or _ragged(lines, delimiter, header)
+    if delimiter == " " and '"' not in "".join(lines):
+        lines = [" ".join(line.split()) for line in lines]
+    columns, malformed, short_rows, texts = _regular(lines, delimiter, width) or _ragged(lines, delimiter, width)
     if not columns:
         raise BadRecord(
             path, f"has no row that fits its header of {width} columns; is the delimiter {delimiter!r} right?"
         )
     if short_rows:
         notes.append(f"{short_rows} rows have fewer cells than the header: the rest of them is empty")
-    certain = _COMMA if delimiter != "," else _NO_THOUSANDS
-    with_comma = (cell for column in columns if "," in "".join(column) for cell in column if "," in cell)
-    comma = any(map(certain.fullmatch, with_comma))
-    if comma:
-        notes.append("decimal commas: read as decimal points")
-    return Table(path, tuple(header), columns, malformed, comma, tuple(notes))
+    if texts:
+        notes.append(f"{texts} lines of text between the rows: skipped")
+    return Table(path, header, columns, malformed, tuple(notes))
 
 
-_Columns = tuple[Sequence[Sequence[str]], int, int]  # columns of cells, numbers of malformed and of short rows
+_Columns = tuple[Sequence[Sequence[str]], int, int, int]  # columns of cells, numbers of malformed, short and text rows
 
 
 def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
     if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
         return None
     cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
-    return [cells[k::width] for k in range(width)], 0, 0
+    return [cells[k::width] for k in range(width)], 0, 0, 0
 
 
-def _ragged(lines: list[str], delimiter: str, header: list[str]) -> _Columns:
-    width = len(header)
-    aligned, malformed, short_rows = [], 0, 0
+def _ragged(lines: list[str], delimiter: str, width: int) -> _Columns:
+    """Return the columns of rows that may have other lengths. Between blanks no cell is empty, so that a short row does
+    not tell which one it lacks."""
+    aligned, malformed, short_rows, texts = [], 0, 0, 0
     for row in (_cells(line, delimiter) for line in lines):
-        if any(row[width:]):
+        short = len(row) < width
+        if short and _value_balance(row) is None:
+            texts += 1
+        elif any(row[width:]) or (short and delimiter == " "):
             malformed += 1
-            continue
-        short_rows += len(row) < width - (header[-1] == "")
-        aligned.append(row[:width] + [""] * (width - len(row)))
-    return list(zip(*aligned, strict=True)), malformed, short_rows
+        else:
+            short_rows += short
+            aligned.append(row[:width] + [""] * (width - len(row)))
+    return list(zip(*aligned, strict=True)), malformed, short_rows, texts
 
 
 def bytes_of(path: Path) -> bytes:
@@ -269,18 +349,40 @@ def bytes_of(path: Path) -> bytes:
         raise BadRecord(str(path), error.reason) from None
 
 
-def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
+def unpacked(path: str, content: bytes) -> bytes:
+    """Return the content of a file packed by gzip, bzip2 or xz, of another as it is. Raises: `BadRecord`."""
+    name = next((name for mark, name in PACKED.items() if content.startswith(mark)), None)
+    if name is None:
+        return content
     try:
-        wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
-        text, notes = content.decode("utf-16" if wide else "utf-8-sig"), []
+        with import_module(name).open(BytesIO(content)) as stream:
+            plain = bytes(stream.read(BYTES + 1))
+    except Exception as error:  # of each library its own
+        raise BadRecord(path, f"cannot be unpacked by {name}: {error}") from None
+    if len(plain) > BYTES:
+        raise BadRecord(path, f"is larger than {BYTES} bytes when unpacked; give a smaller file")
+    return plain
+
+
+def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
+    notes, ended = [], content.rstrip(b"\0")
+    zeros = [content[k:HEAD:2].count(0) > len(content[k:HEAD:2]) // 2 for k in (0, 1)]
+    wide = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-16-be" if zeros[0] else "utf-16-le"
+    try:
+        if zeros[0] != zeros[1] or wide == "utf-16":
+            text = content[: len(content) // 2 * 2].decode(wide)
+        else:
+            notes += ["zeros at its end, as after a loss of power: skipped"] * (len(ended) < len(content))
+            text = ended.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text, notes = content.decode("latin-1"), ["not UTF-8: read as Latin-1"]
-    if "\0" in text:
+        text, notes = ended.decode("latin-1"), [*notes, "not UTF-8: read as Latin-1"]
+    if _CONTROL.search(text.rstrip("\x1a")):
         raise BadRecord(str(path), "is no text; give a CSV, Parquet or MAT file")
     return text, notes
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
+    line = line.replace("\t", " ").strip() if delimiter == " " else line
     try:
         row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:
@@ -330,10 +432,23 @@ _GRAVITY = {"g": "standard_gravity", "G": "standard_gravity", "mg": "millistanda
 _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
-def column_of(log: Table, text: str) -> Column:
-    """Return a column, or an expression of columns, as numbers, NaN where one is missing. Raises: `BadRecord`."""
+def column_named(text: str) -> str:
+    """Return the name in brackets that a text consists of, another text as it is."""
+    match = _BRACKETS.fullmatch(text.strip())
+    return match[1] if match else text
+
+
+def words_of(text: str) -> list[str]:
+    """Return the texts that may be names of columns in a name or an expression."""
+    return [text, *_BRACKETS.findall(text), *re.findall(r"[^\W\d]\w*", text)]
+
+
+def column_of(log: Table, text: str, column: Callable[[str], Column] | None = None) -> Column:
+    """Return a column, or an expression of columns, as numbers, NaN where one is missing; `column`: returns a column by
+    name, by default as numbers. Raises: `BadRecord`."""
+    column = column or log.column
     if text in log.header or not _SIGNS.search(text):
-        return log.column(text)
+        return column(text)
     bracketed = _BRACKETS.findall(text)
     numbers = iter(range(len(bracketed)))
     plain = _BRACKETS.sub(lambda _: f" {_placeholder(log, next(numbers))} ", text)
@@ -343,7 +458,7 @@ def column_of(log: Table, text: str) -> Column:
     try:
         expression = parse(plain, symbols)
         words = set(re.findall(r"[^\W\d]\w*", plain))
-        read = {written: log.column(names[written]) for written in names if written in words}
+        read = {written: column(names[written]) for written in names if written in words}
         inputs = {symbols[written]: ca.SX.sym(written) for written in read}
         graph = ca.Function("column", list(inputs.values()), to_casadi([expression], inputs))
     except (BadExpression, NoGraph) as error:
@@ -357,7 +472,8 @@ def column_of(log: Table, text: str) -> Column:
     known = np.all([np.isfinite(one.values) for one in read.values()], axis=0) & np.isfinite(values)
     blank = np.any([one.blank for one in read.values()], axis=0)
     examples = (one.example for one in read.values() if one.example)
-    return Column(text, np.where(known, values, np.nan), blank & ~known, next(examples, ""))
+    notes = tuple(note for one in read.values() for note in one.notes)
+    return Column(text, np.where(known, values, np.nan), blank & ~known, next(examples, ""), notes=notes)
 
 
 def operand(log: Table, text: str) -> str:
@@ -365,6 +481,12 @@ def operand(log: Table, text: str) -> str:
     if text in log.header:
         return text if text.isidentifier() else f"[{text}]"
     return f"({text})"
+
+
+def quotient(text: str, divisor: int) -> str:
+    """Return a column, or an expression of columns, over a number as an expression."""
+    expression = f"({text})" if re.search(r"[-+*/]", text) else f"[{text}]"
+    return f"{text if text.isidentifier() else expression}/{divisor}"
 
 
 def _placeholder(log: Table, k: int) -> str:
@@ -401,13 +523,26 @@ def named_unit(column: str) -> str:
     return match[1].strip() if match and re.search(r"[^\W\d]|[%°]", match[1]) else ""
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit, or the mark of none; without Pint, any without digits and blanks is."""
+    try:
+        return text in ("", "-", "1") or _parsed(_registry(), text) is not None
+    except NotInstalled:
+        return re.search(r"[\d\s]", text) is None
+
+
 def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
     """Return the log with a note on the conversion, the column converted to `unit`, that of the signal `name`, and the
-    operand for it in an expression. `text`: the column's name or expression. Raises: `BadRecord` if the units do not
-    convert."""
+    operand for it in an expression. `text`: the column's name, or an expression, which is not converted. Raises:
+    `BadRecord` if the units do not convert."""
     plain = operand(log, text)
+    if text not in log.header:
+        read = [log.column(each) for each in dict.fromkeys(words_of(text)) if log.header.count(each) == 1]
+        others = [f"{one.name!r} in {one.unit}" for one in read if one.unit and _normal(one.unit) != _normal(unit)]
+        notes = [f"{name}: the expression {text!r} reads {', '.join(others)}, as it is"] * bool(others)
+        return replace(log, notes=(*log.notes, *notes)), column, plain
     try:
-        change = conversion(name, text, unit)
+        change = conversion(name, column.unit, unit)
     except Inconvertible as error:
         fix = f"rename it, or take its numbers as they are, by an expression such as 1*{plain}"
         raise BadRecord(log.path, f"the column {text!r} {error}; {fix}") from None
@@ -417,16 +552,16 @@ def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tu
     return log, replace(column, values=change.factor * column.values + change.offset), change.operand(plain)
 
 
-def conversion(name: str, column: str, unit: str) -> Conversion | str:
-    """Return the conversion of a column to the unit of the signal `name`. If the units are equal, or cannot be
-    compared, return a note instead, which may be empty. Raises: `Inconvertible` for units of different kinds."""
-    source = named_unit(column)
+def conversion(name: str, source: str, unit: str) -> Conversion | str:
+    """Return the conversion of a column in the unit `source` to the unit of the signal `name`. If the units are equal,
+    or cannot be compared, return a note instead, which may be empty. Raises: `Inconvertible` for units of different
+    kinds."""
     if not source or not unit or _normal(source) == _normal(unit):
         return ""
     try:
         registry = _registry()
     except NotInstalled as error:
-        return f"{name}: the unit in {column!r} is not compared with the model's, {unit}, since {error}"
+        return f"{name}: the unit of its column, {source}, is not compared with the model's, {unit}, since {error}"
     pair = [_parsed(registry, text) for text in (source, unit)]
     if None in pair:
         return ""

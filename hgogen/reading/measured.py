@@ -19,18 +19,30 @@ which firmware can compute, and which equal the slope of the line that ends at t
 replaces those before it."""
 
 import math
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
 
+from hgogen.reading.cells import (
+    EVERY_ROW,
+    BadRecord,
+    Column,
+    DateOrder,
+    DecimalSign,
+    Rows,
+    Undecided,
+    has_dates,
+    stamps_of,
+)
 from hgogen.reading.given import unmasked
 from hgogen.reading.jumps import other_angle
-from hgogen.reading.log import BadRecord, Column, Table, column_of, converted, log_of, operand
+from hgogen.reading.log import Table, column_named, column_of, converted, log_of, operand, words_of
 from hgogen.signal import Signal, plural, seconds
 
 Window = tuple[float, float]
@@ -50,6 +62,9 @@ _CLOCK, _EVEN, _JITTER, _SAME = (
 )  # rows of a clock; scatter of steps that are even, or not; its pace
 _INSIDE = 0.51  # of a turn, from its middle: a sample farther off is given in another turn
 _PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
+_SINCE_1970 = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds", 1.0: "seconds"}
+_EPOCH, _MINUTE, _DAY = (9.4e8, 4.1e9), 60.0, 86_400.0  # s: from 1999 to 2099; rows are a minute apart at most
+_ROW = re.compile(r"row\s*[:=]?\s*(\d+)")
 _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 
@@ -91,7 +106,7 @@ class Report:
         Mapping[str, int], "such cells by signal beside another row's at a grid point, which cost no sample"
     ]
     absent: Annotated[Mapping[str, int], "samples without a number by signal"]
-    malformed: Annotated[int, "rows with more cells than the header, left out"]
+    malformed: Annotated[int, "rows with another number of cells than the header, left out"]
     untimed: Annotated[int, "rows without a usable time, left out"]
     out_of_order: Annotated[int, "rows earlier than one before them, sorted"]
     duplicates: Annotated[int, "rows that repeat a time, merged"]
@@ -116,7 +131,7 @@ class Report:
                 if count:
                     lines.append(f"{name} ({column}): {what}: {count}")
         counted = (
-            (self.malformed, "rows with more cells than the header: {}, left out"),
+            (self.malformed, "rows whose number of cells is not that of the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
             (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
             (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
@@ -206,19 +221,25 @@ def read(
     inputs: Mapping[str, Window] = MappingProxyType({}),
     signals: Mapping[str, Signal] = MappingProxyType({}),
     rates: Mapping[str, tuple[str, int]] = MappingProxyType({}),
+    rows: Rows = EVERY_ROW,
+    decimal: DecimalSign | None = None,
+    dates: DateOrder | None = None,
 ) -> Record:
     """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names the
-    column of times, or `period` is the time between rows; `unit`: that of all times, the model's; `caller`: whose
-    options error messages suggest; `inputs`: the names that are averaged if the log is faster or irregular, with their
-    windows, others are sampled; `signals`: those of the names, to whose unit a column with another unit in its name is
-    converted, and to whose turn the values of a periodic one are brought; `rates`: names that are derivatives of
-    others, with their order, computed as differences if the log has no such column.
+    column of times, or is an expression, or `period` is the time between rows; `unit`: that of all times, the model's;
+    `caller`: whose options error messages suggest; `inputs`: the names that are averaged if the log is faster or
+    irregular, with their windows, others are sampled; `signals`: those of the names, to whose unit a column with
+    another unit in its name is converted, and to whose turn the values of a periodic one are brought; `rates`: names
+    that are derivatives of others, with their order, computed as differences if the log has no such column; `rows`:
+    those that are taken; `decimal`, `dates`: the decimal sign and the order of dates, by default as the cells tell.
 
     Raises: `BadRecord`.
     """
-    log = log_of(path)
+    columns = {name: column_named(text) for name, text in columns.items()}
+    time = None if time is None else column_named(time)
+    log = log_of(path, (*columns.values(), *([time] if time else ())), decimal, dates)
     listed = ", ".join(filter(None, log.header))
     if (time is None) == (period is None):
         raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
@@ -230,19 +251,23 @@ def read(
         raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
     series = {name: column_of(log, text) for name, text in columns.items()}
     operands = {name: operand(log, text) for name, text in columns.items()}
-    for name, text in [pair for pair in columns.items() if pair[1] in log.header]:
+    for name, text in columns.items():
         unit_of = signals[name].unit if name in signals else ""
         log, series[name], operands[name] = converted(log, series[name], name, text, unit_of)
     for name, signal in [(name, signal) for name, signal in signals.items() if signal.period and name in series]:
-        series[name], notes = _in_turn(series[name], name, signal, operands[name], caller)
-        log = replace(log, notes=(*log.notes, *notes))
+        series[name], turned = _in_turn(series[name], name, signal, operands[name], caller)
+        log = replace(log, notes=(*log.notes, *turned))
     if time is not None:
-        log, clock, _ = converted(log, log.column(time), "time", time, unit)
-        times = _stamps(log, clock, unit, caller)
+        log, times = _times(log, time, unit, caller)
         log = replace(log, notes=(*log.notes, *_other_clock(log, time, times, columns.values())))
     else:
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
+    log, selected = _selected(log, rows, times, time, unit)
+    series, times = {name: column.select_rows(selected) for name, column in series.items()}, times[selected]
+    log = replace(
+        log, notes=tuple(dict.fromkeys((*log.notes, *(note for one in series.values() for note in one.notes))))
+    )
     record = _gridded(log, series, times, dt, unit, inputs, signals)
     for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
@@ -265,21 +290,90 @@ def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Ca
     return replace(column, values=values), tuple(notes)
 
 
-def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
-    """Return the times (rows,) of a data log from its column of times, NaN for a missing
-    one. Dates become times since the first date if the model's unit of time is known."""
-    known = seconds(unit)
-    if known and not np.isfinite(column.values).any():
-        dates = _dates(log, column.name) / known
-        column = replace(column, values=dates) if np.isfinite(dates).any() else column
+def _times(log: Table, text: str, unit: str, caller: Caller) -> tuple[Table, np.ndarray]:
+    """Return the log with notes, and the times (rows,) by a column or an expression of columns, NaN for a missing one.
+    Dates and times of day become times since the first one if the model's unit of time is known."""
+    dated = any(has_dates(log.cells(name)[:_CLOCK]) for name in log.header if name in words_of(text))
+    column = column_of(log, text, lambda name: _clock(log, name, unit, not dated))
+    log, column, _ = converted(log, column, "time", text, unit)
     if np.isfinite(column.values).sum() <= len(column.values) / 2:
         example = f", such as {column.example!r}" if column.example else ""
         raise BadRecord(
             log.path,
             f"the time column {column.name!r} holds {column.not_numbers} cells that are no numbers{example} and "
-            f"{column.empty} empty ones; it must hold {plural(unit)}, or say {caller.period}",
+            f"{column.empty} empty ones; it must hold {plural(unit)}, dates or times of day, or say {caller.period}",
         )
-    return column.values
+    return replace(log, notes=(*log.notes, *column.notes)), column.values
+
+
+def _clock(log: Table, name: str, unit: str, overnight: bool = True) -> Column:
+    """Return a column as times in the unit: dates, times of day, the times since 1970 that computers count, or numbers
+    of that unit."""
+    column, known = log.column(name), seconds(unit)
+    there = np.isfinite(column.values)
+    if not known or column.unit:
+        return column
+    if 2 * there.sum() <= log.rows:
+        try:
+            stamps = stamps_of(log.cells(name), log.dates, overnight)
+        except Undecided as error:
+            raise BadRecord(log.path, f"the time column {name!r} holds {error}") from None
+        notes = tuple(f"time: {note}" for note in stamps.notes)
+        timed = np.isfinite(stamps.seconds)
+        if timed.sum() > there.sum():
+            return replace(column, values=stamps.seconds / known, blank=column.blank & ~timed, notes=notes)
+    for factor, what in _SINCE_1970.items():
+        stamps_since = column.values[there] * factor
+        if (
+            factor != known
+            and len(stamps_since) > 1
+            and np.all((stamps_since > _EPOCH[0]) & (stamps_since < _EPOCH[1]))
+            and np.median(np.abs(np.diff(stamps_since))) <= _MINUTE
+        ):
+            note = f"time: {name!r} counts {what} since 1970: taken from its first time on, in {plural(unit)}"
+            since = (column.values - column.values[there][0]) * factor / known
+            return replace(column, values=since, notes=(*column.notes, note))
+    return column
+
+
+def _selected(log: Table, rows: Rows, times: np.ndarray, time: str | None, unit: str) -> tuple[Table, np.ndarray]:
+    """Return the log with a note, and the numbers of the rows that are selected."""
+    if rows == EVERY_ROW:
+        return log, np.arange(len(times))
+    number = np.arange(1, len(times) + 1)
+    inside = np.ones(len(times), bool)
+    for option, text, within in (("--from", rows.begin, np.greater_equal), ("--to", rows.end, np.less_equal)):
+        if text is None:
+            continue
+        if match := _ROW.fullmatch(text):
+            inside &= within(number, int(match[1]))
+        else:
+            inside &= within(times, _bound(log, option, text, time, unit))
+    selected = np.flatnonzero(inside)[:: rows.every]
+    if len(selected) < 2:
+        known = times[np.isfinite(times)]
+        runs = f"times run from {known.min():g} to {known.max():g} {unit} and its rows from 1 to {len(times)}"
+        raise BadRecord(log.path, f"--from, --to and --every leave {len(selected)} of its rows; its {runs}")
+    every = f", each of {rows.every} in turn" if rows.every > 1 else ""
+    note = f"rows {number[selected[0]]} to {number[selected[-1]]} of {len(times)} are taken{every}"
+    return replace(log, notes=(*log.notes, note)), selected
+
+
+def _bound(log: Table, option: str, text: str, time: str | None, unit: str) -> float:
+    """Return the time in a text: a number, or a date or a time of day as the column of times has it."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    known = seconds(unit)
+    if known and time in log.header:
+        stamps = stamps_of([*log.cells(str(time)), text], log.dates, overnight=False)
+        at = float(stamps.seconds[-1])
+        at += _DAY * (not stamps.dated and at < 0)
+        if np.isfinite(stamps.seconds).sum() > 1 and math.isfinite(at):
+            return at / known
+    fix = f"a time in {plural(unit)}, a time as its column has it, or a row, such as row:100"
+    raise BadRecord(log.path, f"{option} {text!r} must be {fix}")
 
 
 def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
@@ -290,7 +384,9 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
         if not name or name in mapped or log.header.count(name) > 1:
             continue
         column = log.column(name)
-        times = column.values if np.isfinite(column.values).any() else _dates(log, name)
+        times = column.values
+        with suppress(Undecided):
+            times = times if np.isfinite(times).any() else stamps_of(log.cells(name), log.dates).seconds
         steps = np.diff(times[np.isfinite(times)])
         middle = float(np.median(steps)) if len(steps) else 0.0
         if not middle > 0 or np.mean(abs(steps / middle - 1) <= 0.5) < 0.9:
@@ -330,20 +426,6 @@ def _scatter(times: np.ndarray) -> float:
     middle = float(np.median(steps)) if len(steps) else 0.0
     usual = steps[np.abs(steps) <= 3 * middle]
     return float(np.std(usual)) / middle if middle > 0 else math.inf
-
-
-def _dates(log: Table, name: str) -> np.ndarray:
-    seconds = np.array([_seconds(cell) for cell in log.cells(name)])
-    there = seconds[np.isfinite(seconds)]
-    return seconds - there[0] if len(there) else seconds
-
-
-def _seconds(cell: str) -> float:
-    try:
-        date = datetime.fromisoformat(cell)
-        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
@@ -430,7 +512,7 @@ def _gridded(
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
     report = Report(
         path=log.path,
-        rows=log.rows + log.malformed,
+        rows=len(stamps) + log.malformed,
         samples=samples,
         dt=dt,
         period=period,

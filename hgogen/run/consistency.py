@@ -301,10 +301,6 @@ class TooLittle(BadArgument):
     """A log that is too short, or has no noise, for an estimate of noise."""
 
 
-class BadInterval(BadArgument):
-    """The error for an interval of time that is not in the log."""
-
-
 class BadWindow(BadArgument):
     """A window shorter than the sampling period or longer than the part without excitation."""
 
@@ -324,18 +320,6 @@ class Suggestion:
     gamma_1: Annotated[float, "theta rises fully above it (y^2 s)"]
     R: Annotated[float, "spectral density of the noise (y^2 s)"]
     notes: Annotated[tuple[str, ...], "doubts"]
-
-
-def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
-    """Return the mask of the evenly spaced times t (N,), N >= 2, in begin..end (None: the first, the last time); `unit`
-    of the times. Raises: `BadInterval` unless the interval lies within the log, up to a sample."""
-    first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
-    low, high = first if begin is None else begin, last if end is None else end
-    if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
-        reason = f"is not an interval in the record, which runs from {first:g} to {last:g} {unit}"
-        fix = "give --from and --to within it, the earlier first"
-        raise BadInterval(f"the quiet part {low:g}..{high:g} {unit}", f"{reason}; {fix}")
-    return np.array((t >= low) & (t <= high))
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:

@@ -1,0 +1,331 @@
+"""Cells of a log as numbers and as times, whatever wrote them.
+
+Cells that can be read in one way only decide for the others: "0,5", "1.234,5" and "1,234.5" for "1,234", and 13/04/2026
+for 03/04/2026. Where no such date is, an order of day, month and year counts in which the log runs on without a jump.
+What no cell decides is refused, with the option that does.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, timedelta
+from itertools import islice
+from typing import Literal, get_args
+
+import numpy as np
+
+from hgogen.errors import BadArgument
+
+DecimalSign = Literal[".", ","]
+DateOrder = Literal["dmy", "mdy", "ymd"]
+PIECE = 1024  # cells that are converted at once, or one by one if any is no number
+EMPTY = frozenset(
+    ("", "na", "n/a", "n.a.", "#n/a", "#na", "<na>", "null", "none", "nil", "missing", "?", "-", "--", "---")
+)
+CODES = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -9999.9, -9999.99, -999.25)  # for a missing number
+_FAR = 5.0  # ranges of the other numbers: a code is so far from them
+_SAMPLE = 200  # cells that show whether a column holds units
+_JUMP = 100.0  # times as long a pause as in another order of day and month: it is not that order
+_DAY, _SECOND = 86_400 * 10**9, 10**9  # ns
+_BLANK = re.compile("[ '’\u00a0\u202f]")
+_GROUPS = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANK.pattern}\d{{3}})+(?:[.,]\d*)?")
+_SEPARATED = re.compile(rf",|\d{_BLANK.pattern}\d{{3}}|\.\d{{3}}\.")
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+_EITHER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
+_QUANTITY = re.compile(rf"([+-]?[\d.,](?:[\d.,]|{_BLANK.pattern})*(?:[eE][+-]?\d+)?)\s*((?:[^\W\d_]|[%°])[^\s,;]*)")
+
+
+class BadRecord(BadArgument):
+    """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
+
+    text = "{what}: {reason}"
+
+
+class Undecided(ValueError):
+    """Cells that can be read in two ways; the text names one, and the option that decides."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as numbers (N,), NaN where a cell is empty, `blank` (N,), or no finite number, such as `example`; the
+    `unit` of the numbers, "" for none; `notes`: what was decided on reading."""
+
+    name: str
+    values: np.ndarray
+    blank: np.ndarray
+    example: str
+    unit: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def empty(self) -> int:
+        """The number of empty cells."""
+        return int(np.count_nonzero(self.blank))
+
+    @property
+    def not_numbers(self) -> int:
+        """The number of cells that are neither empty nor a finite number; NaN is not a finite number."""
+        return int(np.count_nonzero(np.isnan(self.values))) - self.empty
+
+    def select_rows(self, rows: np.ndarray) -> "Column":
+        """Return the column in the given rows (N,), a mask or indices, only."""
+        return replace(self, values=self.values[rows], blank=self.blank[rows])
+
+    def without_codes(self) -> "Column":
+        """Return the column with empty cells for a code of a missing number, far from all other numbers."""
+        for code in CODES:
+            coded = self.values == code
+            others = self.values[np.isfinite(self.values) & ~coded]
+            if not coded.any() or not len(others):
+                continue
+            low, high = float(others.min()), float(others.max())
+            if code < low - _FAR * (high - low):
+                note = f"{self.name}: {code:g} in {coded.sum()} cells, a code for a missing number: taken as empty"
+                values = np.where(coded, np.nan, self.values)
+                return replace(self, values=values, blank=self.blank | coded, notes=(*self.notes, note)).without_codes()
+        return self
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a log that are taken: from `begin` to `end`, a time or "row:100", and of these each `every` in
+    turn."""
+
+    begin: str | None = None
+    end: str | None = None
+    every: int = 1
+
+
+EVERY_ROW = Rows()
+
+
+# --- numbers ------------------------------------------------------------------------------------------------
+
+
+def _pattern(sign: str, thousands: str) -> re.Pattern[str]:
+    plain = rf"(?:\d+(?:{sign}\d*)?|{sign}\d+)(?:[eEdD][+-]?\d+)?"
+    return re.compile(rf"[+-]?(?:{plain}|[1-9]\d{{0,2}}(?:{thousands}\d{{3}})+(?:{sign}\d*)?)")
+
+
+NUMBERS: Mapping[DecimalSign, re.Pattern[str]] = {".": _pattern(r"\.", ","), ",": _pattern(",", r"\.")}
+
+
+def signs_of(cell: str) -> list[DecimalSign]:
+    """Return the decimal signs with which a cell is a number."""
+    return [sign for sign, pattern in NUMBERS.items() if pattern.fullmatch(cell)]
+
+
+def decimal_signs(cells: Iterable[str]) -> set[DecimalSign]:
+    """Return the decimal signs of the cells that are a number with one sign only."""
+    every = (signs_of(cell) for cell in cells if "," in cell or "." in cell)
+    return {signs[0] for signs in every if len(signs) == 1}
+
+
+def with_points(
+    cells: Sequence[str], decimal: DecimalSign | None, others: Callable[[], set[DecimalSign]]
+) -> tuple[Sequence[str], tuple[str, ...]]:
+    """Return numbers with decimal points and without separators of thousands, and notes. `decimal`: the decimal sign;
+    None: as the cells tell, or else `others()`, the signs in other columns. Raises: `Undecided`."""
+    if decimal != "," and not _SEPARATED.search("\n".join(cells)) and "," not in others():
+        return cells, ()
+    cells = [_BLANK.sub("", cell) if _GROUPS.fullmatch(cell) else cell for cell in cells]
+    shown = {decimal} if decimal else decimal_signs(cells) or others() or None
+    plain, notes = [], dict[str, str]()
+    for cell in cells:
+        signs = signs_of(cell) if "," in cell or "." in cell else []
+        if _EITHER.fullmatch(cell) and (shown or "." in cell):
+            signs = [sign for sign in signs if sign in (shown or ".")]
+        if len(signs) > 1:
+            readings = f"{cell.replace(',', '.')} or {re.sub('[.,]', '', cell)}"
+            reason = f"cells such as {cell!r}, which may be {readings}, and no other cell decides"
+            raise Undecided(f"{reason}; give the decimal sign by --decimal '.' or --decimal ',' (decimal=)")
+        thousands = "," if signs == ["."] else "."
+        if signs and thousands in cell:
+            notes.setdefault("thousands", f"separators of thousands: taken out, such as that in {cell}")
+        if signs == [","] and "," in cell:
+            notes.setdefault("decimal", "decimal commas: read as decimal points")
+        plain.append(cell.replace(thousands, "").replace(",", ".") if signs else cell)
+    return plain, tuple(notes.values())
+
+
+def is_value(cell: str) -> bool:
+    """Return whether a cell is a number, with a unit or without, or a time."""
+    return bool(signs_of(_BLANK.sub("", cell)) or _with_unit(cell)[1] or is_stamp(cell))
+
+
+def quantities(cells: Sequence[str]) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the numbers and the units of cells, as of "3.2 V"; all units are "" unless most of the first cells have
+    one."""
+    sample = list(islice((cell for cell in cells if cell.lower() not in EMPTY), _SAMPLE))
+    if 2 * sum(bool(_with_unit(cell)[1]) for cell in sample) <= len(sample):
+        return cells, [""] * len(cells)
+    numbers, units = zip(*map(_with_unit, cells), strict=True)
+    return numbers, units
+
+
+def _with_unit(cell: str) -> tuple[str, str]:
+    match = _QUANTITY.fullmatch(cell)
+    there = match and not signs_of(cell) and signs_of(_BLANK.sub("", match[1]))
+    return (match[1].strip(), match[2]) if match and there else (cell, "")
+
+
+def numbers_of(name: str, cells: Sequence[str]) -> Column:
+    """Return cells with decimal points as numbers."""
+    values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
+    for first in range(0, len(cells), PIECE):
+        piece = cells[first : first + PIECE]
+        numbers = _plain_numbers(list(filter(None, piece)))
+        if numbers is not None:
+            there = first + np.flatnonzero(list(map(len, piece)))
+            values[there] = numbers
+            blank[first : first + PIECE] = True
+            blank[there] = False
+            continue
+        for k, cell in enumerate(piece, first):
+            if _PLAIN.fullmatch(cell):
+                values[k] = float(cell.replace("d", "e").replace("D", "e"))
+            elif cell.lower() in EMPTY:
+                blank[k] = True
+            else:
+                example = example or cell
+    values[np.isinf(values)] = np.nan
+    return Column(name, values, blank, example)
+
+
+def _plain_numbers(cells: list[str]) -> list[float] | None:
+    try:
+        numbers = list(map(float, cells))
+    except ValueError:
+        return None
+    return numbers if np.isfinite(sum(numbers)) and "_" not in "".join(cells) else None  # float accepts 1_000 as well
+
+
+# --- times --------------------------------------------------------------------------------------------------
+
+
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_DATE = r"(?P<date>(\d{1,4})([-/. ])(\d{1,2}|[A-Za-z]{3,9})\.?\3(\d{1,4}))"
+_CLOCK = r"(?:(?P<d>\d+) days?,? )?(?P<h>\d{1,3}):(?P<m>\d\d?)(?::(?P<s>\d\d?))?(?:[.,](?P<f>\d{1,9})|:(?P<ms>\d{3}))?"
+_ZONE = r"(?:\s*(?P<half>[ap])\.?m\.?)?(?:\s*(?P<zone>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?))?"
+_STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+(?=\d)|$))?(?:{_CLOCK}{_ZONE})?", re.IGNORECASE)
+_ENGLISH = re.compile(r"(?:[A-Za-z]{3,9},?\s+)?([A-Za-z]{3,9})\.?\s+(\d{1,2}),?\s+(?:([\d:.]+)\s+)?(\d{4})")
+Part = tuple[tuple[str, ...], int]  # year, month and day with their mark, in the order of the cell; ns since midnight
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Times (N,) in s since the first of them, NaN where a cell is none; `dated`: whether they have a date."""
+
+    seconds: np.ndarray
+    dated: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def is_stamp(cell: str) -> bool:
+    """Return whether a cell is a date, a time of day or both."""
+    return _part(cell) is not None
+
+
+def has_dates(cells: Iterable[str]) -> bool:
+    """Return whether a cell is a date."""
+    return any(part[0] for part in map(_part, cells) if part)
+
+
+def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: bool = True) -> Stamps:
+    """Return cells as times: ISO 8601; a time of day hh:mm:ss(.fff), with am or pm, or hours that count on; a date with
+    such a time or alone. `order`: of day, month and year; None: as the cells tell. `overnight`: whether times of day
+    without a date run on over midnight. Raises: `Undecided`."""
+    parts = [_part(cell) for cell in cells]
+    dates = {part[0] for part in parts if part and part[0]}
+    there = [k for k, part in enumerate(parts) if part and bool(part[0]) == bool(dates)]
+    seconds = np.full(len(cells), np.nan)
+    if not there:
+        return Stamps(seconds)
+    keys, clock = zip(*(part for part in parts if part and bool(part[0]) == bool(dates)), strict=True)
+    readings = dict[DateOrder, np.ndarray]()
+    for each in get_args(DateOrder):
+        days = {one: _day(one, each) for one in dates} if order in (None, each) else {(): None}
+        if None not in days.values():
+            at = np.array([days.get(key, 0) for key in keys]) * _DAY + np.array(clock)
+            readings[each] = at - at[0]
+    example = cells[there[0]]
+    if not readings:
+        raise Undecided(f"dates such as {example!r}, which are not all in one order of day, month and year")
+    pauses = {each: int(np.abs(np.diff(at)).max(initial=0)) for each, at in readings.items()}
+    running = [each for each, pause in pauses.items() if pause <= _JUMP * min(pauses.values())]
+    first, *others = (readings[each] for each in running)
+    if any(np.any(first != other) for other in others):
+        choices = " or ".join(f"--dates {each}" for each in running)
+        raise Undecided(f"dates such as {example!r}, of which no cell tells day from month; say {choices} (dates=)")
+    notes = (
+        [f"dates such as {example!r}: read as {running[0]}, day, month and year"]
+        if len(running) < len(readings)
+        else []
+    )
+    nights = np.cumsum(np.diff(first, prepend=0) < -_DAY // 2) if not dates and overnight else np.zeros(1, int)
+    if nights[-1]:
+        notes.append(f"times of day pass midnight {nights[-1]} times")
+    seconds[there] = (first + nights * _DAY) / _SECOND
+    if not dates and re.fullmatch(r"\d+:\d\d", example):
+        notes.append(f"times such as {example!r}: read as hours and minutes; of minutes and seconds take a 60th")
+    return Stamps(seconds, bool(dates), tuple(notes))
+
+
+def _part(cell: str) -> Part | None:
+    if cell[:1].isalpha():
+        cell = _ENGLISH.sub(r"\2 \1 \4 \3", cell).strip()
+    match = _STAMP.fullmatch(cell) if cell else None
+    if match is None:
+        return _iso(cell)
+    clock = _nanoseconds(match.groupdict())
+    return None if clock is None else (match.group(2, 3, 4, 5) if match["date"] else (), clock)
+
+
+def _iso(cell: str) -> Part | None:
+    """Return a time in another notation of ISO 8601, as 20260301T100000 or of weeks."""
+    if not ("T" in cell or "W" in cell) or not cell[:4].isdigit():
+        return None
+    try:
+        at = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    at = at.astimezone(UTC) if at.tzinfo else at
+    midnight = at.replace(hour=0, minute=0, second=0, microsecond=0)
+    return (f"{at.year:04}", "-", f"{at.month}", f"{at.day}"), (at - midnight) // timedelta(microseconds=1) * 1000
+
+
+def _nanoseconds(clock: Mapping[str, str | None]) -> int | None:
+    """Return the time of day of the groups of a match, None for none, as 25:00 with am."""
+    hours, minutes, whole = (int(clock[key] or 0) for key in "hms")
+    if clock["half"]:
+        if not 1 <= hours <= 12:
+            return None
+        hours = hours % 12 + 12 * (clock["half"] in "pP")
+    if clock["s"] is None and clock["f"]:  # minutes, seconds and their fraction
+        hours, minutes, whole = 0, hours, minutes
+    elif minutes > 59 or (clock["date"] and hours > 24):
+        return None
+    if whole > 60:
+        return None
+    zone = (clock["zone"] or "").replace(":", "")
+    away = 0 if not zone[1:].isdigit() else int(zone[:3]) * 60 + int(zone[0] + (zone[3:] or "0"))
+    total = ((int(clock["d"] or 0) * 24 + hours) * 60 + minutes - away) * 60 + whole
+    return total * _SECOND + int(f"{clock['f'] or clock['ms'] or '':0<9}")
+
+
+def _day(key: tuple[str, ...], order: DateOrder) -> int | None:
+    """Return the number of the day of a date whose parts are in that order, None if they are not."""
+    parts = dict(zip(order, (key[0], key[2], key[3]), strict=True))
+    year, short = parts["y"], all(len(part) < 3 or part.isalpha() for part in parts.values())
+    if (
+        len(year) != (2 if short else 4)
+        or (key[1] == "." and order == "mdy")
+        or (key[1] == "." and short and order == "ymd")
+    ):
+        return None
+    month = parts["m"][:3].lower()
+    try:
+        number = _MONTHS.index(month) + 1 if month in _MONTHS else int(parts["m"])
+        return date(int(year) + 2000 * short, number, int(parts["d"])).toordinal()
+    except ValueError:
+        return None
