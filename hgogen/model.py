@@ -29,6 +29,7 @@ from hgogen.reading.files import BYTES, READERS, Unread, content_of
 from hgogen.reading.given import Misfit
 from hgogen.reading.text_model import BadModelFile, read
 from hgogen.rigor.box import box
+from hgogen.starting import per_sample
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import of
@@ -107,8 +108,9 @@ class Model:
         names.update(put(names, fresh.plant, values))
         return replace(fresh, setting=self.setting, tables=self.tables, take=self.take)
 
-    def sampled(self, dt: float) -> "Model":
-        """Return the model with the sampling period `dt` for its steps, and its present parameters."""
+    def sampled(self, dt: float | tuple[float, float]) -> "Model":
+        """Return the model with the sampling period `dt`, or the shortest and the longest, for its steps, and its
+        present parameters."""
         return self.set(replace(self.setting, dt=dt, parameters=None))
 
     @property
@@ -198,12 +200,15 @@ class Model:
             return tuning
         if name not in observers.__all__:
             raise MissingPart(self.path, self._untuned(name))
-        period = dt or self.setting.dt or (self._default_period if self.has("step") else None)
+        period = dt or self.setting.longest or (self._default_period if self.has("step") else None)
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
         one = first(name, rows, period)
         if isinstance(one, NoFirst):
             raise MissingPart(self.path, self._unstarted(name, one)) from one.too_long
-        return replace(tuning, tables={**tuning.tables, name: one.table()})
+        table = one.table()
+        if isinstance(self.setting.dt, tuple):
+            table = per_sample(getattr(observers, name), table, self.setting.dt[1])
+        return replace(tuning, tables={**tuning.tables, name: table})
 
     @property
     def _first(self) -> str:

@@ -18,6 +18,7 @@ Each observer has a rule in its own file that computes its gains from these numb
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from inspect import signature
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.system import System, demand_continuous
 
+PER_SAMPLE = "R_per_sample"  # the argument of filters that is R over the period
 MANY = 6  # states: with more the search for a bound on a gain takes seconds
 Gains = dict[str, Any]
 Make = TypeVar("Make", bound=Callable[..., Observer])
@@ -142,15 +144,24 @@ def rule(observer: Callable[..., Observer]) -> Rule:
 
 @dataclass(frozen=True)
 class Starting:
-    """Starting gains by argument of the observer, with a sampling period `dt`; `none`: a sentence why there are
-    none."""
+    """Starting gains by argument of the observer, with a sampling period `dt`, or the shortest and the longest; `none`:
+    a sentence why there are none."""
 
     gains: Mapping[str, Any]
-    dt: float
+    dt: float | tuple[float, float]
     none: str = ""
 
     def __bool__(self) -> bool:
         return not self.none
+
+
+def per_sample(observer: Callable[..., Observer], gains: Mapping[str, Any], dt: float) -> dict[str, Any]:
+    """Return gains of an observer with R, a density at the period `dt`, as the variance of one sample, R/dt, for a step
+    in which dt varies; unchanged for an observer without either."""
+    if "R" not in gains or PER_SAMPLE not in signature(observer).parameters:
+        return dict(gains)
+    variance = (np.asarray(gains["R"]) / dt).tolist()
+    return {PER_SAMPLE if key == "R" else key: variance if key == "R" else each for key, each in gains.items()}
 
 
 def starting_gains(

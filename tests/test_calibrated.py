@@ -20,6 +20,7 @@ from hgogen.modelfiles.tuning import First
 from hgogen.starting import Scale, Starting, scale, two
 
 DT = 0.1
+FIXED = SimpleNamespace(varying=None)  # the clock of a step with one dt
 X, V, W = (hg.Signal(name, low=-5, high=5) for name in "xvw")
 Y, Z = hg.Signal("y"), hg.Signal("z")
 PAIR = hg.System("pair", states=(X, W), outputs=(Y, Z), flow=[W / 2 - X, X / 3 - W], output=[X, W])
@@ -93,6 +94,7 @@ def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> An
     """A task of a step with these innovations, which keeps the arguments theta that it is asked for."""
     step = SimpleNamespace(
         inputs=(hg.Signal("u"),),
+        clock=FIXED,
         reset=lambda time: None,
         run=lambda **record: SimpleNamespace(traces={"innovation": innovation}),
     )
@@ -136,7 +138,7 @@ def test_an_alarm_that_feeds_itself_is_refused() -> None:
         return SimpleNamespace(traces={"innovation": np.full(20, 1.5 if raised else 1.0)})
 
     task = watched(np.ones(20), tables, lambda each: np.zeros(2))
-    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda time: None, run=run)
+    step = SimpleNamespace(inputs=(hg.Signal("u"),), clock=FIXED, reset=lambda time: None, run=run)
     task.make_step = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
     refusal = adaptive(task, tuned())
     assert isinstance(refusal, str)

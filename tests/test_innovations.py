@@ -31,7 +31,7 @@ def record() -> hg.Log:
 
 
 def innovations(corner: float = math.inf, columns: slice = slice(0, 2)) -> Innovations:
-    x, now, then, theta, Phi = (ca.SX.sym("a", *size) for size in ((2, 1), (1, 1), (1, 1), (1, 1), (2, 2)))
+    x, now, then, theta, Phi = (ca.SX.sym("a", *size) for size in ((2, 1), (1, 1), (1, 1), (2, 1), (2, 2)))
     return Innovations(
         ca.Function("move", [x, now, then, theta], [ca.mtimes(F, x) + ca.DM(G) * now + ca.DM(THEN) * then]),
         ca.Function("read", [x, now, theta], [ca.mtimes(H[columns], x)]),

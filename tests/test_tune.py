@@ -44,6 +44,7 @@ X, V = hg.Signal("x", low=-5, high=5), hg.Signal("v", low=-10, high=10)
 U, Y = hg.Signal("u", low=-2, high=2), hg.Signal("y")
 PLANT = hg.System("spring", states=(X, V), inputs=(U,), outputs=(Y,), flow=[V, -4 * X - 0.4 * V + U], output=[X])
 DT, N, DENSITY, SIGMA = 0.05, 2000, 0.5, 0.02
+FIXED = SimpleNamespace(varying=None)  # the clock of a step with one dt
 
 
 def log(seed: int, count: int = N, density: float = DENSITY, sigma: float = SIGMA) -> tuple[hg.Log, np.ndarray]:
@@ -222,7 +223,7 @@ def test_the_beginning_of_a_record_is_in_no_segment() -> None:
     errors = np.where(np.arange(40) < 2, 100.0, 1.0)[:, None]
     yardstick: Any = SimpleNamespace(rival=lambda _: [np.ones((40, 1))], errors=lambda *_: errors)
     run = SimpleNamespace(x=np.zeros((40, 1)))
-    step: Any = SimpleNamespace(inputs=(), reset=lambda time: None, run=lambda **_: run)
+    step: Any = SimpleNamespace(inputs=(), clock=FIXED, reset=lambda time: None, run=lambda **_: run)
     record = hg.Log(np.zeros((40, 0)), np.zeros((40, 1)), 1.0)
     assert Judge((record,), yardstick, 4, "python").errors(step).tolist() == [1.0] * 4
 
@@ -777,7 +778,7 @@ def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
     sampling = {"method": "continuous_discrete", "between": "line"}
     made = {plant: hg.forms.triangular(plant) for plant in (PLANT, twin)}
     rows = tuple(Row("triangular", Verdict.PROVED, (), "", form=form) for form in made.values())
-    task = Task((record,), Judge((record,), Ahead(1), 5, "python"), sampling, rows)
+    task = Task((record,), Judge((record,), Ahead(1), 5, "python"), record.dt, sampling, rows)
     for number, names in enumerate((("x", "v"), ("p", "q"))):
         (noise,) = maxima(task.likelihood(number), 4)
         assert tuple(noise.process) == names
@@ -850,7 +851,7 @@ def test_where_samples_are_missing_the_last_one_is_copied() -> None:
 def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
     """In which the estimate finds its way: the first twentieth."""
     run = SimpleNamespace(traces={"innovation": np.arange(100.0)})
-    step = SimpleNamespace(inputs=PLANT.inputs, reset=lambda time: None, run=lambda **options: run)
+    step = SimpleNamespace(inputs=PLANT.inputs, clock=FIXED, reset=lambda time: None, run=lambda **options: run)
     task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)], judge=SimpleNamespace(engine="python"))
     first: Any = SimpleNamespace(step=step)
     assert tune_module._innovations(task, first).tolist() == list(range(5, 100))

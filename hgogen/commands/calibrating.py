@@ -45,6 +45,7 @@ from hgogen.estimators.gate import Gates
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
+from hgogen.logs.records import step_limits
 from hgogen.logs.tune import ADAPTIVE, Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
@@ -241,7 +242,7 @@ def tune_(
         plant,
         data,
         held_out,
-        dt=setting.dt,
+        dt=setting.longest,
         named=columns,
         shift=shift,
         other_columns=dict(true.values()),
@@ -264,6 +265,7 @@ def tune_(
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             gate=gates_of(gate or ()),
+            dt=step_limits(logs.whole),
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
@@ -354,7 +356,7 @@ def _judged(
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
     plant = model.plant
     validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
-    declared = _declared(model, logs.whole[0].dt)
+    declared = _declared(model, step_limits(logs.whole) or logs.whole[0].dt)
     rows = judged(plant, calibration, declared, validation_logs, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}
@@ -392,7 +394,7 @@ def _custom_forms(model: Model) -> Iterator[Row]:
             yield Row(form.kind, verdict, (), why, form=form, options={"of": name})
 
 
-def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
+def _declared(model: Model, dt: float | tuple[float, float]) -> dict[str, CallableStep]:
     steps, refused = {}, {}
     model_at_dt = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in model_at_dt.tuning.tables:
@@ -405,7 +407,8 @@ def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
         for one in raised:
             note(f"of the model's own tuning {name}: {one.message}")
     for name, reason in refused.items():
-        note(f"no step at {dt:g} {model.plant.time} of the model's own tuning {name}: {reason}")
+        at = " to ".join(f"{end:g}" for end in (dt if isinstance(dt, tuple) else (dt,)))
+        note(f"no step at {at} {model.plant.time} of the model's own tuning {name}: {reason}")
     return steps
 
 
@@ -557,7 +560,7 @@ def advise_(
     with Bar("observers", len(names) or len(kinds.__all__)) as bar:
         advised, refused = advise(
             plant,
-            dt=setting.dt,
+            dt=setting.longest,
             noise=sigmas,
             settling=settling,
             observers=names or None,

@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from hgogen.commands.command import Columns, once
-from hgogen.logs.records import Log, beyond
+from hgogen.logs.records import Log, beyond, demand_regular, log_of
 from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
@@ -34,7 +34,8 @@ class Logs:
     @property
     def learned(self) -> tuple[Log, ...]:
         """The logs to learn from with their training rows alone, those before the cuts."""
-        return tuple(map(self._log, self.records[: self.given], self.cuts))
+        records = zip(self.records[: self.given], self.cuts, strict=False)
+        return tuple(log_of(record, self.plant, cut) for record, cut in records)
 
     @property
     def allowed(self) -> tuple[Log, ...]:
@@ -66,7 +67,7 @@ class Logs:
     @property
     def whole(self) -> tuple[Log, ...]:
         """The logs with all rows, for training and validation."""
-        return tuple(self._log(record, len(record.t)) for record in self.records)
+        return tuple(log_of(record, self.plant) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
         """Return where the logs leave the declared ranges or jump by a turn, with the file's name if several."""
@@ -84,10 +85,6 @@ class Logs:
         """Return columns of each log that are not signals, by name."""
         return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
 
-    def _log(self, record: Record, count: int) -> Log:
-        u, y = record.of(self.plant.supplied)[:count], record.of(self.plant.outputs)[:count]
-        return Log(u, y, record.report.dt, float(record.t[0]))
-
 
 def logs_of(
     plant: System,
@@ -101,7 +98,8 @@ def logs_of(
     shift: Sequence[str] | None,
     window: Window,
 ) -> Logs:
-    """Return the logs in files on the grid of `dt`, by default with their own period. `held_out`: texts of the option
+    """Return the logs in files on the grid of `dt`, by default with their own period, or, if irregular, the times of
+    their rows. `held_out`: texts of the option
     --held-out, a part of each log or files of logs that only judge; `named`: their columns; `other_columns`: others by
     name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the averaging window of inputs.
 
@@ -115,8 +113,11 @@ def logs_of(
     signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
     words: dict[str, Any] = {**named.reading(), "dt": dt, "unit": plant.time}
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
+    words["own_times"] = "irregular"
     part, judges = parts_of(held_out or ())
     records = tuple(named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
+    for record in records:
+        demand_regular(plant, record.report)
     cuts = [round(len(record.t) * (1 - part)) for record in records[: len(data)]]
     return Logs(plant, records, (*cuts, *[0] * len(judges)), len(data))
 

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -48,6 +48,7 @@ from hgogen.commands.output import (
 from hgogen.errors import HgogenError
 from hgogen.logs.fit import AGAIN, Fit, fit
 from hgogen.logs.problem import ITERATIONS, Progress, progress_of
+from hgogen.logs.records import step_limits
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -192,6 +193,7 @@ def fit_(
         By,
         typer.Option(help="The error that is least; prediction for a plant that is unstable or that noise moves."),
     ] = By.SIMULATION,
+    between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "hold",
     held_out: HeldOut = None,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
@@ -219,13 +221,14 @@ def fit_(
     if new:
         new.demand()
     plant = loaded.plant
-    window = WINDOWS["forward"]  # the fit holds an input from its sample to the next
-    logs = logs_of(plant, data, held_out, dt=setting.dt, named=columns, shift=shift, window=window)
+    window = WINDOWS["forward" if between == "hold" else between]  # held from its sample to the next
+    logs = logs_of(plant, data, held_out, dt=setting.longest, named=columns, shift=shift, window=window)
     fitted = partial(
         fit,
         plant,
         free=names["--free"] or None,
         offset=names["--offset"],
+        between=between,
         lag=names["--lag"],
         seed=seed,
         robust=robust,
@@ -326,13 +329,14 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
-    for record, cut in ((logs.records[k], cut) for k, cut in logs.judging.items()):
+    whole = logs.whole
+    for record, log, cut in ((logs.records[k], whole[k], cut) for k, cut in logs.judging.items()):
         u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
-            step = _step(variant, observer, record.report.dt, result.noise).undelayed
+            step = _step(variant, observer, step_limits(whole) or record.report.dt, result.noise).undelayed
             step.reset(float(record.t[0]))
-            done = step.run(u=u, y=samples, engine=engine_here())
+            done = step.run(u=u, y=samples, engine=engine_here(), dt=log.given(step))
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
         for one, other in zip(*errors, strict=True):
             yield PredictionErrors(record.report.path, one.output, one.ahead, one.model, other.model, one.copying)
@@ -352,7 +356,9 @@ def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Ite
                 yield f"{output} is predicted worse {than}, {ahead} samples ahead, in {rows_of}{remark}"
 
 
-def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
+def _step(
+    model: Model, observer: str | None, dt: float | tuple[float, float], noise: tuple[Mapping[str, float], ...]
+) -> CallableStep:
     has_tuning = model.has("step") or model.tuning.tables
     model = model.sampled(dt)
     if has_tuning or observer is not None:
@@ -360,7 +366,7 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
     process, sample = noise
     if not process:
         return model.step(_JUDGE)
-    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(_JUDGE, dt)
+    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(_JUDGE)
 
 
 def _without_offset(result: Fit) -> Iterator[str]:

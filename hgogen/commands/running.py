@@ -4,7 +4,6 @@ a resting plant's log, and the observability of windows.
 
 import csv
 import io
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +41,7 @@ from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.findings import Finding, findings
-from hgogen.logs.records import Log, beyond, demand_regular, reading_of
+from hgogen.logs.records import Log, beyond, demand_regular, log_of, reading_of, step_limits
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.cells import BadRecord
@@ -165,7 +164,7 @@ class RecordRun(ModelReport):
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
         yield from gates_table(self.acted.gates)
-        yield predictions_table(self.predictions, step.dt, step.time)
+        yield predictions_table(self.predictions, self.record.report.dt, step.time)
         units = {x.name: Text(x.unit) for x in step.states}
         title = "RMS error of the estimate, by the truth"
         rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in self.hidden.items())
@@ -230,6 +229,11 @@ class _Opened(NamedTuple):
     record: Record
     shifts: Mapping[str, int]
 
+    @property
+    def elapsed(self) -> np.ndarray | None:
+        """The time (N) since the sample before, for a step in which it varies."""
+        return self.record.elapsed if self.step.clock.varying else None
+
     def advice(self, better: Better | None) -> tuple[str, ...]:
         """Return the advice for another shift, sign or unit, none without one."""
         if better is None:
@@ -281,7 +285,7 @@ def _estimated(opened: _Opened, initial: str | None = None) -> _Estimated:
     y, engine = opened.step.in_time(samples), engine_here()
     step, begins = _begun(opened.step, y, initial)
     step.reset(float(opened.record.t[0]))
-    done = step.run(u=u, y=samples, engine=engine)
+    done = step.run(u=u, y=samples, engine=engine, dt=opened.elapsed)
     return _Estimated(step, begins, u, y, samples, done, *_judged(step, done, u, y, engine))
 
 
@@ -295,16 +299,18 @@ def _over_record(
 ) -> RecordRun:
     model, record, engine = opened.model, opened.record, engine_here()
     step, begins, u, y, samples, done, judge, judged = estimated
-    counted = _counted(step, burn_in, len(y))
+    counted = _counted(step, burn_in, record.t)
     bar.tick("predictions")
     there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
     errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
     bar.tick("innovations")
-    wrong = rejections(judge, judged, u, y, record.operands, engine)
-    double = None if step.real == "double" else step.rebuilt(real="double").run(u=u, y=samples, engine=engine)
+    wrong = rejections(judge, judged, u, y, record.operands, engine, opened.elapsed)
+    double = None
+    if step.real != "double":
+        double = step.rebuilt(real="double").run(u=u, y=samples, engine=engine, dt=opened.elapsed)
     single = () if double is None else differences(step.states, done, double)
     bar.tick("other shifts and signs")
-    other = None if wrong else better(judge, u, y, counted, engine)
+    other = None if wrong else better(judge, u, y, counted, engine, opened.elapsed)
     used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
     doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
     doubts += tuple(jumps_by_turns(unwrapped_outputs(model.plant), y, step.dt, step.time))
@@ -338,12 +344,11 @@ def _begun(step: CallableStep, samples: np.ndarray, initial: str | None) -> tupl
     return (step.started({**step.observer.initial, **first_states}), first_states) if first_states else (step, {})
 
 
-def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
-    first = burn_in / step.dt * (1 - ROUNDING)
-    if not first <= samples - 2:  # NaN is refused too
-        reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
+def _counted(step: CallableStep, burn_in: float, t: np.ndarray) -> int:
+    if not burn_in * (1 - ROUNDING) <= t[-2] - t[0]:  # NaN is refused too
+        reason = f"{burn_in:g} {step.time} leaves nothing of a record of {t[-1] - t[0]:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")
-    return math.ceil(first)
+    return int(np.searchsorted(t - t[0], burn_in * (1 - ROUNDING)))
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
@@ -352,8 +357,10 @@ def _timed(model: Model, data: Path, columns: Columns) -> Model:
     return model.sampled(_period(model, data, columns))
 
 
-def _period(model: Model, data: Path, columns: Columns) -> float:
-    return read(data, {}, dt=None, unit=model.plant.time, **columns.reading()).report.dt
+def _period(model: Model, data: Path, columns: Columns) -> float | tuple[float, float]:
+    """Return the period of a log, of an irregular one the shortest and the longest dt of a step for it."""
+    log = log_of(read(data, {}, dt=None, own_times="irregular", unit=model.plant.time, **columns.reading()))
+    return step_limits([log]) or log.dt
 
 
 def _step(model: Model, observer: str | None, data: Path, columns: Columns) -> CallableStep:
@@ -390,7 +397,8 @@ def _record(
     record = read(
         data,
         wanted,
-        dt=step.dt,
+        dt=None if step.clock.varying else step.dt,
+        own_times="always" if step.clock.varying else None,
         unit=step.time,
         caller=replace(COMMAND, others=truth_options(true)),
         inputs=inputs,
@@ -490,8 +498,8 @@ def inspect_(
         bar.tick("running the observer")
         step, _, u, y, _, done, judge, judged = _estimated(opened)
         bar.tick("other shifts, signs and units")
-        wrong = rejections(judge, judged, u, y, opened.record.operands, engine_here())
-        other = None if wrong else better(judge, u, y, 0, engine_here())
+        wrong = rejections(judge, judged, u, y, opened.record.operands, engine_here(), opened.elapsed)
+        other = None if wrong else better(judge, u, y, 0, engine_here(), opened.elapsed)
         notes = [*map(str, wrong), *clamped(step, u, opened.record.operands)]
         notes += jumps_by_turns(unwrapped_outputs(loaded.plant), y, step.dt, step.time)
         notes += [*(share.sentence for share in done.gates if share.excessive), *opened.advice(other)]

@@ -271,7 +271,7 @@ class Stages:
         return {f"k{i}_{key}": k[key] for i, k in enumerate(self.slopes, 1) for key in k}
 
 
-def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float) -> Stages:
+def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float | Graph) -> Stages:
     """Return a step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
     if tableau.map:
         return Stages(dict(rate(start, 0.0)), (dict(start),), ())
@@ -315,8 +315,9 @@ def _ratios(b: tuple[float, ...]) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """CasADi functions with dense results: `move` (z, u now, u next) -> z at the next sample, `read` (z, u) -> y,
-    `entry` (x, u) -> z of the plant's state x as first declared."""
+    """CasADi functions with dense results: `move` (z, u now, u next) -> z at the next sample, of which the time to it
+    is a last argument where it varies, `read` (z, u) -> y, `entry` (x, u) -> z of the plant's state x as first
+    declared."""
 
     move: Any
     read: Any
@@ -324,23 +325,25 @@ class OpenLoop:
 
 
 @lru_cache(maxsize=8)  # the same model predicts one log after another
-def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
-    """Return the model of a form, without correction, over a sample of `dt` in `steps` Runge-Kutta steps, 1 of a
-    discrete plant; `between`: how inputs vary, "line" or "hold"."""
+def open_loop(form: Form, dt: float | None, between: str, steps: int = 1) -> OpenLoop:
+    """Return the model of a form, without correction, over a sample of `dt`, None where it varies, in `steps`
+    Runge-Kutta steps, 1 of a discrete plant; `between`: how inputs vary, "line" or "hold"."""
     dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 
-    tableau, clock = motion(form.system), clock_of(form.system, dt, between)
+    tableau, clock, h = motion(form.system), clock_of(form.system, dt or 1.0, between), ca.SX.sym("dt")
+    varies = [h] if dt is None else []
 
     def rate(values: Any, c: float) -> dict[str, Graph]:
         return {"z": dynamics.flow(values["z"], clock.between_samples(c, now, then))}
 
-    after = advance(repeated(tableau, steps) if steps > 1 else tableau, rate, {"z": z}, dt).result["z"]
+    tableau = repeated(tableau, steps) if steps > 1 else tableau
+    after = advance(tableau, rate, {"z": z}, h if dt is None else dt).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(
-        ca.Function("move", [z, now, then], [ca.densify(_nominal(form, after))]),
+        ca.Function("move", [z, now, then, *varies], [ca.densify(_nominal(form, after))]),
         ca.Function("read", [z, then], [ca.densify(_nominal(form, dynamics.output(z, then)))]),
         ca.Function("entry", [x, now], [ca.densify(column(to_casadi(form.entry, plant)))]),
     )

@@ -73,21 +73,26 @@ class Finding(Encoded):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A signal's samples `values` (N,), NaN where missing, with the period `dt` in the unit `time`; `off` (N,): the
-    innovations of an output in standard deviations, NaN where there is none."""
+    """A signal's samples `values` (N,), NaN where missing, at the times `t` (N,) from 0 on in the unit `time`; `off`
+    (N,): the innovations of an output in standard deviations, NaN where there is none."""
 
     signal: Signal
     values: Array
-    dt: float
+    t: Array
     time: str
     off: Array
 
+    @property
+    def dt(self) -> float:
+        """The period, or the mean time between two samples."""
+        return float(self.t[-1] / (len(self.t) - 1))
+
     def stretch(self, first: int, last: int) -> str:
         """Return words for the samples `first` to `last`."""
-        begin = f"{first * self.dt:.6g}"
+        begin = f"{self.t[first]:.6g}"
         if first == last:
             return f"at sample {first} ({begin} {self.time})"
-        return f"at samples {first} to {last} ({begin} to {last * self.dt:.6g} {self.time})"
+        return f"at samples {first} to {last} ({begin} to {self.t[last]:.6g} {self.time})"
 
     @cached_property
     def there(self) -> Array:
@@ -315,7 +320,7 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
     """
     samples = log.of(step.inputs)
     step.reset(log.start)
-    return tuple(findings(step, step.run(u=samples.u, y=samples.y), samples.u, samples.y))
+    return tuple(findings(step, step.run(u=samples.u, y=samples.y, dt=samples.given(step)), samples.u, samples.y))
 
 
 def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
@@ -323,8 +328,9 @@ def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
     assert run.innovations is not None  # of a step
     sizes = [rms(e[np.isfinite(e)]) or 1.0 for e in run.innovations.T]
     off = run.innovations / (sizes if run.variances is None else np.sqrt(run.variances))
-    outputs = _courses(step, step.outputs, y, off)
-    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan)), outputs)]
+    t = run.t - run.t[0]
+    outputs = _courses(step, step.outputs, y, off, t)
+    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs)]
     deviations, plant = sample_deviations(step), step.observer.form.system.declared
     constants = [x.name for x, rate in zip(plant.states, plant.flow, strict=True) if rate == 0]
     for course in outputs:
@@ -332,11 +338,9 @@ def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
     return faults
 
 
-def _courses(step: CallableStep, signals: Sequence[Signal], values: Array, off: Array) -> list[Course]:
+def _courses(step: CallableStep, signals: Sequence[Signal], values: Array, off: Array, t: Array) -> list[Course]:
     derivatives = derived(step.inputs)
     columns = zip(signals, values.T, off.T, strict=True)
     return [
-        Course(s, s.unwrapped(column), step.dt, step.time, each)
-        for s, column, each in columns
-        if s.name not in derivatives
+        Course(s, s.unwrapped(column), t, step.time, each) for s, column, each in columns if s.name not in derivatives
     ]

@@ -364,7 +364,7 @@ class Task:
     def problem(self) -> Problem:
         """The problem of the fit, with the Runge-Kutta steps a sample that the fastest mode needs. Raises:
         `CannotFit`."""
-        period = max(record.dt for record in self.records)
+        period = max(float(record.ahead.max()) for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
         scale = np.where(self.spread > 0, self.spread, 1.0)
@@ -609,7 +609,7 @@ def fit(
         _free(plant, free),
         tuple(demanded(plant, record, k).of(plant.inputs) for k, record in enumerate(records, 1)),
     )
-    period, duration = max(record.dt for record in logs), min(len(record.y) * record.dt for record in logs)
+    period, duration = max(record.dt for record in logs), min(record.duration for record in logs)
     slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
     _named("begin", begin or (), plant.parameters)
     outputs = _named("offset", offset, plant.outputs)

@@ -96,7 +96,7 @@ def _of_step(
     for record in records:
         log = record.log.of(step.inputs)
         step.reset(log.start)
-        run = step.run(u=log.u, y=log.y, engine=engine)
+        run = step.run(u=log.u, y=log.y, engine=engine, dt=log.given(step))
         for one in forecasts(step, run, log.u, log.y, ahead):
             if one.ahead is not None:
                 squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[record.cut :])
@@ -116,13 +116,15 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
     hidden: dict[str, list[Array]] = {}
     for record in records:
         y = record.log.y
-        last, age, change = _last_two(plant.outputs, y)
+        t = np.arange(len(y)) * record.log.dt if record.log.times is None else record.log.times
+        last, at, rates_now = _last_two(plant.outputs, y, t)
         for h in ahead:
-            for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * change)):
-                errors[name][h].append(differences(plant.outputs, guess[:-h], y[h:])[max(0, record.cut - h) :])
+            for name, rate in ((COPYING, 0.0), (DIFFERENCING, rates_now[:-h])):
+                guess = last[:-h] + (t[h:, None] - at[:-h]) * rate
+                errors[name][h].append(differences(plant.outputs, guess, y[h:])[max(0, record.cut - h) :])
         for state, (output, sign) in rates.items():
             if state in record.truth:
-                rate = sign * change[:, output] / record.log.dt
+                rate = sign * rates_now[:, output]
                 hidden.setdefault(state, []).append((rate - record.truth[state])[record.cut :, None])
     names = [y.name for y in plant.outputs]
     return tuple(
@@ -136,16 +138,16 @@ def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tup
     )
 
 
-def _last_two(outputs: Sequence[Signal], y: Array) -> tuple[Array, Array, Array]:
-    """Return for each sample of y (N, p) the last value up to it, the value's age in samples,
-    and the change per sample between the last two values, 0 if there is only one."""
+def _last_two(outputs: Sequence[Signal], y: Array, t: Array) -> tuple[Array, Array, Array]:
+    """Return for each sample of y (N, p) at the times t (N) the last value up to it, the time of
+    that value, and the rate of change between the last two values, 0 if there is only one."""
     count = np.arange(len(y))[:, None]
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
     there = (at > 0) & (before >= 0) & (before < at)
     last = last_values(y)
     change = differences(outputs, last, np.take_along_axis(last, np.maximum(before, 0), axis=0))
-    return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
+    return last, t[at], np.where(there, change, 0.0) / np.where(there, t[at] - t[before], 1)
 
 
 def _rms(parts: Sequence[Array]) -> list[float]:

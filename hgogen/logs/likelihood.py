@@ -63,10 +63,10 @@ def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: I
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """An extended Kalman filter as CasADi functions of its parameters theta (q): `move` (x, u now, u then, theta) -> x
-    at the next sample, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p) of the
-    `outputs`. A correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares; `gates`: of
-    the innovations."""
+    """An extended Kalman filter as CasADi functions of its parameters theta (q), of which the last is the time to the
+    next sample: `move` (x, u now, u then, theta) -> x at the next sample, `read` (x, u, theta) -> y, `process` (theta,
+    Phi) -> q (n, n), `sensor` theta -> r (p) of the `outputs`. A correction is clamped to `ends` (2, n), maybe
+    infinite; `corner`: c, infinite for squares; `gates`: of the innovations."""
 
     move: Any
     read: Any
@@ -101,7 +101,8 @@ class Innovations:
         y, valid = np.where(there, record.y, 0.0), there.astype(float)
         valid[0] *= first
         columns = (record.u.T, record.u[np.minimum(np.arange(1, N + 1), N - 1)].T, y.T, valid.T, self._kappa(there).T)
-        results: tuple[Any, ...] = step.mapaccum("over", N, {"base": AT_ONCE})(memory, *columns, ca.repmat(theta, 1, N))
+        theta = ca.vertcat(ca.repmat(theta, 1, N), record.ahead[None, :])
+        results: tuple[Any, ...] = step.mapaccum("over", N, {"base": AT_ONCE})(memory, *columns, theta)
         return results
 
     def _kappa(self, there: Array) -> Array:
@@ -302,19 +303,23 @@ class Likelihood:
         names = states_with_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 
+    @property
+    def _irregular(self) -> bool:
+        return any(record.times is not None for record in self.records)
+
     @cached_property
     def _filter(self) -> Innovations:
         n, p = self.form.n, len(self.form.output)
-        model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
-        z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)
+        model = open_loop(self.form, None if self._irregular else self.records[0].dt, self.between, self.steps)
+        z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p + 1)
         now, then = (ca.SX.sym(name, len(self.form.system.inputs)) for name in ("now", "then"))
-        dt, order = self.records[0].dt, list(self._noisy)
+        dt, order = g[-1], list(self._noisy)
         process = [
             q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE) for name, q in self.scale.units.items()
         ]
         samples = [unit**2 * ca.exp(g[len(self._noisy) + j]) for j, unit in enumerate(self.scale.outputs.values())]
         return Innovations(
-            ca.Function("move", [z, now, then, g], [model.move(z, now, then)]),
+            ca.Function("move", [z, now, then, g], [model.move(z, now, then, *[dt] * self._irregular)]),
             ca.Function("read", [z, now, g], [model.read(z, now)]),
             ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(ca.vertcat(*process))]),
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),

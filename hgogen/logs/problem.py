@@ -284,11 +284,12 @@ class Shooting(_OnRecords):
         L, count, N = self.length, nodes.shape[1], len(record.y)
         u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
         now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
+        ahead = np.pad(record.ahead, (0, count * L - N), constant_values=record.dt).reshape(count, L)
         parts = -(-L * self.steps // _STEPS)
         read, at, size = [], nodes, -(-L // parts)
         for k in range(0, L, size):
             inputs = (part[:, k : k + size].reshape(count, -1).T for part in (now, then))
-            outputs, at = self._stretch(min(size, L - k)).map(count)(at, p, o, *inputs, record.dt)
+            outputs, at = self._stretch(min(size, L - k)).map(count)(at, p, o, *inputs, ahead[:, k : k + size].T)
             read.append(outputs)
         table = ca.vec(ca.vertcat(*read))  # by segment, sample and output
         place, output = np.nonzero(np.isfinite(record.y))
@@ -298,15 +299,15 @@ class Shooting(_OnRecords):
 
     def _stretch(self, samples: int) -> Any:
         """Return the function (x, p, offsets, u and the next u of `samples`
-        samples, dt) -> (y at the samples, x after them), a graph of scalars
+        samples, their times to the next) -> (y at the samples, x after them), a graph of scalars
         (SX): its second derivatives are twice as fast in CasADi."""
         x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
         now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
-        at, dt, read = x, ca.SX.sym("dt"), []
+        at, ahead, read = x, ca.SX.sym("ahead", samples), []
         for k in range(samples):
             read.append(self.reading(at, p, o, now[:, k]))
-            at = self.step(at, p, now[:, k], then[:, k], dt)
-        return ca.Function("stretch", [x, p, o, ca.vec(now), ca.vec(then), dt], [ca.vertcat(*read), at])
+            at = self.step(at, p, now[:, k], then[:, k], ahead[k])
+        return ca.Function("stretch", [x, p, o, ca.vec(now), ca.vec(then), ahead], [ca.vertcat(*read), at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,18 +392,19 @@ class Predicting(_OnRecords):
         costs, errors, variances = [], [], []
         for record, nodes in zip(self.records, every, strict=True):
             memory = ca.vertcat(nodes[:, 0], ca.DM.zeros(self.n**2))
-            cost, e, s = self._filter(record.dt).along(record, memory, theta)
+            cost, e, s = self._filter.along(record, memory, theta)
             there = np.flatnonzero(np.isfinite(record.y).ravel()).tolist()  # by sample and output, as a column of e is
             costs.append(ca.sum2(cost))
             errors.append(ca.vec(e)[there])
             variances.append(ca.vec(s)[there])
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
-    def _filter(self, dt: float) -> Innovations:
-        a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
+    @cached_property
+    def _filter(self) -> Innovations:
+        a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels) + 1)
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
-        p, o, levels = theta[:a], theta[a:b], theta[b:]
+        p, o, levels, dt = theta[:a], theta[a:b], theta[b:-1], theta[-1]
         samples = ca.DM(self.scale**2) * ca.exp(levels[len(self.noisy) :])
         return Innovations(
             ca.Function("move", [x, u, then, theta], [self.step(x, p, u, then, dt)]),
@@ -417,7 +419,7 @@ class Predicting(_OnRecords):
     def _density(self, levels: Any) -> Any:
         """Return the process noise density Q (n) from the logarithms
         `levels`; negligible for a state without noise of its own."""
-        duration = max(len(record.y) * record.dt for record in self.records)
+        duration = max(record.duration for record in self.records)
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
         return ca.vertcat(*each) * ca.DM(np.asarray(self.unit) ** 2 / duration)
@@ -577,7 +579,7 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
     """Return the digests that identify a fit: of the plant, the logs and the options."""
     signals = [(s.name, s.nominal, s.interval, *([s.period] if s.period else [])) for s in plant.signals]
-    arrays = [part for record in records for part in (record.u.tobytes(), record.y.tobytes(), repr(record.dt))]
+    arrays = [part for log in records for part in (log.u.tobytes(), log.y.tobytes(), log.ahead.tobytes())]
     return {
         "plant": _digest(signals, plant.flow, plant.output, plant.time),
         "records": _digest(*arrays),

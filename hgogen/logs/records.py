@@ -14,7 +14,7 @@ one; its error is the root of the mean over the segments.
 
 import math
 import warnings
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -25,8 +25,9 @@ from hgogen import forms
 from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
+from hgogen.part import SUBSTEPS
 from hgogen.reading.cells import BadRecord
-from hgogen.reading.measured import PYTHON, WINDOWS, Report, difference, read
+from hgogen.reading.measured import PYTHON, WINDOWS, Record, Report, difference, read
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
 from hgogen.run.samples import Engine, Run, last_values, table
@@ -35,6 +36,7 @@ from hgogen.stepping.guards import plausible_range, readings
 from hgogen.system import System
 
 LEAST = 10  # least number of samples of an output
+UNEVEN, ROUNDING = 100, 1e-9  # ratio of the longest to the shortest dt of a step, at most; of a time
 
 
 class BadLog(BadArgument):
@@ -44,12 +46,38 @@ class BadLog(BadArgument):
 @dataclass(frozen=True, eq=False)
 class Log:
     """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt; `start`: t at the
-    first sample, for a plant with functions of t."""
+    first sample, for a plant with functions of t; `times` (N): of the samples of an irregular log, whose `dt` is a
+    typical time between two."""
 
     u: np.ndarray
     y: np.ndarray
     dt: float
     start: float = 0.0
+    times: np.ndarray | None = None
+
+    @property
+    def elapsed(self) -> np.ndarray:
+        """The time (N) since the sample before, 0 at the first."""
+        return np.concatenate([[0.0], self.ahead[:-1]])
+
+    def given(self, step: CallableStep) -> np.ndarray | None:
+        """Return `elapsed` for a step that is given it as `dt`, None for a step with a period."""
+        return self.elapsed if step.clock.varying else None
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """The time (N) from each sample to the next, dt after the last."""
+        return np.full(len(self.y), self.dt) if self.times is None else np.diff(self.times, append=self.end)
+
+    @property
+    def end(self) -> float:
+        """The time dt after the last sample."""
+        return self.start + len(self.y) * self.dt if self.times is None else float(self.times[-1] + self.dt)
+
+    @property
+    def duration(self) -> float:
+        """The sum of the times to the next sample."""
+        return float(self.ahead.sum())
 
     def of(self, inputs: Sequence[Signal]) -> "Log":
         """Return the log with a column for each input that a form reads: those of the plant, which it holds, after
@@ -57,9 +85,21 @@ class Log:
         of_caller, sources = supplied(inputs), derived(inputs)
         columns = {u.name: u.unwrapped(column) for u, column in zip(of_caller, self.u.T, strict=False)}
         names = (sources[u.name] for u in of_caller[len(columns) :])
-        rates = [difference(columns[name], order, self.dt) for name, order in names]
+        elapsed = self.dt if self.times is None else self.elapsed
+        rates = [difference(columns[name], order, elapsed) for name, order in names]
         begins = [self.start] * len(times(inputs))
         return replace(self, u=with_times(inputs, np.column_stack([self.u, *rates]), begins, self.dt))
+
+
+def step_limits(logs: Iterable[Log]) -> tuple[float, float] | None:
+    """Return the shortest and the longest dt of a step that takes irregular logs in at most `SUBSTEPS` sub-steps from
+    sample to sample; None where all logs have a period."""
+    logs = list(logs)
+    if all(log.times is None for log in logs):
+        return None
+    spacings = np.concatenate([log.ahead[:-1] for log in logs])
+    longest = max(float(np.median(spacings)), (1 + ROUNDING) * float(spacings.max()) / SUBSTEPS)
+    return min(max(float(spacings.min()), longest / UNEVEN), longest / 2), longest
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
@@ -77,6 +117,13 @@ def demanded(plant: System, record: Log, number: int) -> Log:
     filled = last_values(u)
     if not math.isfinite(record.start):
         raise BadLog(name, f"has the start {record.start!s:.60}; give a finite time")
+    if record.times is not None:
+        at = np.asarray(record.times, dtype=float)
+        if at.shape != (len(y),) or not np.isfinite(at).all() or np.any(np.diff(at) <= 0):
+            raise BadLog(name, f"has times of shape {at.shape}; give {len(y)} that ascend, one for each sample")
+        record = replace(record, times=at)
+        if plant.discrete or plant.times:
+            raise BadLog(name, f"has samples at times of its own, and {_of_one_period(plant)}; give one of one period")
     return replace(record, u=np.where(np.isfinite(filled), filled, list(map(resting, plant.supplied))), y=y)
 
 
@@ -124,7 +171,7 @@ def record(
     between: Literal["line", "hold", "forward"] = "line",
 ) -> Log:
     """Return the log in a CSV, Parquet or MAT file, or a DataFrame, on the grid of `dt`, by default with its own
-    period.
+    period, or, of an irregular log, the times of its rows.
 
     `time`: the column of times, or `period`, the time between rows; `columns`: the column of each signal, or an
     expression of columns as for --map, by default the column of its name; `shift`: samples by which a signal is
@@ -140,14 +187,30 @@ def record(
     inputs = {s.name: WINDOWS[between] for s in plant.supplied}
     wanted = {name: columns.get(name, name) for name in signals}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
+    words["own_times"] = "irregular"
     got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
     demand_regular(plant, got.report)
-    return Log(got.of(plant.supplied), got.of(plant.outputs), got.report.dt, float(got.t[0]))
+    return log_of(got, plant)
+
+
+def log_of(record: Record, plant: System | None = None, rows: int | None = None) -> Log:
+    """Return the log of a plant in a record, its first `rows` alone; without a plant one of no signals."""
+    inputs, outputs = (plant.supplied, plant.outputs) if plant else ((), ())
+    u, y, t = (each[:rows] for each in (record.of(inputs), record.of(outputs), record.t))
+    return Log(u, y, record.report.dt, float(record.t[0]), t if record.report.spacing else None)
+
+
+def _of_one_period(plant: System) -> str:
+    return f"{plant.name} is discrete in time" if plant.discrete else f"{plant.name} counts its functions of t by dt"
 
 
 def demand_regular(plant: System, report: Report) -> None:
-    """Raise `BadRecord` for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times.
-    Rows that are missing in the grid are missing samples."""
+    """Raise `BadRecord` for a plant with functions of t, of which the time is counted by one period, and a log without
+    one; and for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times. Rows that are
+    missing in the grid are missing samples."""
+    if report.spacing and (plant.times or plant.discrete):
+        rows = f"rows {report.spacing[0]:g} to {report.spacing[1]:g} {report.unit} apart"
+        raise BadRecord(report.path, f"has {rows}, and {_of_one_period(plant)}; resample it, by --dt (dt=)")
     uneven = report.shift > JITTER * report.dt or report.surplus or abs(report.period - report.dt) > JITTER * report.dt
     if plant.discrete and uneven:
         rows = f"rows every {report.period:g} {report.unit}, up to {report.shift:.3g} off the grid of {report.dt:g}"
@@ -230,7 +293,7 @@ class Judge:
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
                 record = self.records[k].of(step.inputs)
                 step.reset(record.start)
-                run = step.run(u=record.u, y=record.y, engine=self.engine)
+                run = step.run(u=record.u, y=record.y, engine=self.engine, dt=record.given(step))
                 squares = self.yardstick.errors(k, step, run, record) ** 2
                 if not np.isfinite(run.x).all() or np.isinf(squares).any():
                     errors.append(np.full(len(parts), np.inf))

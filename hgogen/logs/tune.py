@@ -27,13 +27,13 @@ from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.form import Form
 from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import paced
-from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable
-from hgogen.modelfiles.tuning import First, everywhere, value
+from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
+from hgogen.modelfiles.tuning import First, everywhere, longest, value
 from hgogen.reading.given import count, requires_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
-from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
+from hgogen.starting import Gains, Scale, Starting, gains_of, per_sample, scale, two
 from hgogen.step import StepMayFail
 from hgogen.system import System
 from hgogen.theorem import Convergence
@@ -100,10 +100,12 @@ class Tuned:
 @dataclass(frozen=True, eq=False)
 class Task:
     """The problem of tuning observers on logs: `judge` gives the errors of a step, `rows` are the candidate forms in
-    order, `sampling` the method and its options, `gates` those of filters that have any."""
+    order, `limits` the period of the logs, or the shortest and the longest dt for irregular ones, `sampling` the method
+    and its options, `gates` those of filters that have any."""
 
     records: tuple[Log, ...]
     judge: Judge
+    limits: float | tuple[float, float]
     sampling: Mapping[str, str]
     rows: tuple[Row, ...]
     gates: tuple[GatedGroup, ...] = ()
@@ -111,15 +113,15 @@ class Task:
 
     @property
     def dt(self) -> float:
-        """The sampling period of the logs."""
-        return self.records[0].dt
+        """The sampling period, or the longest time between two calls."""
+        return longest(self.limits)
 
     def likelihood(self, row: int) -> Likelihood:
         """Return the likelihood of the logs on the form number `row`; all observers share it."""
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None
-            self._likelihoods[row] = likelihood_of(form, self.records, self.sampling["between"], self.gates)
+            self._likelihoods[row] = likelihood_of(form, self.records, self.dt, self.sampling["between"], self.gates)
         return self._likelihoods[row]
 
     def make_step(self, name: str, row: Row, gains: Gains) -> First:
@@ -127,7 +129,7 @@ class Task:
         with the gates if it has any. Raises: as the observer and `sample` do."""
         gated = self.gates and GATE in signature(getattr(every, name)).parameters
         gains = {**gains, GATE: dict(group.entry for group in self.gates)} if gated else gains
-        return first_of(name, row, gains, self.dt, self.sampling)
+        return first_of(name, row, gains, self.limits, self.sampling)
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
         """Return the step of the observer `name` on the form number `row` with the gains that its rule computes from
@@ -211,10 +213,13 @@ def reasons(refused: Mapping[str, object]) -> str:
     return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
 
 
-def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
-    """Return an observer's step on the form of a row with these gains at the period `dt`; `sampling`: `method`,
-    `between` and `real`, as in a tuning. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer
-    and `sample` do."""
+def first_of(
+    observer: str, row: Row, gains: Gains, dt: float | tuple[float, float], sampling: Mapping[str, Any]
+) -> First:
+    """Return an observer's step on the form of a row with these gains at the period `dt`, or between the shortest and
+    the longest, for the variance of a sample at which R is a density; `sampling`: `method`, `between` and `real`, as in
+    a tuning. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer and `sample` do."""
+    gains = per_sample(getattr(every, observer), gains, dt[1]) if isinstance(dt, tuple) else gains
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
@@ -382,10 +387,12 @@ def tune(
     rows: Iterable[Row] | None = None,
     deep: bool = False,
     gate: Gates | None = None,
+    dt: tuple[float, float] | None = None,
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> Calibration:
-    """Return the gains with which each observer predicts the logs best, at their sampling period.
+    """Return the gains with which each observer predicts the logs best, at their sampling period, or, of irregular
+    logs, from each sample to the next at its own time.
 
     `records`: as in `fit`, all of one period; `observers`: names of `hg.observers`, by default all, or "adaptive",
     which includes riccati; `ahead`: the prediction horizon in samples, 1 for an estimate of the present; `method` by
@@ -393,19 +400,21 @@ def tune(
     least; `truth`: the courses (N) of hidden states by name, a mapping for each record, which then replace predictions;
     `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation
     gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
-    for all observers (`logs.likelihood`); `jobs`: processes that try gains, None for one for each core; `each(what)` is
+    for all observers (`logs.likelihood`); `dt`: the shortest and the longest of steps for logs at their own times, by
+    default those of the logs; `jobs`: processes that try gains, None for one for each core; `each(what)` is
     called after every trial.
 
     Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
     names = observers_named(wanted)
-    period = _common_period(records)
+    limits = dt or _common_period(records)
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
-    logs = tuple(replace(readable(plant, record, k), dt=period) for k, record in enumerate(records, 1))
+    logs = tuple(readable(plant, record, k) for k, record in enumerate(records, 1))
+    logs = tuple(log if isinstance(limits, tuple) else replace(log, dt=limits) for log in logs)
     gates, candidates = gated_groups(gate, plant.outputs), tuple(everywhere(plant, deep=deep) if rows is None else rows)
     sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
-    logs, shares = _without_outliers(logs, gates, candidates, sampling)
+    logs, shares = _without_outliers(logs, longest(limits), gates, candidates, sampling)
     true = _truth(plant, truth, logs)
     named = {x.name: x for x in plant.declared.states}
     hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
@@ -415,7 +424,7 @@ def tune(
         reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
     count("segments", segments, 2, judge.most)
-    task = Task(logs, judge, sampling, candidates, gates)
+    task = Task(logs, judge, limits, sampling, candidates, gates)
     work = partial(_results, Workers(task, jobs), each)
     ends = dict(together({name: tuned(task, name) for name in names}, work))
     done = {name: ends[name] for name in names}
@@ -430,13 +439,13 @@ def tune(
 
 
 def _without_outliers(
-    logs: tuple[Log, ...], gates: tuple[GatedGroup, ...], rows: Iterable[Row], sampling: Mapping[str, str]
+    logs: tuple[Log, ...], dt: float, gates: tuple[GatedGroup, ...], rows: Iterable[Row], sampling: Mapping[str, str]
 ) -> tuple[tuple[Log, ...], tuple[GateShare, ...]]:
     """Return the logs without the samples beyond the gates, by the likelihood on the first form, and their shares."""
     form = next((row.form for row in rows if row.form is not None and not refuted(row.form.checks)), None)
     if not gates or form is None:
         return logs, ()
-    likelihood = likelihood_of(form, logs, sampling["between"], gates)
+    likelihood = likelihood_of(form, logs, dt, sampling["between"], gates)
     cleaned = likelihood.without_outliers()
     shares = []
     for group in gates:
@@ -447,16 +456,22 @@ def _without_outliers(
     return tuple(replace(log, y=left.y) for log, left in zip(logs, cleaned, strict=True)), tuple(shares)
 
 
-def likelihood_of(form: Form, logs: Iterable[Log], between: str, gates: tuple[GatedGroup, ...]) -> Likelihood:
-    """Return the likelihood of logs of one period on a form, with inputs `between` samples, "line" or "hold"."""
+def likelihood_of(
+    form: Form, logs: Iterable[Log], dt: float, between: str, gates: tuple[GatedGroup, ...]
+) -> Likelihood:
+    """Return the likelihood of logs on a form, with inputs `between` samples, "line" or "hold"; `dt`: their period, or
+    the longest of a step."""
     records = [log.of(form.system.inputs) for log in logs]
-    steps, _ = paced(form.system, records[0].dt)
-    return Likelihood(form, records, scale(form, records[0].dt), between, steps, gates)
+    steps, _ = paced(form.system, max(float(record.ahead.max()) for record in records))
+    return Likelihood(form, records, scale(form, dt), between, steps, gates)
 
 
-def _common_period(records: Sequence[Log]) -> float:
+def _common_period(records: Sequence[Log]) -> float | tuple[float, float]:
+    """Return the period of the logs or, if any is irregular, the shortest and the longest dt of a step for them."""
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
+    if (limits := step_limits(records)) is not None:
+        return limits
     dts = [record.dt for record in records]
     if max(dts) > (1 + SAME) * min(dts):
         listed = ", ".join(f"{dt:g}" for dt in dict.fromkeys(dts))
@@ -550,6 +565,7 @@ def _innovations(task: Task, first: First) -> np.ndarray:
     for record in task.records:
         first.step.reset(record.start)
         log = record.of(first.step.inputs)
-        innovation = first.step.run(u=log.u, y=log.y, engine=task.judge.engine).traces["innovation"]
+        run = first.step.run(u=log.u, y=log.y, engine=task.judge.engine, dt=log.given(first.step))
+        innovation = run.traces["innovation"]
         parts.append(innovation[round(BEGIN * len(innovation)) :])
     return np.concatenate(parts)

@@ -23,14 +23,14 @@ class UnknownCase(BadArgument):
 
 @dataclass(frozen=True)
 class Setting:
-    """The overridden settings of a model: a form and a method by name, the period `dt` in the model's unit of time, the
-    precision `real`, "float" or "double", the `guards`, "all" or "none", the preference `prefer`, "speed" or "flash",
-    the names of reports in `report`, a file of values of `parameters` and one of a `tuning`; None for the file's own
-    setting."""
+    """The overridden settings of a model: a form and a method by name, the period `dt` in the model's unit of time, or
+    the shortest and the longest time between two calls, the precision `real`, "float" or "double", the `guards`, "all"
+    or "none", the preference `prefer`, "speed" or "flash", the names of reports in `report`, a file of values of
+    `parameters` and one of a `tuning`; None for the file's own setting."""
 
     form: str | None = None
     method: str | None = None
-    dt: float | None = None
+    dt: float | tuple[float, float] | None = None
     real: "Real | None" = None
     guards: "Guards | None" = None
     prefer: "Prefer | None" = None
@@ -50,6 +50,11 @@ class Setting:
     def reports(self) -> tuple[str, ...] | None:
         """The names in `report`, which are separated by commas."""
         return None if self.report is None else tuple(filter(None, map(str.strip, self.report.split(","))))
+
+    @property
+    def longest(self) -> float | None:
+        """The period `dt`, or the longest time between two calls."""
+        return self.dt[1] if isinstance(self.dt, tuple) else self.dt
 
     def demand(self) -> None:
         """Raise `UnknownCase` for an unknown form or method."""

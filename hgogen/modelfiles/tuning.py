@@ -338,7 +338,8 @@ class First:
         """Return the table of a tuning that makes an equal step, called `name`, by default as the observer."""
         kind = {"kind": self.observer} if name not in ("", self.observer) else {}
         form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
-        return {**kind, "form": form, **self.starting.gains, "dt": self.starting.dt}
+        dt = self.starting.dt
+        return {**kind, "form": form, **self.starting.gains, "dt": list(dt) if isinstance(dt, tuple) else dt}
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ so that the integral is preserved: charge, volume or heat. The window follows fr
 samples. Linear interpolation has half a step on both sides, since its integral is dt (u_0/2 + u_1 + .. + u_N/2); a
 value that was applied since the last sample has the step before it.
 
+A log is irregular if more than a tenth of the times between its rows are a quarter of their median off every multiple
+of it. Where a caller asks for that, such a log keeps the times of its rows, and nothing is averaged.
+
 Derivatives of inputs, which a form needs and few logs hold, are differences from sample to sample,
 
     u'(k) = (u(k) - u(k - 1))/dt,   u''(k) = (u'(k) - u'(k - 1))/dt,   ..
@@ -25,7 +28,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -117,11 +120,17 @@ class Report:
     shift: Annotated[float, "farthest that a row was moved"]
     unit: Annotated[str, "unit of all times"]
     notes: Annotated[tuple[str, ...], "what else was decided on reading, or looks doubtful"]
+    spacing: Annotated[
+        tuple[float, float] | None, "shortest and longest time between samples at the rows' own times; null on a grid"
+    ] = None
 
     def sentences(self) -> tuple[str, ...]:
         """Return sentences on the contents of the log and their treatment, only on counts above 0."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
         lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
+        if self.spacing:
+            shortest, longest = (f"{time:g}" for time in self.spacing)
+            lines = [f"{self.rows} rows, {shortest} to {longest} {self.unit} apart, are samples at their own times"]
         for name, column in self.columns.items():
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
@@ -171,7 +180,8 @@ class Record:
     ) -> "Record":
         """Return the record with derivatives of signals as well, given by name as a source signal and an order;
         `signals` by name, of which periodic ones go the short way."""
-        dt, courses = self.report.dt, dict(zip(self.names, self.values.T, strict=True))
+        courses = dict(zip(self.names, self.values.T, strict=True))
+        dt = self.elapsed if self.report.spacing else self.report.dt
         courses |= {name: signals[name].unwrapped(values) for name, values in courses.items() if name in signals}
         columns = [difference(courses[of], order, dt) for of, order in rates.values()]
         return replace(
@@ -183,12 +193,20 @@ class Record:
             rates=rates,
         )
 
+    @property
+    def elapsed(self) -> np.ndarray:
+        """The time (N,) since the sample before, 0 at the first."""
+        return np.diff(self.t, prepend=self.t[0])
+
     def shifted(self, shifts: Mapping[str, int]) -> "Record":
         """Return the record with signals and their differences delayed by numbers of samples, or advanced if negative;
         the samples at the end are missing. Raises: `BadRecord` if no sample of a signal remains."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
+            if by and self.report.spacing:
+                reason = f"a shift of {name} counts samples of one period, and these are at the times of their rows"
+                raise BadRecord(self.report.path, f"{reason}; resample it, by --dt (dt=)")
             if abs(by) >= len(values):
                 reason = f"a shift of {name} by {by} leaves nothing of its {len(values)} samples; give a smaller one"
                 raise BadRecord(self.report.path, reason)
@@ -224,8 +242,10 @@ def read(
     rows: Rows = EVERY_ROW,
     decimal: DecimalSign | None = None,
     dates: DateOrder | None = None,
+    own_times: Literal["irregular", "always"] | None = None,
 ) -> Record:
-    """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period.
+    """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period; or at
+    the times of its rows, if `own_times` says "always", or "irregular" of an irregular log and there is no `dt`.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names the
     column of times, or is an expression, or `period` is the time between rows; `unit`: that of all times, the model's;
@@ -268,7 +288,7 @@ def read(
     log = replace(
         log, notes=tuple(dict.fromkeys((*log.notes, *(note for one in series.values() for note in one.notes))))
     )
-    record = _gridded(log, series, times, dt, unit, inputs, signals)
+    record = _gridded(log, series, times, dt, unit, inputs, signals, own_times)
     for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
         what = f"the column {series[name].name!r} holds no number for {name}{example}"
@@ -460,14 +480,20 @@ def _typical(times: np.ndarray) -> float:
     return next(each for each in shorter if abs(each - period) * len(steps) <= off or each == period)
 
 
+def irregular(steps: np.ndarray) -> bool:
+    """Return whether the `steps` (N,) between rows are of a log without a period: too many are no multiples of it."""
+    periods = steps / np.median(steps)
+    return bool(np.mean(np.abs(periods - np.rint(periods)) > UNEVEN) > SHARE)
+
+
 def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
     """Return the least-squares slope of times over row numbers. A step that is no clear
     multiple of the period starts a new piece with its own offset. If too many steps
     are unclear, return their median `middle`, which is sensitive to jitter."""
+    if irregular(steps):
+        return middle
     counts = np.rint(steps / middle)
     off = np.abs(steps / middle - counts)
-    if np.mean(off > UNEVEN) > SHARE:
-        return middle
     piece = np.concatenate([[0], np.cumsum((off > _AMBIGUOUS) | (counts > HOLD_PERIODS))])
     number = np.concatenate([[0.0], np.cumsum(counts)])
     number, since = (each - (np.bincount(piece, each) / np.bincount(piece))[piece] for each in (number, times))
@@ -481,7 +507,8 @@ def _gridded(
     step: float | None,
     unit: str,
     inputs: Mapping[str, Window],
-    signals: Mapping[str, Signal] = MappingProxyType({}),
+    signals: Mapping[str, Signal],
+    own_times: Literal["irregular", "always"] | None,
 ) -> Record:
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
@@ -491,15 +518,27 @@ def _gridded(
     dt = step or period
     if not dt:
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
-    pauses = steps[steps > 1.5 * period]
-    _demand_samples(log.path, times, len(distinct), dt, unit)
-    point = np.floor((times - times[0]) / dt + 0.5).astype(int)
-    away = np.abs(times - times[0] - point * dt)
+    own = own_times == "always" or (own_times == "irregular" and step is None and irregular(steps))
+    pauses = steps[steps > (HOLD_PERIODS if own else 1.5) * period]
+    if own:
+        if len(distinct) < 2:
+            raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
+        point, away = np.searchsorted(distinct, times), np.zeros(len(times))
+    else:
+        _demand_samples(log.path, times, len(distinct), dt, unit)
+        point = np.floor((times - times[0]) / dt + 0.5).astype(int)
+        away = np.abs(times - times[0] - point * dt)
     samples, used = int(point[-1]) + 1, 1 + int(np.count_nonzero(np.diff(point)))
     nearest = np.lexsort((away, point))
     values = _first_numbers([one.values[ordered][nearest] for one in series.values()], point[nearest], samples)
-    means = [name for name in series if name in inputs and needs_averaging(steps, period, dt)]
-    notes = [*log.notes, *_pace(period, dt, unit)]
+    means = [name for name in series if not own and name in inputs and needs_averaging(steps, period, dt)]
+    notes = [*log.notes, *(() if own else _pace(period, dt, unit))]
+    if not own and len(steps) and irregular(steps):
+        low, high = f"{float(steps.min()):g}", f"{float(steps.max()):g}"
+        notes.append(
+            f"its rows are {low} to {high} {unit} apart, without a period, and moved to a grid: an observer with dt = "
+            f"[{low}, {high}] takes them at their own times, and so do fit and tune without --dt (dt=)"
+        )
     notes += [f"{', '.join(means)}: averaged over each step, {_HOLD_NOTE}"] * bool(means)
     hold = max(HOLD_PERIODS * period, dt)
     for name in means:
@@ -532,8 +571,9 @@ def _gridded(
         shift=float(away.max()),
         unit=unit,
         notes=tuple(notes),
+        spacing=(float(steps.min()), float(steps.max())) if own else None,
     )
-    return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)
+    return Record(distinct if own else times[0] + np.arange(samples) * dt, tuple(series), values, report)
 
 
 def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
@@ -598,10 +638,12 @@ def difference_notes(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
     )
 
 
-def difference(values: np.ndarray, order: int, dt: float) -> np.ndarray:
-    """Return the difference quotient of the given order of a column (N,) sampled at `dt`, NaN if one of its samples is
-    missing."""
+def difference(values: np.ndarray, order: int, dt: float | np.ndarray) -> np.ndarray:
+    """Return the difference quotient of the given order of a column (N,) whose samples are `dt` apart, or `dt` (N,)
+    after the one before, NaN if one of its samples is missing."""
     if len(values) <= order:
         return np.full(len(values), np.nan)
-    rates = np.diff(values, order) / dt**order
+    rates, elapsed = values, np.broadcast_to(dt, len(values))
+    for k in range(1, order + 1):
+        rates = np.diff(rates) / elapsed[k:]
     return np.concatenate([np.repeat(rates[:1], order), rates])

@@ -29,6 +29,7 @@ unobservable state, has the effect of the mean.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -97,7 +98,10 @@ def forecasts(
     """Yield the errors (N, p) of predictions of y (N, p) from the estimates of a run with inputs u (N, m), for each
     number of samples in `ahead`, then in open loop."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model, holding = open_loop(step.observer.form, step.clock.dt, step.clock.between), bool(step.observer.form.fallback)
+    holding, limits = bool(step.observer.form.fallback), step.clock.varying
+    spent = np.diff(run.t, append=run.t[-1:]) if limits else np.zeros(0)  # to the next sample
+    steps = min(math.ceil(spent.max(initial=step.dt) / step.dt), limits.substeps) if limits else 1
+    model = open_loop(step.observer.form, None if limits else step.clock.dt, step.clock.between, steps)
     u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
     plant = step.observer.form.system
     u = with_times(plant.inputs, u, run.times or [0.0] * len(plant.times), step.dt)
@@ -105,10 +109,12 @@ def forecasts(
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated
     starts = _starts(count)
+    spent = np.concatenate([spent, np.zeros(farthest)])[:, None]
     move, read = model.move.map(len(starts)), model.read.map(len(starts))
     z = evaluated(model.entry.map(len(starts)), run.x[starts], u[starts])
     for h in range(1, farthest + 1):
-        z = evaluated(move, z, later[starts + h - 1], later[starts + h])
+        elapsed = [spent[starts + h - 1]] if limits else []
+        z = evaluated(move, z, later[starts + h - 1], later[starts + h], *elapsed)
         tick()
         if h in wanted:
             from_here = starts[starts + h < count]
@@ -117,7 +123,8 @@ def forecasts(
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.entry, run.x[:1], u[:1])
-        alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
+        elapsed = [spent[: count - 1]] if limits else []
+        alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:], *elapsed)
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
     yield _compared(step.outputs, None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
 
@@ -258,10 +265,16 @@ class MostlyRejected(HgogenError):
 
 
 def rejections(
-    step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
+    step: CallableStep,
+    run: Run,
+    u: Array,
+    y: Array,
+    columns: Mapping[str, str],
+    engine: Engine,
+    dt: Array | None = None,
 ) -> tuple[Rejection, ...]:
     """Return a `Rejection` for each output most of whose samples a run over u (N, m), y (N, p) rejected; `columns`: the
-    operand of --map for each output, ready for an expression."""
+    operand of --map for each output, ready for an expression; `dt` as for `step.run`."""
     lost, there = rejected(step, run, y), np.isfinite(y)
     ranges = readings(step.observer.form)
     each = []
@@ -269,7 +282,7 @@ def rejections(
         count = int(there[:, j].sum())
         if not count or lost[:, j].sum() <= MOST_REJECTED * count:
             continue
-        best = _best(step, u, y, j, ranges[j], engine)
+        best = _best(step, u, y, j, ranges[j], partial(step.run, engine=engine, dt=dt))
         low, high = np.quantile(y[there[:, j], j], (0.05, 0.95))
         text, mends = (best.text.format(columns[signal.name]), best.mends) if best else ("", "")
         share = float(lost[:, j].sum()) / count
@@ -297,7 +310,9 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
         yield f"{finding}; {fix}"
 
 
-def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
+def _best(
+    step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], run: Callable[..., Run]
+) -> Map | None:
     values = y[np.isfinite(y[:, j]), j]
     maps = [*MAPS]
     middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
@@ -306,7 +321,7 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
         text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
         maps.append(Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow"))
     fitting = [one for one in maps if one.fits(step.outputs[j].unit, values, ends)]
-    errors = [_error(step, u, y, j, one, engine) for one in fitting]
+    errors = [_error(step, u, y, j, one, run) for one in fitting]
     as_well = [one for one, error in zip(fitting, errors, strict=True) if error <= AS_WELL * min(errors)]
     return max(as_well, key=_known, default=None)
 
@@ -315,11 +330,11 @@ def _known(one: Map) -> tuple[bool, bool, float]:
     return bool(one.units), not one.shift, abs(one.scale)
 
 
-def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
+def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, run: Callable[..., Run]) -> float:
     y = y.copy()
     y[:, j] = one.scale * y[:, j] + one.shift
     step.reset()
-    rows = predictions(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,))
+    rows = predictions(step, run(u=u, y=y), u, y, (AHEAD,))
     ratios = [row.model / row.copying for row in rows if row.output == step.outputs[j].name and row.copying]
     return ratios[0] if ratios else math.inf
 
@@ -368,15 +383,19 @@ class Better:
         )
 
 
-def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
-    """Return the shift or sign of a signal with which u (N, m), y (N, p) from `first` on fit better; or None."""
+def better(
+    step: CallableStep, u: Array, y: Array, first: int, engine: Engine, dt: Array | None = None
+) -> Better | None:
+    """Return the shift or sign of a signal with which u (N, m), y (N, p) from `first` on fit better; or None. `dt` as
+    for `step.run`; with it no signal is shifted, since samples then count no time."""
     u, y = u[:LONGEST], y[:LONGEST]
+    run = partial(step.run, engine=engine, dt=None if dt is None else dt[:LONGEST])
     if len(y) - first < SEGMENTS * LEAST:
         return None
     scale, copying = _scale(step.outputs, y), math.sqrt(y.shape[1])
 
     def squares(other: tuple[Array, Array]) -> Array:
-        return _squares(step, *other, first, scale, engine)
+        return _squares(step, *other, first, scale, run)
 
     present = squares((u, y))
     if not np.isfinite(present).any():
@@ -388,7 +407,7 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
             continue
         factors = FACTORS if j < u.shape[1] else (-1.0,)
         tried = [(0, factor, squares(_changed(step, u, y, j, 0, factor))) for factor in factors]
-        for way in (1, -1):
+        for way in (1, -1) if dt is None else ():
             tried += [(shift, 1.0, those) for shift, those in _shifts(step, u, y, j, way, squares)]
         for shift, factor, those in tried:
             error = _typical(those)
@@ -444,13 +463,13 @@ def _scale(outputs: Sequence[Signal], y: Array) -> Array:
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 
-def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
+def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, run: Callable[..., Run]) -> Array:
     """Return the sum over outputs of (error/scale)^2 of
     predictions for each sample (N), NaN without an error."""
     if len(y) <= first + AHEAD:
         return np.full(len(y), np.nan)
     step.reset()
-    for one in forecasts(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,)):
+    for one in forecasts(step, run(u=u, y=y), u, y, (AHEAD,)):
         if one.ahead is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
