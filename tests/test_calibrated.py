@@ -13,7 +13,7 @@ import hgogen as hg
 from hgogen.logs.advise import advise
 from hgogen.logs.judged import Judged, verdicts
 from hgogen.logs.likelihood import Likelihood, Noise
-from hgogen.logs.records import Log
+from hgogen.logs.records import Log, quantum_of
 from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, thetas, together
 from hgogen.modelfiles.json_file import BadFile, read_tunings
 from hgogen.modelfiles.tuning import First
@@ -174,3 +174,36 @@ def test_a_tuning_that_is_no_table_is_refused_beside_one_that_is(tmp_path: Path)
     (tmp_path / "tuned.json").write_text('{"tuning": {"a": {}, "b": 1}}')
     with pytest.raises(BadFile, match='has no table "tuning" of tables'):
         read_tunings(tmp_path / "tuned.json", CHAINS)
+
+
+def test_the_quantum_is_that_of_which_all_differences_are_multiples() -> None:
+    x = 0.1 * np.cumsum(np.random.default_rng(0).normal(size=2000))
+    steps = {q: quantum_of(np.round(x / q) * q + 0.013) for q in (0.3, 2e-4, 0.00291447, 1.0)}
+    assert [*steps.values()] == pytest.approx([*steps])
+    assert quantum_of(np.pi / 180 * np.round(x, 3)) == pytest.approx(np.pi / 180 * 1e-3)
+    assert quantum_of(np.array([0.0, 3, 3, 0, 6, 3, 8, 8, 6, 0])) == pytest.approx(
+        1.0
+    )  # 3, 3 and 2 steps: parts of a gap
+    for values in (x, np.full(50, 1.0), np.array([]), np.array([1.0, np.nan]), np.array([0.0, 1.0, 2.0])):
+        assert quantum_of(values) == 0.0
+    assert quantum_of(np.where(np.arange(2000) % 3, np.round(x, 2), np.nan)) == pytest.approx(0.01)
+
+
+def test_noise_of_a_sample_is_not_below_that_of_its_steps() -> None:
+    """Of a model without the noise that moves the plant the likelihood wants a sensor that is better than its steps;
+    a sensor that is as noisy as its steps is no such case."""
+    draw, N, q = np.random.default_rng(3), 1000, 0.05
+    still = hg.System("still", states=(X,), outputs=(Y,), flow=[-0 * X], output=[X])
+    form = hg.forms.original(still)
+
+    def likelihood(y: np.ndarray) -> Likelihood:
+        log = hg.Log(np.zeros((N, 0)), (np.round(y / q) * q)[:, None], 0.1)
+        return Likelihood(form, (log,), scale(form, 0.1, {}), "hold", 1)
+
+    walk = likelihood(2 * np.sin(0.03 * np.arange(N)))
+    best = walk.maxima([walk.ended(4)])[0]
+    assert q / np.sqrt(12) < best.sample["y"] < 1.03 * q / np.sqrt(12)  # two digits of its square are not below
+    assert walk.below_quantum(best) == {"y": best.sample["y"]}
+    quiet = likelihood(1.0 + 0.95 * q / np.sqrt(12) * draw.normal(size=N))
+    best = quiet.maxima(map(quiet.ended, (0, 1, 4)))[0]
+    assert quiet.below_quantum(best) == {}

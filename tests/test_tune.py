@@ -558,13 +558,22 @@ def test_a_tone_that_the_model_lacks_is_said() -> None:
 
 def row(name: str, error: float, **over: Any) -> Any:
     return SimpleNamespace(
-        **{"name": name, "error": error, "rank": (1, True, 9), "noise": None, "tried": (), "numbers": None, **over}
+        **{
+            "name": name,
+            "error": error,
+            "rank": (1, True, 9),
+            "noise": None,
+            "tried": (),
+            "numbers": None,
+            "below_quantum": {},
+            **over,
+        }
     )
 
 
 def test_the_verdict_says_why_and_where_measures_disagree() -> None:
     proved, first = row("high_gain", 0.52, rank=(0, True, 9)), row("riccati", 0.5)
-    made: Any = SimpleNamespace(best=proved, rows=(first, proved), tied=(first, proved), ahead=1, truth=())
+    made: Any = SimpleNamespace(best=proved, rows=(first, proved), tied=(first, proved), ahead=1, truth=(), final=())
     rows = [
         Judged("riccati", {1: {"y": 0.2}, 5: {"y": 0.8}}, {"v": 0.3}, {}),
         Judged("high_gain", {1: {"y": 0.21}, 5: {"y": 1.0}}, {"v": 0.4}, {"y": 9.0}),
@@ -593,7 +602,7 @@ def test_a_rival_is_better_by_more_than_five_percent() -> None:
 
 def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None:
     bad = row("riccati", 1.3)
-    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1, truth=())
+    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1, truth=(), final=())
     rows = [
         Judged("riccati", {1: {"y": 0.2}}, {}, {"y": 9.0}),
         Judged("copying", {1: {"y": 0.1}}, {}, {}),

@@ -46,7 +46,7 @@ from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
 from hgogen.logs.records import step_limits
-from hgogen.logs.tune import ADAPTIVE, Calibration, Tuned, tune
+from hgogen.logs.tune import FILTER, Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -128,7 +128,6 @@ class TuneReport(ModelReport):
     segments: Annotated[int, "segments of each record, by which gains that others chose are judged"]
     rows: Annotated[tuple[TunedRow, ...], "errors and costs of each observer"]
     notes: Annotated[tuple[str, ...], "what is doubtful, and which to take"]
-    final: Tuned | None
     files: Written = ()
 
     @property
@@ -144,13 +143,13 @@ class TuneReport(ModelReport):
     @property
     def written(self) -> tuple[Tuned, ...]:
         """The tunings as they are written: that to take is estimated from all rows."""
-        final = self.final
-        return tuple(final if final and final.name == row.name else row for row in self.calibration.rows)
+        final = {row.name: row for row in self.calibration.final}
+        return tuple(final.get(row.name, row) for row in self.calibration.rows)
 
     @property
     def changes(self) -> tuple[GainChange, ...]:
         """Numbers of the gains to take, before and after the rows held out were learned from; empty if none were."""
-        return () if self.final is None else gain_changes(self.calibration.best, self.final)
+        return gain_changes(self.calibration.best, self.calibration.final[0]) if self.calibration.final else ()
 
     @property
     def truth(self) -> tuple[str, ...]:
@@ -277,26 +276,29 @@ def tune_(
             rows=requested_forms(loaded, deep),
         )
         on_all_rows = partial(tuned, *logs.allowed, truth=measured[: logs.given] if on_truth else ())
-        final = tuned_again(calibration.best, on_all_rows) if logs.parted else None
-    calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
-    take = calibration.best
-    final = replace(final, name=take.name) if isinstance(final, Tuned) else final
-    changes = _change_of_gains(take, final)
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes)
-    written = final if isinstance(final, Tuned) else None
-    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes, written)
+        calibration, reason = tuned_again(calibration, on_all_rows) if logs.parted else (calibration, "")
+    own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
+    calibration = replace(calibration, rows=own, final=final)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, _change_of_gains(calibration, reason))
+    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
     return folder.save(report, "tuned.json")
 
 
-def tuned_again(best: Tuned, tune_on_all_rows: Callable[..., Calibration]) -> Tuned | str:
-    """Return the row `best` with gains estimated in the same way from all rows, or the reason why it has none."""
-    adaptive = best.name == ADAPTIVE
+def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibration]) -> tuple[Calibration, str]:
+    """Return the calibration with its best row, and the Kalman filter on the same plant, estimated in the same way from
+    all rows, of which the better one is to be taken; or the calibration as it is and the reason."""
+    best, names = calibration.best, {row.name for row in calibration.rows}
+    again = [name for name in dict.fromkeys((best.name, FILTER)) if name in names]
+    forms = {id(row): row for row in (calibration[name].first.row for name in again)}
     try:
-        result = tune_on_all_rows(observers=[ADAPTIVE if adaptive else best.first.observer], rows=[best.first.row])
+        result = tune_on_all_rows(observers=again, rows=forms.values())
     except HgogenError as error:
-        return str(error)
-    name = ADAPTIVE if adaptive else best.first.observer
-    return next((row for row in result.rows if row.name == name), result.refused.get(name, ""))
+        return calibration, str(error)
+    final = replace(result, rows=tuple(row for row in result.rows if row.name in again))
+    if not any(row.name == best.name for row in final.rows):
+        return calibration, result.refused.get(best.name, "")
+    take = final.best
+    return replace(calibration, final=(take, *(row for row in final.rows if row is not take))), ""
 
 
 def gain_changes(judged: Tuned, final: Tuned) -> tuple[GainChange, ...]:
@@ -305,14 +307,15 @@ def gain_changes(judged: Tuned, final: Tuned) -> tuple[GainChange, ...]:
     return tuple(GainChange(name, before[name], after[name]) for name in before if name in after)
 
 
-def _change_of_gains(take: Tuned, final: Tuned | str | None) -> Iterator[str]:
-    """Yield how far the gains to take moved when all rows were learned from; `final`: the tuning from all rows, or why
-    there is none."""
-    if isinstance(final, str):
-        yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {final}"
-    if not isinstance(final, Tuned):
+def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
+    """Yield how far the gains to take moved when all rows were learned from; `reason`: why there are none of these, or
+    empty."""
+    take = calibration.best
+    if reason:
+        yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {reason}"
+    if not calibration.final:
         return
-    changes = gain_changes(take, final)
+    changes = gain_changes(take, calibration.final[0])
     text = f"the errors above are those of {take.name} without the rows held out; the file has its gains from all rows"
     farthest = max(changes, key=lambda one: one.factor, default=None)
     if farthest is None or farthest.factor == 1:

@@ -178,8 +178,12 @@ def _selection(calibration: Calibration) -> Iterator[str]:
         f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
         f"much as {rival}"
     )
+    finals = {row.name: row.error for row in calibration.final}
     if best is first:
         yield f"{sentence}, the least of all"
+    elif best not in calibration.tied:
+        rivals = ", ".join(f"{name} {error:.3g}" for name, error in finals.items() if name != best.name)
+        yield f"{sentence}; {first.name} errs {first.error:.3g}, but from all rows {rivals} to {finals[best.name]:.3g}"
     else:
         cheaper = "knows its noise" if first.noise is None else "costs less"
         why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
@@ -250,5 +254,11 @@ def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
     if len(thetas) > 1 and best.numbers.theta in (thetas[0], thetas[-1]):
         end = "least" if best.numbers.theta == thetas[0] else "largest that a step of this period takes"
         yield f"its theta {best.numbers.theta:g} is the {end}"
+    for output, least in best.below_quantum.items():
+        yield (
+            f"R of {output} is at its least, a deviation of {least:.3g} by the steps in which {output} comes, and less "
+            "would be more likely: the model is at fault, not the sensor; fit it, or choose gains by predictions "
+            "further ahead, such as --ahead 25"
+        )
     if best.noise is not None and not best.noise.settled:
         yield "the search for Q and R did not settle; give a longer record, or one that moves more"

@@ -17,7 +17,8 @@ An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood
 log, but for a constant. With a corner c the innovation is reduced to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 +
 (r/c)^2), before it corrects, and costs the integral of psi instead of r^2/2: an outlier then moves the estimate little.
 
-Here F is by classical Runge-Kutta, and Q diagonal. The likelihood is maximised over log Q_i and log sigma_j^2 by IPOPT
+Here F is by classical Runge-Kutta, and Q diagonal. The variance of a sample is at least q^2/12, that of rounding to the
+quantum q of its column. The likelihood is maximised over log Q_i and log sigma_j^2 by IPOPT
 with exact gradients, from several starts, since it has several maxima.
 
 Sources: F. C. Schweppe, IEEE Transactions on Information Theory 11 (1965); C. J. Masreliez, R. D. Martin, IEEE
@@ -42,7 +43,7 @@ from hgogen.estimators.gate import GatedGroup
 from hgogen.estimators.gating import passing_limit, squared_distance
 from hgogen.form import Form
 from hgogen.graph import wrapped
-from hgogen.logs.records import Log, reading_of
+from hgogen.logs.records import Log, quantum_of, reading_of
 from hgogen.program import column
 from hgogen.run.consistency import CORNER
 from hgogen.signal import Signal, resting
@@ -197,6 +198,8 @@ Ended = tuple[float, Array, bool]  # log L per sample, logarithms, whether the s
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process and sample noise, in units
 ROUNDS = 20  # of gates and fits
 BOUND = 32.0  # bound of these logarithms
+CONSTANT_NIS = 0.5  # NIS of a sensor that stands on one step
+CLEARLY = 10.0  # difference of log L that no chance makes
 SAME = 0.1  # difference of logarithms within one maximum
 _OPTIONS: Any = {
     "print_time": False,
@@ -266,7 +269,7 @@ class Likelihood:
         return replace(record, y=np.where(mask, record.y, np.nan))
 
     def _ended(self, start: Any) -> Ended:
-        end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
+        end = self._solver(x0=start, lbx=self._least, ubx=BOUND)
         return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
 
     def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
@@ -283,11 +286,42 @@ class Likelihood:
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
         """Return the innovations e (N - 1, p) of a filter with this noise along a log, and variances s, NaN if
         missing or beyond a gate."""
-        logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
-        logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
-        there, e, s = self._filter.decided(record, self._start(record), ca.DM(logs), first=False)
+        there, e, s = self._filter.decided(record, self._start(record), ca.DM(self._logs(noise)), first=False)
         there = there[1:]
         return tuple(np.where(there, np.array(each).T[1:], np.nan) for each in (e, s))
+
+    def below_quantum(self, noise: Noise) -> dict[str, float]:
+        """Return by output the least deviation q/sqrt(12) that its quantum q admits, where the `noise` is at it and
+        half of it is more likely by a factor of exp(10) and more: a model that errs, since no sensor is as good. A
+        sensor that stands on one step has innovations below their variance, and is no such case."""
+        logs, below = self._logs(noise), dict[str, float]()
+        squares = np.concatenate([e**2 / s for e, s in (self.innovations(noise, log) for log in self.records)])
+        for j, name in enumerate(noise.sample):
+            half, place = logs.copy(), len(self._noisy) + j
+            half[place] -= math.log(4)
+            at_least = logs[place] < self._least[place] + SAME and self._least[place] > -BOUND
+            if at_least and np.nanmean(squares[:, j]) > CONSTANT_NIS and self._gain(logs, half) > CLEARLY:
+                below[name] = noise.sample[name]
+        return below
+
+    def _logs(self, noise: Noise) -> Array:
+        process = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
+        return np.array(process + [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()])
+
+    def _gain(self, logs: Array, others: Array) -> float:
+        """Return log L of all samples at `others` minus that at `logs`."""
+        count = sum(len(record.y) - 1 for record in self.records)
+        cost = self._solver.get_function("nlp_f")
+        return count * (float(cost(logs, [])) - float(cost(others, [])))
+
+    @cached_property
+    def _least(self) -> Array:
+        """The least logarithms: of R_j the variance q^2/12 of rounding to multiples of the quantum q of output j, and
+        5 % more, by which two digits of it may be below it."""
+        quanta = map(quantum_of, np.concatenate([record.y for record in self.records]).T)
+        pairs = zip(quanta, self.scale.outputs.values(), strict=True)
+        samples = [math.log(1.05 * q**2 / (12 * unit**2)) if q else -BOUND for q, unit in pairs]
+        return np.clip([*[-BOUND] * len(self._noisy), *samples], -BOUND, BOUND - 1)
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
         count = len(self._noisy)

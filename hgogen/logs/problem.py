@@ -34,7 +34,7 @@ import numpy as np
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.graph import Graph, to_casadi
 from hgogen.logs.likelihood import SURE, Innovations, states_with_noise
-from hgogen.logs.records import BadLog, Log
+from hgogen.logs.records import BadLog, Log, quantum_of
 from hgogen.part import on_line
 from hgogen.program import column
 from hgogen.rigor.singular import TINY, limited
@@ -340,8 +340,12 @@ class Predicting(_OnRecords):
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """The start and bounds of the logarithms of Q_i and r_j."""
-        return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
+        """The start and bounds of the logarithms of Q_i and r_j, at least q^2/12 by the quantum q of an output."""
+        start, low, high = SAMPLE
+        quanta = [quantum_of(column) for column in np.concatenate([record.y for record in self.records]).T]
+        pairs = zip(quanta, self.scale, strict=True)
+        least = [min(max(low, 2 * math.log(q / (math.sqrt(12) * unit))) if q else low, high) for q, unit in pairs]
+        return (*[PROCESS] * len(self.noisy), *((max(start, each), each, high) for each in least))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
         """Return the density Q_i of process noise by state, negligible for a state without noise of its own, and the

@@ -218,6 +218,27 @@ def demand_regular(plant: System, report: Report) -> None:
         raise BadRecord(report.path, f"has {rows}, and {plant.name} is discrete in time; {fix}")
 
 
+SMALLEST, FINEST, WHOLE = 1e-9, 4, 0.02  # gaps over the range that are rounding; parts of a gap; share of a quantum
+
+
+def quantum_of(values: np.ndarray) -> float:
+    """Return the largest q of which all differences of the `values` (N) are whole multiples, the resolution of a sensor
+    or of a file's digits; 0 where there is none."""
+    present = values[np.isfinite(values)]
+    levels = np.unique(present)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > SMALLEST * np.ptp(levels)] if len(gaps) else gaps
+    if len(gaps) < (2 if len(levels) < len(present) / 2 else LEAST):  # with few gaps any numbers are multiples
+        return 0.0
+    for parts in range(1, FINEST + 1):
+        q = float(gaps.min()) / parts
+        counts = gaps / q
+        off = np.abs(counts - np.rint(counts))
+        if np.all(off < WHOLE):
+            return float(np.sum(gaps) / np.rint(counts).sum())
+    return 0.0
+
+
 JITTER = 0.05  # of the period: a row farther off the grid is of another time
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)

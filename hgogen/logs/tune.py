@@ -92,6 +92,11 @@ class Tuned:
         return {y: there for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}
 
     @property
+    def below_quantum(self) -> Mapping[str, float]:
+        """The least deviation of each output whose quantum is larger than the noise that the log would make likely."""
+        return {} if self.noise is None or self.likelihood is None else self.likelihood.below_quantum(self.noise)
+
+    @property
     def rank(self) -> tuple[int, bool, int]:
         """The sort key among rows that predict equally well: first a proof, then known noise, then lower cost."""
         return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
@@ -336,7 +341,8 @@ class Search:
 class Calibration:
     """The result of `tune`: `rows` of observers, the best first; `refused`: by observer why others have none. Gains
     were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log;
-    `gates`: the samples beyond gates, which were left out."""
+    `gates`: the samples beyond gates, which were left out; `final`: the rows that were estimated again from all rows,
+    of which the first is to be taken."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
@@ -344,6 +350,7 @@ class Calibration:
     segments: int
     truth: tuple[str, ...] = ()
     gates: tuple[GateShare, ...] = ()
+    final: tuple[Tuned, ...] = ()
 
     @property
     def tied(self) -> tuple[Tuned, ...]:
@@ -352,8 +359,8 @@ class Calibration:
 
     @property
     def best(self) -> Tuned:
-        """The row to take: the one of least rank among the tied."""
-        return min(self.tied, key=lambda row: row.rank)
+        """The row to take: the one of least rank among the tied, or that from all rows."""
+        return self[self.final[0].name] if self.final else min(self.tied, key=lambda row: row.rank)
 
     def __getitem__(self, name: str) -> Tuned:
         return next(row for row in self.rows if row.name == name)
