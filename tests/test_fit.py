@@ -979,11 +979,11 @@ def test_nodes_of_rates_are_differences() -> None:
     p, q, r, s = (hg.Signal(name) for name in "pqrs")
     plant = hg.System("chain", states=(p, q, r, s), outputs=(Y,), flow=[-q, r, -p, -s], output=[p])
     t = DT * np.arange(50)
-    courses = with_rates(plant, {p: t**2}, 4, DT)
+    courses = with_rates(plant, {p: t**2}, 4, t)
     assert set(courses) == {p, q, r}
     assert courses[q][5:-5] == pytest.approx(-2 * t[5:-5])
     assert courses[r][5:-5] == pytest.approx(np.full(40, -2.0))
-    assert with_rates(plant, {p: t**2}, 1, DT)[q][1:-1] == pytest.approx(-2 * t[1:-1])
+    assert with_rates(plant, {p: t**2}, 1, t)[q][1:-1] == pytest.approx(-2 * t[1:-1])
 
 
 @pytest.mark.full

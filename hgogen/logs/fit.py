@@ -422,7 +422,7 @@ class Task:
                 for x, slope, level in measured_states(self.plant.states, expressions):
                     course = y.unwrapped(column) if x.period else y.nearest(column, slope * middle_of(x) + level)
                     courses[x] = np.interp(every_row, there, (course[there] - level) / slope)
-            courses = with_rates(self.plant, courses, self.problem.length, record.dt)
+            courses = with_rates(self.plant, courses, self.problem.length, np.cumsum(record.elapsed))
             rows = [courses[x][at] if x in courses else np.full(segments, resting(x)) for x in self.plant.states]
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
@@ -686,9 +686,9 @@ def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterat
                 yield x, float(slope), float(row.xreplace({x: 0}))
 
 
-def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, dt: float) -> dict[sp.Expr, Array]:
+def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, t: Array) -> dict[sp.Expr, Array]:
     """Return the courses (N) of states, and those of states that are by definition their rates, x_i' = +-x_j, by
-    differences over `length` rows of the period `dt`."""
+    differences over `length` rows at the times `t` (N)."""
     complete, half = dict(courses), max(1, length // 2)
     for _ in plant.states:
         for x, rate in zip(plant.states, plant.flow, strict=True):
@@ -697,7 +697,7 @@ def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, dt:
                     rows = np.arange(len(complete[x]))
                     first, last = np.maximum(rows - half, 0), np.minimum(rows + half, len(rows) - 1)
                     change = complete[x][last] - complete[x][first]
-                    complete[sign * rate] = sign * change / (dt * np.maximum(last - first, 1))
+                    complete[sign * rate] = sign * change / np.maximum(t[last] - t[first], np.finfo(float).tiny)
     return complete
 
 
