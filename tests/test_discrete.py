@@ -493,6 +493,21 @@ def test_an_error_that_only_the_map_makes_decay() -> None:
         hg.observers.luenberger(hg.forms.original(plant), gains={"y": (0, 0), "r": (0, 0)})
 
 
+def test_gains_that_converge_by_turns_only_are_taken() -> None:
+    """Frozen, p or v doubles; by turns of w = 1 and -1 both shrink by 0.6 in two samples. No turns save 2 and 2."""
+    shrinking, w = sp.Rational(85, 100), hg.Signal("w", "", "switch", low=-1, high=1)
+    rows = [(sp.Rational(115, 100) - shrinking * w) * p, (sp.Rational(115, 100) + shrinking * w) * v]
+    plant = cart(flow=rows, output=[p, v], inputs=(w,))
+    observer = hg.observers.luenberger(hg.forms.original(plant), gains={"y": (0, 0), "r": (0, 0)}, initial=(1, 1))
+    run = hg.sample(observer, dt=DT, engine="python").run(u=(-1.0) ** np.arange(N)[:, None], y=np.zeros((N, 2)))
+    assert np.abs(run.x[-1]).max() < 1e-3
+    reason = next(each.reason for each in observer.theorem.hypotheses if "linearised error" in each.claim)
+    assert reason.startswith("frozen at points of the ranges it decays at 0 of ")
+    growing = cart(flow=[2 * p, 2 * v + w], output=[p, v], inputs=(w,))
+    with pytest.raises(hg.HgogenError, match="let the error grow at every point"):
+        hg.observers.luenberger(hg.forms.original(growing), gains={"y": (0, 0), "r": (0, 0)})
+
+
 # ---------------------------------------------------------------- targets
 
 OBSERVERS: dict[str, Callable[[hg.Form], hg.Observer]] = {

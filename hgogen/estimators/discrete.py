@@ -28,7 +28,7 @@ from hgogen.observer import Observer, demand_form, gain, state_field
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Place, sym
 from hgogen.reading.given import BadGain, by_coordinate, by_output, names_of, reals
-from hgogen.sentence import because
+from hgogen.sentence import Reason, because
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 
 REFERENCE = (
@@ -82,19 +82,11 @@ def demand_plain_gain(form: Form, theta: float) -> None:
 
 
 POINTS = 12  # corners of the ranges, and as many points inside, at which the error is linearised
+CONSTANT = 1e-12  # share by which the entries of a constant matrix differ
 WIDER = 10.0  # share of the largest gain up to which each can be tuned
 LUENBERGER = "Luenberger, An introduction to observers, IEEE TAC 16 (1971)"
 DECAYS = Theorem(
-    "the estimate converges from nearby",
-    (
-        Hypothesis(
-            "the linearised error decays along the plant's motion",
-            verdict=Verdict.UNKNOWN,
-            reason="it decays where it is frozen at a point of the ranges, else the gains are refused",
-        ),
-        *(each for each in OPERATION if each.claim != _CONTINUOUS[0]),
-    ),
-    LUENBERGER,
+    "the estimate converges from nearby", (*(each for each in OPERATION if each.claim != _CONTINUOUS[0]),), LUENBERGER
 )
 
 
@@ -110,13 +102,16 @@ def luenberger(
     Args: `gains` K (n), by the names of states or in their order; of several outputs a K_j (n) for each, by name or in
     order; `initial` the plant's state; `accept` ids of refuted checks to ignore.
 
-    Raises: `Refuted`; `BadGain` for gains of another length, and for those with which the error decays at no point of
-    the ranges.
+    Raises: `Refuted`; `BadGain` for gains of another length, and those with which the linearised error cannot decay.
     """
     accept = demand_form("luenberger", form, accept, discrete=True)
     K, names = _gain_rows(form, gains), names_of(form.system.outputs)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
-    _demand_decay(dynamics, K)
+    decay = Hypothesis(
+        "the linearised error decays along the plant's motion",
+        verdict=Verdict.UNKNOWN,
+        reason=str(_frozen(dynamics, K)),
+    )
     largest = WIDER * max(float(np.abs(K).max()), 1e-300)
     fields = [
         gain(f"K_{y}", row, -largest, largest, f"error of {y} onto the states") for y, row in zip(names, K, strict=True)
@@ -141,7 +136,7 @@ def luenberger(
         dynamics=dynamics,
         claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), no_proof("luenberger")),
         accepted=accept,
-        theorem=DECAYS,
+        theorem=DECAYS.under(decay),
         equations=("z <- f(z, u)", "at a sample of y_j: z <- z + K_j (y_j - h_j)"),
         reference=LUENBERGER,
     )
@@ -162,12 +157,22 @@ def _gain_rows(form: Form, gains: Any) -> np.ndarray:
     return rows
 
 
-def _demand_decay(dynamics: Dynamics, K: np.ndarray) -> None:
-    """Raise `BadGain` where the error e <- F (1 - K_p C_p) .. (1 - K_1 C_1) e decays at no point of the ranges."""
-    one, sizes = np.eye(dynamics.n), []
+def _frozen(dynamics: Dynamics, K: np.ndarray) -> Reason:
+    """Return at how many points of the ranges the error e <- F (1 - K_p C_p) .. (1 - K_1 C_1) e decays, if its matrix
+    were that of the point for ever.
+
+    By turns of such matrices an error may decay that does so at none of them, or grow. Raises: `BadGain` where it
+    cannot decay: the matrix is constant and has an eigenvalue of modulus 1 or more, or every determinant is 1 or more.
+    """
+    one, loops = np.eye(dynamics.n), []
     for F, C in zip(*jacobians_on_box(dynamics, POINTS), strict=True):
-        loop = reduce(lambda whole, pair: (one - np.outer(*pair)) @ whole, zip(K, C, strict=True), one)
-        sizes.append(float(np.abs(np.linalg.eigvals(F @ loop)).max()))
-    if not min(sizes) < 1:
-        reason = f"let the error grow at every point of the ranges that was tried, by {min(sizes):.3g} a sample or more"
+        loops.append(F @ reduce(lambda whole, pair: (one - np.outer(*pair)) @ whole, zip(K, C, strict=True), one))
+    sizes = np.abs(np.linalg.eigvals(loops)).max(axis=1)
+    constant = np.ptp(loops, axis=0).max() <= CONSTANT * np.abs(loops).max()
+    if np.abs(np.linalg.det(loops)).min() >= 1 or (constant and sizes.min() >= 1):
+        reason = (
+            f"let the error grow at every point of the ranges that was tried, by {sizes.min():.3g} a sample or more"
+        )
         raise BadGain("gains", f"{reason}; take others, or riccati")
+    pattern = "frozen at points of the ranges it decays at {count} of {points}, which decides nothing of its motion"
+    return because(pattern, count=int((sizes < 1).sum()), points=len(sizes))
