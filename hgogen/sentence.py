@@ -47,6 +47,12 @@ def same(value: float) -> str:
     return six_digits if float(six_digits) == value else repr(float(value))
 
 
+def tidy(value: float) -> str:
+    """Return a float as text of 12 digits that are off by rounding errors only, 0.01 of 0.1 * 0.1, or by `same`."""
+    twelve_digits = float(f"{value:.12g}")
+    return same(twelve_digits if abs(twelve_digits - value) <= 4 * math.ulp(value) else value)
+
+
 @dataclass(frozen=True)
 class Up:
     """A number `value` that is printed rounded up, by `up` with its other arguments."""

@@ -194,10 +194,17 @@ class System:
             return ""
         rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
         rows += [(row, None) for row in (*self.invariants, *(() if self.discrete else self.flow))]
-        following = self.flow if self.discrete else ()
-        shifts = hidden_shifts({x: x.period for x in self.states}, rows, following)
-        parts = [f"{x} modulo {part_of_turn(x, shift)}" for x, shift in shifts.single.items()]
-        for joint in shifts.joint:
+        # those without a period first: a basis then has the least shifts of these, which their ranges may not admit
+        pairs = sorted(zip(self.states, self.flow, strict=True), key=lambda pair: pair[0].period is not None)
+        following = [row for _, row in pairs] if self.discrete else ()
+        shifts = hidden_shifts({x: x.period for x, _ in pairs}, rows, following)
+
+        def admitted(shift: Mapping[Signal, sp.Expr]) -> bool:
+            inside = (abs(step) <= x.interval[1] - x.interval[0] for x, step in shift.items() if x.period is None)
+            return all(inside)
+
+        parts = [f"{x} modulo {part_of_turn(x, step)}" for x, step in shifts.single.items() if admitted({x: step})]
+        for joint in filter(admitted, shifts.joint):
             each = (f"{part_of_turn(x, shift)} of {x}" for x, shift in joint.items())
             parts.append(f"{' and '.join(map(str, joint))} modulo a joint shift by {' and '.join(each)}")
         parts += [f"{x} up to shifts that are not excluded" for x in shifts.open]

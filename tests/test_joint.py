@@ -11,8 +11,9 @@ from oracle import joint
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.estimators.noise import sample_deviations
 from hgogen.model import load
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, field_text
 from hgogen.run import native
 
 DT, N = 0.1, 250
@@ -52,6 +53,19 @@ def model() -> joint.Model:
         return np.array([[z[0] / r, z[1] / r, 0], [-z[1] / r**2, z[0] / r**2, -1], [1, 0, 0]])
 
     return joint.Model(f, F, h, H, (np.array([INF, INF, TURN]), np.array([INF, TURN, INF])))
+
+
+def test_what_is_printed_of_a_full_R_is_R() -> None:
+    form = hg.forms.original(cart())
+    observer = hg.observers.riccati(form, Q_per_sample=Q, R_per_sample=FULL, update="joint")
+    step = hg.sample(observer, dt=DT)
+    assert sample_deviations(step) == pytest.approx(
+        dict(zip(("rho", "bearing", "x"), np.sqrt(np.diag(FULL)), strict=True))
+    )
+    texts = [field_text(field) for field in step.layout.gains]
+    assert any(text.startswith("D of R = L D L' = {rho: 0.004, bearing: ") for text in texts)
+    alone = hg.sample(hg.observers.riccati(form, Q=Q, R_per_sample=0.1**2, update="joint"), dt=0.1)
+    assert "R = {rho: 0.001, bearing: 0.001, x: 0.001}" in [field_text(field) for field in alone.layout.gains]
 
 
 @cache
@@ -292,7 +306,7 @@ def test_a_text_model_has_it(tmp_path: Path) -> None:
         path.write_text(TEXT.replace("SPELLED", lines))
         step = load(path).step("riccati")
         assert step.tuned["R"] == (1.0, 1.75)
-        assert any("[[" in line or "[1.0, 0.5]" in line for line in step.observer.equations)
+        assert any("R: [4, 2], [2, 8]" in line or "[1, 0.5]" in line for line in step.observer.equations)
 
 
 def test_beside_delays_periods_and_no_guards() -> None:

@@ -188,8 +188,44 @@ def test_shifts_of_several_angles_at_once_are_reported() -> None:
     plant = hg.System("two", states=(a, b), outputs=outputs, flow=flow, output=[2 * a, 3 * a + b])
     said = "the outputs give a and b modulo a joint shift by half a turn of a and half a turn of b"
     assert said in str(hg.observability(plant).checks[0].reason)
+    wide, narrow = hg.Signal("w", low=-9, high=9), hg.Signal("w", low=-3, high=3)
+    for w, modulo in ((wide, "w modulo 12.5664"), (narrow, "")):  # a whole turn in a sample of 1/2
+        sampled = hg.System("s", states=(a, w), outputs=outputs[:1], flow=[a + w / 2, w], output=[a], discrete=True)
+        assert sampled.modulo == modulo
     most = hg.System("most", states=(a,), outputs=(hg.Signal("y"),), flow=[0], output=[sp.Max(sp.sin(a), sp.cos(a))])
     assert most.modulo == "a up to shifts that are not excluded"
+
+
+def test_the_cut_of_an_angle_is_no_jump_of_an_output_with_its_period() -> None:
+    """A bearing of a place: across the cut away from the origin, and with it; by half a period; in the flow as well."""
+    u, w = hg.Signal("u", low=-2, high=2), hg.Signal("w", low=-2, high=2)
+    py, any_side = hg.Signal("py", low=-5, high=5), hg.Signal("px", low=-5, high=5)
+    left, right = hg.Signal("px", low=-5, high=-1), hg.Signal("px", low=1, high=5)
+
+    def claims(px: hg.Signal, period: float | None, share: Any = 1, rate: sp.Expr = u) -> tuple[str, str]:
+        output = [share * sp.atan2(py, px)]
+        y = hg.Signal("y", period=period)
+        plant = hg.System("b", states=(px, py), inputs=(u, w), outputs=(y,), flow=[rate, w], output=output)
+        checks = {check.id.unqualified: check for check in hg.forms.original(plant).checks}
+        regular = next(check for check in hg.singularity(plant).checks if check.id.unqualified == "regular")
+        return str(checks["lipschitz"]), str(regular)
+
+    cut = "atan2(py, px) may jump", "px > 0"
+    degrees = 180 / sp.pi
+    steep, regular = claims(left, TURN)
+    assert "proved" in steep
+    assert "the short way round" in steep
+    assert "px > 0" not in regular
+    assert "proved" in claims(left, 360, degrees)[0]
+    assert "proved" in claims(right, TURN)[0]
+    for each in (claims(left, None), claims(left, 360, degrees / 2), claims(left, TURN, rate=u + sp.atan2(py, left))):
+        assert cut[0] in each[0]
+        assert cut[1] in each[1]
+    steep, regular = claims(any_side, TURN)
+    assert "it may be singular at px**2 + py**2 = 0" in steep
+    assert steep.startswith("unknown")
+    assert "px**2 + py**2 != 0" in regular
+    assert "px > 0" not in regular
 
 
 def test_a_parameter_has_no_turns() -> None:

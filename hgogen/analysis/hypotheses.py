@@ -26,10 +26,10 @@ from typing import Any
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, Slopes, enclosure, point, sides
-from hgogen.analysis.undefined import if_valued, value_conditions
+from hgogen.analysis.undefined import if_valued, value_conditions, wrapped_angles
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.rigor.bounds import Cause, Proof, Sign, bound, counted, ends, nonzero
+from hgogen.rigor.bounds import Cause, Proof, Sign, bound, contains_zero, counted, enclose, ends, nonzero
 from hgogen.rigor.box import EVERYTHING, box, exact, kind, points, settled, witness
 from hgogen.rigor.singular import CHORD, limited, minimal, one_sided, reasons, singular
 from hgogen.rigor.slope import JUMPS, lipschitz_bound
@@ -329,10 +329,13 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     """
     claim = f"{name} is Lipschitz in the state on the box"
     check = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
-    around, entries = system.box, tuple(b)
+    around, entries, angles = system.box, tuple(b), wrapped_angles(system)
     rows = tuple(one_sided(row, around) for row in entries)
+    behind = (node for node in angles if enclose(node.args[1], around)[1] < 0)
+    left = {node: sp.atan2(*(-e for e in node.args)) for node in behind if contains_zero(enclose(node.args[0], around))}
+    uncut = tuple(row.xreplace(left) for row in rows)  # off by half a turn, and cut elsewhere
     try:
-        steepest = lipschitz_bound(rows, system.states, around)
+        steepest = lipschitz_bound(uncut, system.states, around)
     except NoTape as missing:
         reason = because(_SINGULAR, what=missing.what)
         return replace(check, reason=reason, fix="Write it with functions that are known.")
@@ -344,7 +347,11 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
             boxes=counted(steepest.boxes),
         )
         reason = on if steepest.high else because("it does not depend on the state")
-        return if_valued(replace(check, verdict=Verdict.PROVED, reason=reason, proofs=(bound,)), system)
+        wrapped = because("errors of outputs with a period the short way round") if uncut != rows else NONE
+        proved = replace(
+            check, verdict=Verdict.PROVED, reason=joined(reason, wrapped), proofs=() if wrapped else (bound,)
+        )
+        return if_valued(proved, system)
     if steepest.verdict is Verdict.REFUTED:
         place = witness(steepest.witness)
         return replace(check, verdict=Verdict.REFUTED, reason=steepest.reason, witness=place, fix=_NARROW)
@@ -367,12 +374,14 @@ def with_chords(check: Check, b: Iterable[sp.Expr], system: System) -> Check:
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
     around = system.box
     nodes = {node for row in map(with_norms, rows) for node in row.atoms(*JUMPS)}
-    jumps = sorted((node for node in nodes if node.has(*system.states)), key=str)
+    angles = wrapped_angles(system)
+    jumps = sorted((node for node in nodes if node.has(*system.states) and node not in angles), key=str)
     if jumps:
         why = because("{part} may jump", part=jumps[0])
         return {"reason": why, "fix": "Write saturations with sympy.Min and sympy.Max."}
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     poles = singular([*rows, *slopes], around)
+    poles |= {node: condition for node, condition in angles.items() if node in poles}
     read = {s for row in rows for s in row.free_symbols & {*system.states, *system.inputs}}
     unbounded = sorted(s.name for s in read if not s.bounded)
     if unbounded:

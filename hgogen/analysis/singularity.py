@@ -33,10 +33,10 @@ from sympy.combinatorics import Permutation
 
 from hgogen.analysis.determinant import Determinant, alive, as_written, determinant, independent, zero_set
 from hgogen.analysis.maps import along, length, rates, size, without_derivative
-from hgogen.analysis.undefined import on_box, on_branches, value_conditions
+from hgogen.analysis.undefined import on_box, on_branches, value_conditions, wrapped_angles
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import cached, requires_any_plant
-from hgogen.rigor.bounds import Interval, nonzero
+from hgogen.rigor.bounds import Interval, contains_zero, enclose, nonzero
 from hgogen.rigor.box import box as box_of
 from hgogen.rigor.box import exact
 from hgogen.rigor.factors import ROUGH, Row, branches, codistribution_product, powers, split_roots, tower
@@ -54,7 +54,7 @@ from hgogen.rigor.rank import (
 )
 from hgogen.rigor.rank import branches as switches_of
 from hgogen.rigor.series import Arithmetic, Plant, Point, evaluate, first_gradients
-from hgogen.rigor.singular import minimal, reasons, singular
+from hgogen.rigor.singular import NONZERO, minimal, reasons, singular
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
 from hgogen.signal import times
@@ -425,7 +425,9 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     readable = _open(plant, (jet.readable and jet.readable.factors) or ()) if doubtful else ()
     conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
-    smooth = singular(map(exact, jet.parts), box).values()
+    every, angles = singular(map(exact, jet.parts), box), wrapped_angles(plant)
+    smooth = [angles.get(node, condition) for node, condition in every.items()]
+    smooth = [one for one in smooth if one.relation != NONZERO or contains_zero(enclose(one.of, box))]
     # new coordinates, or a derivative, may have lost a part of the plant as it is written
     conditions += reasons(minimal((*smooth, *value_conditions(plant))))
     if not conditions:

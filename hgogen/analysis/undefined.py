@@ -27,8 +27,9 @@ import sympy as sp
 from hgogen.analysis.manifold import projection
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
-from hgogen.rigor.box import Box, Point, box
+from hgogen.rigor.box import Box, Point, box, exact
 from hgogen.rigor.invariant import restricted
+from hgogen.rigor.periodic import exact_turn
 from hgogen.rigor.rank import Reached, at_values, reached
 from hgogen.rigor.singular import (
     CHORD,
@@ -42,6 +43,7 @@ from hgogen.rigor.singular import (
     doubtful,
     limited,
     minimal,
+    off_origin,
     one_sided,
     put_apart,
     resolved,
@@ -204,7 +206,7 @@ def _condition(part: sp.Expr) -> Condition:
     if isinstance(part, sp.tan):
         return Condition(NONZERO, sp.cos(part.args[0]))
     if isinstance(part, sp.atan2):
-        return Condition(NONZERO, sp.Add(*(argument**2 for argument in part.args)))
+        return off_origin(part)
     if type(part) in _ARGUMENT:
         return Condition(_ARGUMENT[type(part)], part.args[0])
     return Condition("{of} has a value", part)
@@ -294,6 +296,20 @@ def on_box(plant: System) -> System:
     around = plant.box
     flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
     return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
+
+
+def wrapped_angles(plant: System) -> dict[sp.Expr, Condition]:
+    """Return the atan2(y, x) that enter only outputs with a period, with whole periods a turn, so that their cut is no
+    jump of an output; each with the condition under which it is smooth."""
+    angles, others = set[sp.Expr](), [*plant.flow]
+    for output, row in zip(plant.outputs, plant.output, strict=True):
+        for term in sp.Add.make_args(row):
+            share, node = term.as_independent(sp.atan2, as_Add=False)
+            turns = exact(share) * 2 * sp.pi / exact_turn(output.period) if output.period is not None else sp.nan
+            angles |= {node} if isinstance(node, sp.atan2) and turns.is_integer else set()
+            others += [] if node in angles else [term]
+    alone = sorted((node for node in angles if not any(row.has(node) for row in others)), key=str)
+    return {written: off_origin(exact(node)) for node in alone for written in (node, exact(node))}
 
 
 def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:

@@ -22,7 +22,7 @@ import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.linearised import evaluated, jacobians_on_box
-from hgogen.check import Check, ClaimId, Verdict
+from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, state_field
 from hgogen.part import Clock, Jump, Pieces
@@ -85,8 +85,14 @@ POINTS = 12  # corners of the ranges, and as many points inside, at which the er
 CONSTANT = 1e-12  # share by which the entries of a constant matrix differ
 WIDER = 10.0  # share of the largest gain up to which each can be tuned
 LUENBERGER = "Luenberger, An introduction to observers, IEEE TAC 16 (1971)"
+_DECAY = "the linearised error decays along the plant's motion"
 DECAYS = Theorem(
-    "the estimate converges from nearby", (*(each for each in OPERATION if each.claim != _CONTINUOUS[0]),), LUENBERGER
+    "the estimate converges from nearby",
+    (
+        Hypothesis(_DECAY, (Claims("luenberger", "decay"),)),
+        *(each for each in OPERATION if each.claim != _CONTINUOUS[0]),
+    ),
+    LUENBERGER,
 )
 
 
@@ -107,10 +113,8 @@ def luenberger(
     accept = demand_form("luenberger", form, accept, discrete=True)
     K, names = _gain_rows(form, gains), names_of(form.system.outputs)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
-    decay = Hypothesis(
-        "the linearised error decays along the plant's motion",
-        verdict=Verdict.UNKNOWN,
-        reason=str(_frozen(dynamics, K)),
+    decay = Check(
+        ClaimId("luenberger", "decay"), _DECAY, Verdict.UNKNOWN, _frozen(dynamics, K), fix="Validate by trials."
     )
     largest = WIDER * max(float(np.abs(K).max()), 1e-300)
     fields = [
@@ -134,9 +138,9 @@ def luenberger(
         gains=tuple(fields),
         z=estimate,
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), no_proof("luenberger")),
+        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), decay, no_proof("luenberger")),
         accepted=accept,
-        theorem=DECAYS.under(decay),
+        theorem=DECAYS,
         equations=("z <- f(z, u)", "at a sample of y_j: z <- z + K_j (y_j - h_j)"),
         reference=LUENBERGER,
     )

@@ -40,11 +40,21 @@ from hgogen.estimators.riccati_part import (
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
 from hgogen.reading.expression import parse
-from hgogen.reading.given import BadGain, by_coordinate, by_output, demand_switch, in_order, names_of, positive
+from hgogen.reading.given import (
+    FACTORED,
+    BadGain,
+    by_coordinate,
+    by_output,
+    demand_switch,
+    in_order,
+    names_of,
+    positive,
+)
 from hgogen.rigor.bounds import bound
 from hgogen.sentence import because, joined
 
 if TYPE_CHECKING:
+    from hgogen.program import Field
     from hgogen.step import Step
 
 SPELLINGS = {  # the keywords besides Q and R, with the type that a signature shows
@@ -271,6 +281,7 @@ def _deviations(observer: str, form: Form, noise: Any, own: Container[str]) -> d
 _DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma of a sample for T, by the gain's unit
     "y^2 s": lambda R, T: sqrt(R / T),
     "y^2": lambda R, T: sqrt(R / T),
+    FACTORED: lambda R, T: sqrt(R / T),
     "1/(y^2 s)": lambda R, T: sqrt(1 / (R * T)),
     "u^2 s": lambda U, dt: sqrt(U / dt),
     "u^2": lambda U, dt: sqrt(U / dt),
@@ -282,19 +293,30 @@ def sample_deviations(step: "Step") -> dict[str, float]:
     of a step at theta = 1, in the signal's unit; empty for an observer without R, without outputs whose variance is an
     expression."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
+    factors = [part.correlated for part in _riccati_parts(step) if part.correlated is not None]
     return {
         name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
         for field in step.layout.gains
         if field.unit in _DEVIATIONS and field.labels  # the thresholds of an innovation have none
-        for name, density in zip(field.labels, field.initial, strict=True)
+        for name, density in zip(field.labels, _densities(field, factors), strict=True)
         if name not in _varying(step)
     }
 
 
+def _densities(field: "Field", factors: Sequence[np.ndarray]) -> list[float]:
+    """Return the entries of a gain, in place of D the diagonal of R = L D L'."""
+    d = np.array(field.initial)
+    return list(((factors[0] ** 2) @ d if field.unit == FACTORED else d).tolist())
+
+
+def _riccati_parts(step: "Step") -> list[Riccati]:
+    parts = (part.plain if isinstance(part, Around) else part for part in step.observer.parts)
+    return [part for part in parts if isinstance(part, Riccati)]
+
+
 def _varying(step: "Step") -> dict[str, sp.Expr]:
     """Return the expressions of variances of one sample by the outputs' names."""
-    parts = (part.plain if isinstance(part, Around) else part for part in step.observer.parts)
-    known = [part.varying for part in parts if isinstance(part, Riccati) and part.varying is not None]
+    known = [part.varying for part in _riccati_parts(step) if part.varying is not None]
     each = (zip(names_of(step.outputs), one.expressions, strict=True) for one in known)
     return {name: e for pairs in each for name, e in pairs if not e.is_number}
 

@@ -43,6 +43,7 @@ from hgogen.observer import gain, state_field
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Place, column, sym
 from hgogen.reading.given import (
+    FACTORED,
     BadGain,
     Matrix,
     Values,
@@ -56,6 +57,7 @@ from hgogen.reading.given import (
 from hgogen.rigor import definite
 from hgogen.rigor.definite import symmetric, unsymmetric
 from hgogen.rigor.tape import slope
+from hgogen.sentence import tidy
 from hgogen.signal import LOST, Signal, spread
 
 POINTS = 12  # corners, and as many points inside, at which the model is linearised
@@ -634,7 +636,7 @@ def extended(
         varying=varying,
     )
     units = ("z^2", "y^2", "u^2") if form.system.discrete else ("z^2/s", "y^2 s", "u^2 s")
-    kind, unit = ("output noise, diagonal factor", "y y'") if correlated else ("output noise", units[1])
+    kind, unit = ("output noise, diagonal factor", FACTORED) if correlated else ("output noise", units[1])
     gains: tuple[Field, ...] = (
         wide("Q", weights, "process noise, diagonal factor", units[0], form.names),
         wide("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
@@ -644,7 +646,7 @@ def extended(
         pairs = zip(names_of(form.system.outputs), varying.expressions, strict=True)
         equations += tuple(f"variance of a sample of {y} = {e}, times R dt" for y, e in pairs if not e.is_number)
     if part.joint:
-        rows = ", ".join(str(row) for row in measured.tolist()) if correlated else "diagonal"
+        rows = ", ".join(f"[{', '.join(map(tidy, row))}]" for row in measured.tolist()) if correlated else "diagonal"
         equations += (f"all samples of a call correct together, outputs at the prediction; R: {rows}",)
     if disturbed:
         names = tuple(form.system.inputs[i].name for i in disturbed.inputs)

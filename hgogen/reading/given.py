@@ -28,7 +28,7 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.form import Form
 from hgogen.program import Field
 from hgogen.reading.files import cut, quoted
-from hgogen.sentence import same
+from hgogen.sentence import tidy
 from hgogen.system import System, demand_continuous
 
 S = TypeVar("S", bound=sp.Symbol)
@@ -356,12 +356,15 @@ def values_by_name(field: Field) -> dict[str, float] | list[float] | float:
     return values if field.size > 1 else values[0]
 
 
+FACTORED = "y y'"  # the unit of the gain R where it is D of R = L D L'
+
+
 def field_text(field: Field) -> str:
     """Return a field's values as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
-    values = values_by_name(field)
+    values, name = values_by_name(field), f"D of {field.name} = L D L'" if field.unit == FACTORED else field.name
     if isinstance(values, dict) and len(values) > 1:
-        return f"{field.name} = {_braces({name: same(value) for name, value in values.items()})}"
-    return f"{field.name} = {', '.join(map(same, field.initial))}"
+        return f"{name} = {_braces({name: tidy(value) for name, value in values.items()})}"
+    return f"{name} = {', '.join(map(tidy, field.initial))}"
 
 
 def matrix_line(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
@@ -369,7 +372,7 @@ def matrix_line(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return ()
     rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
-    lines = [_braces(dict(zip(form.names, map(same, row), strict=True))) for row in rows]
+    lines = [_braces(dict(zip(form.names, map(tidy, row), strict=True))) for row in rows]
     text = _braces(dict(zip(form.names, lines, strict=True)))
     return (f"{name} = {text}; the gain {name} is D of its factors",)
 

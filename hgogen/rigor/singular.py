@@ -119,6 +119,7 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
         argument = node.args[index]
         least, most = enclose(argument, box)
         clear = low < least and (most < high or high == math.inf)
+        clear = clear or (isinstance(node, sp.atan2) and not contains_zero(enclose(node.args[0], box)))
         return None if clear else Condition(relation, sp.cos(argument) if isinstance(node, sp.tan) else argument)
     if not isinstance(node, sp.Pow):
         return None if type(node) in _ENTIRE or isinstance(node, Table) else Condition("{of} is smooth", node)
@@ -128,6 +129,11 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
     if base[0] > 0 or (node.exp.is_Rational and node.exp > 0 and base[0] >= 0):
         return None
     return Condition(POSITIVE, node.base)
+
+
+def off_origin(angle: sp.atan2) -> Condition:
+    """Return the condition under which atan2(y, x) has a value, and is smooth modulo a turn."""
+    return Condition(NONZERO, sp.Add(*(part**2 for part in angle.args)))
 
 
 # --- parts lost by simplification
@@ -169,7 +175,8 @@ def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...
     """Return the conditions, such as u != 0 for 1/u, under which the expressions have values on the box."""
     necessary = set[Condition]()
     for part in doubtful(expressions, box):
-        needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
+        needs = [] if isinstance(part, _CHOOSING) else [*singular((part,), box).values()]
+        needs = [off_origin(part)] if isinstance(part, sp.atan2) else needs  # it has a value on its cut
         necessary.update(needs or (Condition("{of} has a value", part),))
     return minimal(necessary)
 
