@@ -156,7 +156,7 @@ def test_check(here: Path):
     assert answer["coordinates"] == {"z1": "x1", "z2": "x2", "z3": "-eta"}
     assert answer["flow"]["z3"] == "0"
     assert answer["outputs"] == {"y": "z1"}
-    shown, said = hgogen("check", "neuron")
+    shown, said = hgogen("check", "neuron", "--all")
     assert said == ""
     assert "z1 = x1, z2 = x2, z3 = -eta" in shown
     assert f"  z2' = {answer['flow']['z2']}\n" in shown
@@ -182,7 +182,7 @@ def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
     (here / "bare.py").write_text(text[: text.index("tuning = ")])
     answer = as_json("check", "bare.py")
     assert answer["refuted"] == ["triangular.a_2"]
-    out, err = hgogen("check", "bare.py")
+    out, err = hgogen("check", "bare.py", "--all")
     assert "a_2 vanishes; at u = 0" in out
     assert "z1 = x1" in out
     assert err == "hgogen: bare.py has no observer: the checks are those of the triangular form alone\n"
@@ -197,7 +197,7 @@ def test_check_of_a_plant_in_no_form(here: Path):
     answer = as_json("check", str(alone))
     assert (answer["form"], answer["refuted"]) == ("triangular", ["triangular.structure"])
     assert {row["verdict"] for row in answer["forms"] if row["name"] in ("triangular", "uniform")} == {"refuted"}
-    out, err = hgogen("check", str(alone))
+    out, err = hgogen("check", str(alone), "--all")
     assert "in triangular form" not in out
     assert out.count("y brings in soc, v together") == 1
     assert "hgogen check MODEL tells" not in out  # which is what it does
@@ -207,7 +207,7 @@ def test_check_of_a_plant_in_no_form(here: Path):
 def test_check_of_a_plant_that_is_not_observable(here: Path):
     answer = as_json("check", str(MODELS / "sir.toml"))
     assert answer["observability"]["known"]["unobservable"] == answer["observability"]["known"]["repairs"]
-    out, _ = hgogen("check", str(MODELS / "sir.toml"))
+    out, _ = hgogen("check", str(MODELS / "sir.toml"), "--all")
     assert "is not observable: rank 2 of 3" in out
     assert "as well" in out
     assert "singularity" not in out
@@ -215,7 +215,7 @@ def test_check_of_a_plant_that_is_not_observable(here: Path):
 
 @pytest.mark.full
 def test_check_names_the_states_of_a_recast_plant(here: Path):
-    out, _ = hgogen("check", str(MODELS / "cascaded_tanks.py"))
+    out, _ = hgogen("check", str(MODELS / "cascaded_tanks.py"), "--all")
     assert "cascaded_tanks in triangular form, z1 = x2, z2 = w\n  with w = sqrt(x1)\n" in out
 
 
@@ -229,7 +229,7 @@ def test_a_step_on_a_refuted_form_exits_1(here: Path):
     assert answer["checks"][0]["id"] == "triangular.structure"
     assert answer["theorem"] is None
     assert "refused on this form" in answer["notes"][0]
-    shown = hgogen("check", "stubborn.py", status=1)[0]
+    shown = hgogen("check", "stubborn.py", "--all", status=1)[0]
     assert "  z3' = 0\n" in shown
     assert "triangular.lipschitz" in shown
     for command in ("build", "generate", "simulate"):
@@ -510,7 +510,7 @@ def test_check_tells_the_singular_set(here: Path):
     assert set(singular["factors"]) == {"eps", "u"}
     assert singular["inputs"] == ["u"]
     assert [check["verdict"] for check in singular["checks"]] == ["where"] * 3
-    shown, _ = hgogen("check", "neuron")
+    shown, _ = hgogen("check", "neuron", "--all")
     assert "singular input: u = 0" in shown
     assert "holds where u_dot != 0" in shown
 
@@ -528,7 +528,7 @@ plant = hg.System("jumping", states=(x1, x2), outputs=(y,), flow=[(2 + sp.sign(x
 @pytest.mark.full
 def test_a_question_without_an_answer_leaves_the_others(here: Path):
     (here / "models" / "jumping.py").write_text(JUMPING)
-    shown, _ = hgogen("check", "jumping", "--deep")
+    shown, _ = hgogen("check", "jumping", "--all", "--deep")
     assert "proved   triangular.a_2" in shown
     assert "not known: sign(x1) has no derivative somewhere" in shown
     answer = as_json("check", "jumping")
@@ -538,14 +538,14 @@ def test_a_question_without_an_answer_leaves_the_others(here: Path):
 
 @pytest.mark.full
 def test_check_begins_with_its_answer(here: Path):
-    first = hgogen("check", "neuron")[0].split("\n")[0]
+    first = hgogen("check", "neuron", "--all")[0].split("\n")[0]
     assert first.startswith("fitzhugh_nagumo: locally observable; state_affine, proved; its observer's form: ")
     assert first.endswith(": triangular but for a_2 (accepted); convergence unknown")
     assert as_json("check", "neuron")["headline"] == first
-    assert hgogen("check", str(MODELS / "sir.toml"))[0].startswith(
+    assert hgogen("check", str(MODELS / "sir.toml"), "--all")[0].startswith(
         "sir: R not observable; in none of the forms asked; no observer\n"
     )
-    headline = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
+    headline = hgogen("check", str(MODELS / "pendulum.py"), "--all")[0].split("\n")[0]
     assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for its " in headline
 
 
@@ -568,13 +568,13 @@ def test_check_says_alike_once(here: Path):
         rows = [f'states.x{k} = {{low = -1, high = 1, flow = "x{k + 1}"}}' for k in range(1, n)]
         last = f'states.x{n} = {{low = -1, high = 1, flow = "-x1"}}\noutputs.y = {{equation = "{output}"}}\n'
         (here / f"chain{n}.toml").write_text("\n".join([f'name = "chain{n}"', *rows, last]))
-    shown = hgogen("check", "chain8.toml")[0]
+    shown = hgogen("check", "chain8.toml", "--all")[0]
     assert shown.count("triangular.a_") == 2
     assert "triangular.a_1  " in shown
     assert "triangular.a_2..a_8 " in shown
     assert "a_2 = 1 <= a_M on the box, and so for each up to a_8" in " ".join(shown.split())
-    assert "triangular.a_1..a_4 " in hgogen("check", "chain4.toml")[0]  # from four on
-    assert "triangular.a_3 " in hgogen("check", "chain3.toml")[0]
+    assert "triangular.a_1..a_4 " in hgogen("check", "chain4.toml", "--all")[0]  # from four on
+    assert "triangular.a_3 " in hgogen("check", "chain3.toml", "--all")[0]
     assert len([check for check in as_json("check", "chain8.toml")["checks"] if ".a_" in check["id"]]) == 8
 
 
@@ -590,14 +590,14 @@ def test_what_is_folded_away_is_said_first(here: Path):
         _, said = hgogen(command, "el.toml")
         assert said.startswith("hgogen: SymPy reads 1e-30*x2 - exp(log(x1)) as ")
         assert said.count("also where x1 <= 0; ") == 1
-    assert "z2' = -z1 + z2/1e30\n" in hgogen("check", "el.toml")[0]
+    assert "z2' = -z1 + z2/1e30\n" in hgogen("check", "el.toml", "--all")[0]
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("columns", ["80", "120"])
 def test_what_is_piped_is_as_wide_as_columns(columns: str, here: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", columns)
-    lines = hgogen("check", str(MODELS / "induction_motor.toml"))[0].splitlines()
+    lines = hgogen("check", str(MODELS / "induction_motor.toml"), "--all")[0].splitlines()
     copied = ("  hgogen ", "  tuning.")
     widths = [len(line) for line in lines if not line.startswith(copied)]
     assert int(columns) - 10 < max(widths) <= int(columns)

@@ -113,7 +113,7 @@ def test_reports_print_the_noise_of_a_sample(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("t,y\n" + "\n".join(f"{k * DT},{np.sin(k * DT):.6f}" for k in range(400)))
     for arguments in (
-        ["check", str(path)],
+        ["check", str(path), "--all"],
         ["run", str(path), "--data", str(log), "--time", "t", "--out", str(tmp_path / "out")],
     ):
         printed = CliRunner().invoke(app, arguments).output

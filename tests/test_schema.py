@@ -63,6 +63,7 @@ CALLS = [
     *("advise spring " + " ".join(ONE), "fit spring --starts 1 " + " ".join(LOG)),
     "tune spring --segments 2 --truth v=v " + " ".join((*ONE, *LOG)),
     "cost spring",
+    "doctor",
 ]
 
 

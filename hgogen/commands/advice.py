@@ -9,7 +9,7 @@ of operations of a call.
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -53,6 +53,7 @@ class Admitted:
     cost: Cost
     where: Annotated[str, "where to take it"]
     line: Annotated[str, "code, command or entry of the model that makes its step"]
+    step: CallableStep = field(repr=False)
 
     @property
     def known(self) -> str:
@@ -84,17 +85,24 @@ class Advice:
 
 
 def advice(
-    model: Model, observability: Observability, survey: Survey, claims: Checked, *, deep: bool = False
+    model: Model,
+    observability: Observability,
+    survey: Survey,
+    claims: Checked,
+    *,
+    deep: bool = False,
+    kinds: Collection[str] = tuple(observers.__all__),
 ) -> Advice:
-    """Return the observers that a model's plant admits, and further advice. Unless `deep`, skip what may take seconds:
-    tunings on a slow form, and observers whose proof needs a solver.
+    """Return the observers of `kinds` that a model's plant admits, and further advice. Unless `deep`, skip what may
+    take seconds: tunings on a slow form, and observers whose proof needs a solver.
 
     `claims`: those about the model's own observer, whose step is not built again.
     """
-    tuned = _Tuned(model, claims, deep)
+    tuned = _Tuned(model, claims, deep, kinds)
     rows = dict(tuned.rows())
     n = len(survey.plant.states)
-    untuned = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
+    untuned = [kind for kind in observers.__all__ if kind in set(kinds).difference(rows)]
+    untuned = [kind for kind in untuned if deep or n <= _rule(kind).quick]
     proposed = {kind: first(kind, places(survey)) for kind in untuned}
     rows |= {
         kind: _admitted(kind, "", one.step, _line(one, model), one.row.name)
@@ -119,7 +127,7 @@ def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "
     if observer.form.kind == "original" and known is not Convergence.PROVED:
         known = None
     where = _rule(kind).where or summary("observers", kind)
-    return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line)
+    return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line, step)
 
 
 def _rule(kind: str) -> Rule:
@@ -136,22 +144,23 @@ class _Tuned:
     model: Model
     claims: Checked
     deep: bool
+    kinds: Collection[str]
     accepting: dict[str, tuple[str, ...]] = field(default_factory=dict)
     slow: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
-        kinds: set[str] = set()
+        done: set[str] = set()
         checked_step = self.claims.step
         if checked_step is not None and not checked_step.observer.accepted:
             kind = checked_step.observer.name
-            kinds.add(kind)
+            done.add(kind)
             yield kind, _admitted(kind, self.claims.tuning or "step", checked_step, self._line())
         for name, table in self.model.tuning.tables.items():
             kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
-            step = None if kind in kinds else self._step(name, kind, table)
+            step = None if kind in done or kind not in self.kinds else self._step(name, kind, table)
             if step is not None:
-                kinds.add(kind)
+                done.add(kind)
                 yield kind, _admitted(kind, name, step, self._line(name))
 
     def _line(self, name: str = "") -> str:

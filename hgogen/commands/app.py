@@ -34,6 +34,7 @@ _FILES = {
     "list": "listing",
     "new": "listing",
     "schema": "listing",
+    "doctor": "doctor",
 }  # the file of each command in this folder
 
 

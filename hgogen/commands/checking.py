@@ -7,7 +7,7 @@ The forms are the rows of the survey, whose table follows. The observer's own fo
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,26 +19,29 @@ from rich.text import Text
 from typer.core import TyperCommand
 
 import hgogen as hg
+from hgogen.analysis.evidence import NotCertifiable
 from hgogen.analysis.observability import Answer, Observability
 from hgogen.analysis.singularity import Singularity
 from hgogen.analysis.undefined import MAKER, undefined_slopes, undefined_values
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.commands import library
+from hgogen.commands import short_answer as short
 from hgogen.commands.advice import Advice, advice
 from hgogen.commands.claims import COLOURS, Checked, _text, checked, checks_table, few, theorem_table
 from hgogen.commands.command import ModelReport, Tuned, command
 from hgogen.commands.output import Bar, filled, headed, json_text, note, print_result, results
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 from hgogen.form import Form
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
 from hgogen.run.gramian import Sight, as_share, sight
 from hgogen.sentence import NONE, Reason, Sentence, because, down, point, up
+from hgogen.system import System
 from hgogen.target import demand as demand_place
 from hgogen.theorem import convergence
 from hgogen.trial import Trial
-from hgogen.which_forms import Survey
+from hgogen.which_forms import Survey, of
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -110,17 +113,6 @@ class CheckReport(ModelReport):
         claims = self.claims
         return fragment(claims.form, claims.checks, claims.accepted) + self.singular.latex()
 
-    def certify(self, path: Path) -> None:
-        """Write the proofs as a certificate, and note which claims can be verified again."""
-        from hgogen.certificates.certificate import asserted, certificate, stated
-
-        content = certificate(self.claims.form, self.claims.checks, self.claims.observer)
-        hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
-        again = f"hgogen recheck {path} verifies it" if asserted(content) else "nothing in it can be verified"
-        note(f"wrote {path}; {again} again")
-        for id, reason in stated(content):
-            note(f"{path} only states {id}, it cannot be verified again: {reason}")
-
 
 @command(CheckReport, library.LibraryAnswer, cls=OptionalFile)
 def check_(
@@ -133,16 +125,19 @@ def check_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Print all tables, and not the short answer.")] = False,
+    proof: Annotated[str | None, typer.Option(metavar="NAME", help="Print a claim with its evidence.")] = None,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
     ] = None,
     limit: Limit = None,
     as_json: JsonFile = None,
 ) -> None:
-    """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
-    model's form and observer, each claim with its verdict.
+    """Print in ten lines what is observable, which observer to take, and what is proved of it and what is not; with
+    --all which forms the plant is in and why not in the others, and each claim on the form and observer.
 
-    With an observer the exit status is 1 if a claim is refuted that nobody accepted. With --library FILE, which holds
+    --form NAME prints the claims of that form alone, --proof NAME one claim with its evidence. With an observer the
+    exit status is 1 if a claim is refuted that nobody accepted. With --library FILE, which holds
     {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries": [expression, ..] beside its tables, or
     lists of names and expressions, {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"],
     "h": ["x1"], "inputs": ["u"], "known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u":
@@ -153,7 +148,8 @@ def check_(
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
     _demand_places(certificate, _file(as_json))
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
-    options |= {"--observer": observer, **dict(word.split(maxsplit=1) for word in setting.words)}
+    options |= {"--all": everything, "--proof": proof, "--observer": observer}
+    options |= dict(word.split(maxsplit=1) for word in setting.words)
     inapplicable = {"--limit": limit} if many is None else options
     if unused := next((name for name, value in inapplicable.items() if value), None):
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
@@ -162,17 +158,35 @@ def check_(
         _library(many, limit or library.LIMIT, as_json)
         return
     loaded = load(str(model)).set(setting)
-    report = _checked(loaded, observer, bounds or (), deep, silent=latex or bool(as_json), advised=not latex)
-    claims = report.claims
+    if loaded.setting.form and not (latex or as_json or everything):
+        print_result(False, {}, _form_table(loaded.plant, loaded.setting.form))
+        return
+    if latex or as_json or everything:
+        report = _checked(loaded, observer, bounds or (), deep, silent=latex or bool(as_json), advised=not latex)
+        claims = report.claims
+    else:
+        claims = _short(loaded, observer, bounds or (), deep, proof)
     if latex:
         print(report.latex(), file=results())
     elif as_json:
         _print_json(report, as_json)
     note(*(sentence for sentence in claims.notes if sentence not in loaded.notes))
     if certificate is not None:
-        report.certify(certificate)
+        _certify(claims, certificate)
     if claims.demanded and claims.open:
         raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
+
+
+def _certify(claims: Checked, path: Path) -> None:
+    """Write the proofs as a certificate, and note which claims can be verified again."""
+    from hgogen.certificates.certificate import asserted, certificate, stated
+
+    content = certificate(claims.form, claims.checks, claims.observer)
+    hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
+    again = f"hgogen recheck {path} verifies it" if asserted(content) else "nothing in it can be verified"
+    note(f"wrote {path}; {again} again")
+    for id, reason in stated(content):
+        note(f"{path} only states {id}, it cannot be verified again: {reason}")
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
@@ -239,6 +253,75 @@ def _checked(
     )
 
 
+def _short(loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, proof: str | None) -> Checked:
+    """Print the short answer, each line as soon as it is known, or the claim `proof` alone; return the claims."""
+
+    def say(*parts: Any) -> None:
+        print_result(False, {}, *(() if proof else parts))
+
+    plant = loaded.plant
+    if observer is not None:
+        loaded.tuned(observer)
+    note(*loaded.notes)
+    if bounds:
+        say(ranges_table({text: hg.bound(text, plant) for text in bounds}))
+    observability = hg.observability(plant)
+    least = _least(loaded) if observability.rank == observability.n else None
+    forms = hg.survey(plant, deep=deep)
+    first = f"{plant.name}: {_observed(observability, least)}; {short.in_forms(observability, forms)}"
+    say(Text(first, style="bold"))
+    if least is not None:
+        say(short.line("weakest", short.weakest(least)))
+    claims = checked(loaded, forms, observer)
+    form, checks, name = claims.form, claims.checks, claims.observer
+    if claims.step is not None and loaded.setting:
+        words = " ".join(loaded.setting.words)
+        say(short.line("observer", f"{name} in {form.kind} form, with {words}"))
+    elif not plant.discrete:
+        advised = advice(loaded, observability, forms, claims, deep=deep, kinds=(name, *short.KINDS))
+        one = short.preferred(advised, name)
+        say(*short.observer_lines(one, advised, forms))
+        if one is not None and (one.proposed or one.observer != name):
+            built = one.step.observer
+            form, checks, name = built.form, built.checks, built.name
+    say(*short.standing(name, checks))
+    gaps = (*undefined_values(plant), *undefined_slopes(plant))
+    say(short.line("fix first", short.to_fix(gaps, observability, least, claims, convergence(name, checks))))
+    say(short.details())
+    if proof:
+        print_result(False, {}, _proof(form, checks, name, proof))
+    return replace(claims, notes=claims.notes if claims.demanded else ())  # what is taken without an observer was said
+
+
+def _form_table(plant: System, name: str) -> RenderableType:
+    """Return the claims of a form, each with its verdict; why the plant has no such form."""
+    row = of(name, plant)
+    if row.form is None:
+        return Text(f"{plant.name} in {name} form: {row.why}")
+    return checks_table(row.form.head, row.form.checks, ())
+
+
+def _proof(form: Form, checks: Iterable[Check], observer: str, name: str) -> RenderableType:
+    """Return a claim with its reason, its advice and the evidence that a certificate has of it. Raises: `BadParameter`
+    for a name of no claim."""
+    from hgogen.certificates.certificate import certificate  # slow to import
+
+    known = {str(check.id): check for check in checks}
+    if name not in known:
+        fix = nearest(name, known, f"the claims are {', '.join(known)}")
+        raise typer.BadParameter(f"{name[:60]!r} is no claim about this model; {fix}", param_hint="--proof")
+    check = known[name]
+    try:
+        (entry,) = (claim for claim in certificate(form, checks, observer)["claims"] if claim["id"] == name)
+        texts = {key: json.dumps(value) for key, value in entry["evidence"].items()}
+        evidence = [f"  {key}: {text[:_CUT]}{'..' * (len(text) > _CUT)}" for key, text in texts.items()]
+    except NotCertifiable as error:
+        evidence = [f"  none: {error}"]
+    advised = (check.advice,) if check.advice else ()
+    parts = (*advised, "evidence, whole by --certificate FILE, which hgogen recheck verifies again", *evidence)
+    return Group(Text(str(check), style="bold"), *map(Text, parts))
+
+
 def _print_claims(say: Callable[..., None], claims: Checked, observability: Observability) -> Singularity:
     if claims.informative:
         say(checks_table(claims.head, claims.checks, claims.accepted))
@@ -286,6 +369,7 @@ def _library(path: Path, limit: float, out: str | None) -> None:
         note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
+_CUT = 200  # characters of a part of the evidence that are printed
 _REPEATABLE = 20  # characters of a reason that may be repeated
 
 

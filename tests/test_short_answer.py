@@ -1,0 +1,101 @@
+"""The short answer of `check`: at most ten lines, which name what works."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hgogen.cli import app
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+SPRING = """
+name = "spring"
+states.h = {low = -1, high = 1, flow = "v"}
+states.v = {low = -2, high = 2, flow = "-h - h**3"}
+outputs.y = {equation = "h"}
+"""
+MIXER = """
+name = "mixer"
+states.a = {low = 0.1, high = 1, flow = "-a*b"}
+states.b = {low = 0.1, high = 1, flow = "a*b - b"}
+states.c = {low = 0.1, high = 1, flow = "b - c"}
+outputs.y = {equation = "a + c"}
+"""
+OTHER = 'outputs.w = {equation = "v"}\n'
+BLIND = SPRING + 'states.d = {low = -1, high = 1, flow = "-d"}\n'
+
+
+def check(*arguments: str, status: int = 0) -> list[str]:
+    """Return the printed lines of the command."""
+    done = CliRunner().invoke(app, ["check", *arguments], env={"COLUMNS": "110"})
+    assert done.exit_code == status, done.output
+    return done.output.splitlines()
+
+
+def labels(lines: list[str]) -> list[str]:
+    return [label[1] for text in lines[1:] if (label := re.match(r"(\w+(?: \w+)?)  ", text))]
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "model.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_plant_in_a_high_gain_form_takes_its_own_proved_observer() -> None:
+    lines = check(str(MODELS / "pendulum.py"))
+    assert lines[0] == "pendulum: locally observable; triangular, uniform, state_affine, proved"
+    assert labels(lines) == ["weakest", "take", "proved", "not proved", "fix first", "details"]
+    text = " ".join(" ".join(lines).split())
+    assert "take high_gain in triangular form, with the gains of the model:" in text
+    assert 'load("models/pendulum.py").step()' in text or f'load("{MODELS}/pendulum.py").step()' in text
+    assert "proved high_gain.convergence: " in text
+    assert "not proved nothing" in text
+    assert "fix first nothing" in text
+    assert len(lines) <= 11
+
+
+@pytest.mark.parametrize("text", [SPRING, MIXER], ids=["spring", "mixer"])
+def test_a_line_that_makes_the_observer_can_be_pasted(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, text)
+    lines = check(path)
+    (entry,) = (line.strip() for line in lines if line.startswith(" " * 12 + "tuning."))
+    Path(path).write_text(entry + text)
+    own = check(path, "--observer", entry.split()[0].removeprefix("tuning."))
+    assert "with the gains of the model" in " ".join(own)
+    assert len(lines) <= 14
+
+
+def test_a_plant_in_no_high_gain_form_takes_the_kalman_filter(tmp_path: Path) -> None:
+    path = written(tmp_path, MIXER)
+    first = " ".join(" ".join(check(path)[:2]).split())
+    assert first.startswith("mixer: locally observable; take the extended Kalman filter; no high-gain form is proved")
+    assert "(why: --all; more forms: --deep)" in first
+    assert "original.convergence: no theorem here covers the plant in its own coordinates" in " ".join(check(path))
+
+
+def test_a_hidden_state_is_what_to_fix_and_no_observer_is_taken(tmp_path: Path) -> None:
+    text = " ".join(" ".join(check(written(tmp_path, BLIND))).split())
+    assert text.startswith("spring: d not observable; no high-gain form")
+    assert "Kalman" not in text
+    assert "fix first measure d as well" in text
+
+
+def test_a_claim_is_printed_with_its_evidence() -> None:
+    pendulum = str(MODELS / "pendulum.py")
+    lines = check(pendulum, "--proof", "high_gain.convergence")
+    assert lines[0].startswith("proved   high_gain.convergence: ")
+    assert any(line.startswith("  P: [[") for line in lines)
+    assert "did you mean high_gain.step" in " ".join(check(pendulum, "--proof", "high_gain.stp", status=2))
+
+
+def test_a_form_is_printed_alone(tmp_path: Path) -> None:
+    assert check(written(tmp_path, MIXER), "--form", "triangular")[0].startswith("mixer ")
+    assert check(written(tmp_path, SPRING + OTHER), "--form", "uniform")[0].startswith("spring in uniform form: ")
+
+
+def test_the_model_s_own_observer_is_kept_where_none_is_proved(tmp_path: Path) -> None:
+    gains = "Q = [1, 1, 1], R = 1e-4, covariance = [1, 1, 1], dt = 0.01"
+    path = written(tmp_path, f'observer = {{kind = "ukf", form = "original", {gains}}}\n{MIXER}')
+    assert any(line.startswith("take        ukf in original form, with the gains of the model") for line in check(path))
