@@ -50,19 +50,18 @@ def hidden_shifts(
         conditions.need(conditions.change(exact(row)), None if period is None else exact_turn(period))
     F = sp.Matrix([conditions.change(exact(row)) for row in following])
     zero = [need.slopes for need in conditions.needs if need.period is None]
-    whole = [
-        ([c / need.period for c in need.slopes], need.sure) for need in conditions.needs if need.period is not None
-    ]
-    units = _units(zero, [row for row, _ in whole], F, own)
+    periodic = [need for need in conditions.needs if need.period is not None]
+    whole = [[c / need.period for c in need.slopes] for need in periodic]
+    units = _units(zero, whole, F, own)
     U = sp.diag(*units)
-    zero = [[c / next(filter(None, row)) for c in row] for row in ((sp.Matrix([row]) * U).tolist()[0] for row in zero)]
-    scaled, F = [sp.simplify(sp.Matrix([row]) * U) for row, _ in whole], sp.simplify(U.inv() * F * U if F else F)
+    zero = [[c / next(filter(None, row)) for c in row] for row in (list(sp.Matrix([row]) * U) for row in zero)]
+    scaled, F = [sp.simplify(sp.Matrix([row]) * U) for row in whole], sp.simplify(U.inv() * F * U if F else F)
     A = sp.simplify(sp.Matrix(zero))
     if not all(e.is_Rational for part in (A, F, *scaled) for e in part):
         return Shifts({}, (), tuple(x for x, period in periods.items() if period is not None))
     turns = [row for row, turn in zip(sp.eye(len(own)).tolist(), own, strict=True) if turn is not None]
     basis, free = _dual(len(own), A, scaled, F, turns)
-    wide, loose = _dual(len(own), A, [row for row, (_, sure) in zip(scaled, whole, strict=True) if sure], F, turns)
+    wide, loose = _dual(len(own), A, [row for row, need in zip(scaled, periodic, strict=True) if need.sure], F, turns)
     extra = [row for row in wide if _echelon([*basis, row]) != basis]
     unknown = (loose | {j for row in extra for j, e in enumerate(row) if e}) - free
     steps = [_step(basis, j) for j in range(len(own))]
@@ -209,12 +208,7 @@ def _dual(
         parts = [(p.primitive()[1], k) for p, k in F.charpoly().factor_list()[1]]
         integral = [_at(p, F) ** k for p, k in parts if abs(p.LC()) == 1]
         powers = [F**k for k in range(n)]
-        zero = sp.Matrix(
-            [
-                *prod(integral, start=sp.eye(n)).tolist(),
-                *(row for P in powers for row in (zero * P if zero else zero).tolist()),
-            ]
-        )
+        zero = sp.Matrix.vstack(prod(integral, start=sp.eye(n)), *(zero * P for P in powers if zero))
         whole = [row * P for row in whole for P in powers]
     if zero:
         B = sp.Matrix.hstack(sp.zeros(n, 0), *zero.nullspace())
