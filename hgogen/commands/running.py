@@ -41,6 +41,7 @@ from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.findings import Finding, findings
+from hgogen.logs.initial import first_states
 from hgogen.logs.records import Log, beyond, demand_regular, log_of, reading_of, step_limits
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -283,7 +284,7 @@ def _opened(
 def _estimated(opened: _Opened, initial: str | None = None) -> _Estimated:
     u, samples = opened.record.of(opened.step.inputs), opened.record.of(opened.step.samples)
     y, engine = opened.step.in_time(samples), engine_here()
-    step, begins = _begun(opened.step, y, initial)
+    step, begins = _begun(opened, u, y, initial)
     step.reset(float(opened.record.t[0]))
     done = step.run(u=u, y=samples, engine=engine, dt=opened.elapsed)
     return _Estimated(step, begins, u, y, samples, done, *_judged(step, done, u, y, engine))
@@ -331,17 +332,21 @@ def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine:
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
-def _begun(step: CallableStep, samples: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
+def _begun(
+    opened: _Opened, u: np.ndarray, samples: np.ndarray, initial: str | None
+) -> tuple[CallableStep, dict[str, float]]:
+    step = opened.step
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
-    plant, first_states = step.observer.form.system.declared, {}
+    plant, measured = step.observer.form.system.declared, {}
     for y, output, column in zip(plant.outputs, plant.output, samples.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):
             state = plant.states[plant.states.index(output)]
-            first_states[state.name] = float(np.clip(reading_of(state, y, column[there[0]]), *state.interval))
-    return (step.started({**step.observer.initial, **first_states}), first_states) if first_states else (step, {})
+            measured[state.name] = float(np.clip(reading_of(state, y, column[there[0]]), *state.interval))
+    begins = measured | first_states(step, u, samples, opened.elapsed, measured)
+    return (step.started({**step.observer.initial, **begins}), begins) if begins else (step, {})
 
 
 def _counted(step: CallableStep, burn_in: float, t: np.ndarray) -> int:
