@@ -211,6 +211,15 @@ class Model:
         return replace(tuning, tables={**tuning.tables, name: table})
 
     @property
+    def limits(self) -> tuple[float, float] | None:
+        """The shortest and the longest dt of the model's own step, None if it has one dt, or a setting has. Raises: as
+        `step` does."""
+        if self.setting.dt is not None or not self.has("step"):
+            return None
+        dt = self._written_step().limits if hasattr(self.module, "step") else self._tables[self._first].get("dt")
+        return (float(dt[0]), float(dt[1])) if isinstance(dt, list | tuple) else None
+
+    @property
     def _first(self) -> str:
         timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
         return self.take or self.default or next(timed, "")

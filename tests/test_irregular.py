@@ -204,6 +204,29 @@ def test_run_and_inspect_filter_from_row_to_row(folder: Path) -> None:
     assert json.loads(hgogen("inspect", *words, "--json")[0])["findings"] == []
 
 
+@pytest.mark.full
+def test_a_model_whose_dt_varies_is_tuned_at_its_limits(folder: Path) -> None:
+    """A log with jitter has a period, and keeps the times of its rows all the same."""
+    rng, x = np.random.default_rng(2), 0.0
+    t, rows = np.arange(120) + np.random.default_rng(1).uniform(-0.2, 0.2, 120), []
+    for h in np.diff(t, prepend=t[0]):
+        x += rng.normal(0, np.sqrt(0.2 * h))
+        rows.append(x + rng.normal(0, 0.5))
+    text = "\n".join(f"{at:.10g},{y:.10g}" for at, y in zip(t, rows, strict=True))
+    (folder / "jitter.csv").write_text(f"t,y\n{text}\n")
+    (folder / "walk.toml").write_text(
+        'name = "walk"\nstates = {x = {flow = "0", low = -40, high = 40}}\n'
+        'outputs = {y = {equation = "x", low = -40, high = 40}}\n'
+        'observer = {kind = "riccati", dt = [0.5, 1.5], noise = {y = 1.0}, Q = {x = 1.0}}\n'
+    )
+    words = ("tune", "walk.toml", "--data", "jitter.csv", "--time", "t", "--observers", "riccati", "--json")
+    report = json.loads(hgogen(*words)[0])
+    assert report["records"][0]["spacing"] is not None
+    assert report["tuning"]["riccati_tuned"]["dt"] == [0.5, 1.5]
+    assert {"riccati_tuned", "riccati, as declared"} <= {row["name"] for row in report["rows"]}
+    assert json.loads(hgogen(*words, "--dt", "1")[0])["tuning"]["riccati_tuned"]["dt"] == 1
+
+
 # --- reading ----------------------------------------------------------------------------------------------------
 
 

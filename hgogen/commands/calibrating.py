@@ -247,7 +247,9 @@ def tune_(
         other_columns=dict(true.values()),
         options=truth_options(true),
         window=WINDOWS[between],
+        varying=bool(loaded.limits),
     )
+    limits = loaded.limits or step_limits(logs.whole)
     measured = [
         {state: each[name] for state, (name, _) in true.items()}
         for each in logs.columns([name for name, _ in true.values()])
@@ -264,7 +266,7 @@ def tune_(
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             gate=gates_of(gate or ()),
-            dt=step_limits(logs.whole),
+            dt=limits,
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
@@ -279,7 +281,8 @@ def tune_(
         calibration, reason = tuned_again(calibration, on_all_rows) if logs.parted else (calibration, "")
     own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
     calibration = replace(calibration, rows=own, final=final)
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads, _change_of_gains(calibration, reason))
+    changes = _change_of_gains(calibration, reason)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits)
     report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
     return folder.save(report, "tuned.json")
 
@@ -356,10 +359,11 @@ def _judged(
     measured: Sequence[Mapping[str, np.ndarray]],
     aheads: Sequence[int],
     changes: Iterable[str],
+    limits: tuple[float, float] | None,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
     plant = model.plant
     validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
-    declared = _declared(model, step_limits(logs.whole) or logs.whole[0].dt)
+    declared = _declared(model, limits or logs.whole[0].dt)
     rows = judged(plant, calibration, declared, validation_logs, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}

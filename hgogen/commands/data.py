@@ -97,11 +97,12 @@ def logs_of(
     options: Mapping[str, str] = MappingProxyType({}),
     shift: Sequence[str] | None,
     window: Window,
+    varying: bool = False,
 ) -> Logs:
     """Return the logs in files on the grid of `dt`, by default with their own period, or, if irregular, the times of
-    their rows. `held_out`: texts of the option
-    --held-out, a part of each log or files of logs that only judge; `named`: their columns; `other_columns`: others by
-    name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the averaging window of inputs.
+    their rows. `held_out`: texts of the option --held-out, a part of each log or files of logs that only judge;
+    `named`: their columns; `other_columns`: others by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None
+    for none; `window`: the averaging window of inputs; `varying`: whether regular logs keep their times, too.
 
     Raises: `BadRecord`.
     """
@@ -113,7 +114,7 @@ def logs_of(
     signals = {s.name: s for s in plant.signals} | {truth_name(x.name): x for x in first.states}
     words: dict[str, Any] = {**named.reading(), "dt": dt, "unit": plant.time}
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
-    words["own_times"] = "irregular"
+    words["own_times"] = "always" if varying else "irregular"
     part, judges = parts_of(held_out or ())
     records = tuple(named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
     for record in records:

@@ -222,7 +222,8 @@ def fit_(
         new.demand()
     plant = loaded.plant
     window = WINDOWS["forward" if between == "hold" else between]  # held from its sample to the next
-    logs = logs_of(plant, data, held_out, dt=setting.longest, named=columns, shift=shift, window=window)
+    grid: dict[str, Any] = {"dt": setting.longest, "window": window, "varying": bool(loaded.limits)}
+    logs = logs_of(plant, data, held_out, named=columns, shift=shift, **grid)
     fitted = partial(
         fit,
         plant,
@@ -330,11 +331,12 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
     whole = logs.whole
+    limits = model.limits or step_limits(whole)
     for record, log, cut in ((logs.records[k], whole[k], cut) for k, cut in logs.judging.items()):
         u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
-            step = _step(variant, observer, step_limits(whole) or record.report.dt, result.noise).undelayed
+            step = _step(variant, observer, limits or record.report.dt, result.noise).undelayed
             step.reset(float(record.t[0]))
             done = step.run(u=u, y=samples, engine=engine_here(), dt=log.given(step))
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
