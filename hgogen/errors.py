@@ -29,6 +29,10 @@ class BadArgument(HgogenError):
     reason: str
 
 
+class ReportedWarning(UserWarning):
+    """A warning about samples, which the report of a command says in its own words."""
+
+
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
     """Return the end of a sentence on an unknown name: a hint at the nearest known name, or `otherwise`."""
     close = get_close_matches(str(name)[:60], list(known), n=1)

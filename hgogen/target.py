@@ -15,7 +15,6 @@ from typing import IO
 
 from hgogen.errors import HgogenError
 from hgogen.reading.files import KINDS, name_key, quoted
-from hgogen.reading.given import requires
 
 _STAGED = ".hgogen-"  # begins the name of an incomplete file
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
@@ -67,7 +66,6 @@ class Sources(Files):
     notes: tuple[str, ...] = ()
 
 
-@requires(Mapping, "files by name, as of hg.targets.c99(step)")
 def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = False) -> list[Path]:
     """Write texts (UTF-8) or bytes by name, or by a path below it, into `folder`, which is created if needed, and
     return their paths.
@@ -77,6 +75,10 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
 
     Raises: `CannotWrite`; `Misfit` for a value that is no mapping from names.
     """
+    if not isinstance(files, Mapping):
+        from hgogen.reading.given import Misfit  # slow to import
+
+        raise Misfit("write", files, "files by name, as of hg.targets.c99(step)")
     paths = demand(files, folder)
     for name, content in files.items():
         if not isinstance(content, str | bytes):

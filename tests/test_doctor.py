@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -42,3 +44,12 @@ def test_a_program_tells_its_version(
     listed = tools()["rustc"]
     assert str(listed["version"]).startswith(version)
     assert listed["place"] == str(tmp_path / "rustc")
+
+
+def test_the_command_list_imports_nothing_that_computes() -> None:
+    slow = {"sympy", "numpy", "casadi", "matplotlib", "flint"}
+    code = (
+        f"import sys; from hgogen.commands.app import command_of; command_of('list'); print(*{slow} & {{*sys.modules}})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"

@@ -21,7 +21,7 @@ _FILES = {
     "cost": "building",
     "design": "designing",
     "response": "designing",
-    "recheck": "listing",
+    "recheck": "verifying",
     "generate": "building",
     "simulate": "building",
     "run": "running",

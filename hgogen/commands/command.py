@@ -41,18 +41,15 @@ from hgogen.commands.output import (
     printing,
     results,
 )
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, ReportedWarning
 from hgogen.modelfiles.place import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
-from hgogen.reading.cells import Rows
-from hgogen.reading.jumps import JumpsByTurn
-from hgogen.reading.measured import Record
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
-from hgogen.run.gates import RejectsMany
 from hgogen.sentence import Encoded, keys_of
 
 if TYPE_CHECKING:  # slow to import, and not needed by `hgogen list` and `recheck`
+    from hgogen.reading.measured import Record
     from hgogen.run.samples import Engine
     from hgogen.trial import Trial
 
@@ -160,8 +157,7 @@ def _ending() -> Iterator[None]:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
             warnings.showwarning = _warned
-            for reported in (JumpsByTurn, RejectsMany):
-                warnings.simplefilter("ignore", reported)
+            warnings.simplefilter("ignore", ReportedWarning)
             yield
     except BrokenPipeError:  # as after `| head`
         raise typer.Exit(dropped()) from None
@@ -309,6 +305,8 @@ class Columns:
 
     def reading(self) -> dict[str, Any]:
         """Return the arguments of `read` by name, without the columns of signals."""
+        from hgogen.reading.cells import Rows  # slow to import
+
         rows = Rows(self.begin, self.end, self.every or 1)
         return {
             "time": self.time,
@@ -318,7 +316,7 @@ class Columns:
             "dates": self.dates,
         }
 
-    def begun(self, record: Record) -> Record:
+    def begun(self, record: "Record") -> "Record":
         """Return the log with the time of its first row."""
         return record if self.start is None else replace(record, t=self.start + (record.t - record.t[0]))
 

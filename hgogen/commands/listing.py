@@ -1,5 +1,5 @@
 """The commands that make no observer: `list`, `new` and `schema`, for the cases of each kind, a new model file and the
-keys of JSON; and `recheck`, which verifies a certificate again.
+keys of JSON.
 
 The listed cases are not imported, nor are the modules that compute.
 """
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Group
 from rich.text import Text
 
 from hgogen.commands.app import command_of, known
@@ -19,9 +18,6 @@ from hgogen.commands.output import Folder, Written, headed, print_result
 from hgogen.modelfiles.place import available, new_model
 from hgogen.modelfiles.place import summary as meaning
 from hgogen.modelfiles.setting import demand_known
-from hgogen.reading.files import content_of
-from hgogen.recheck.file import DIGEST_DIGITS, LARGEST
-from hgogen.recheck.verification import CannotRead, Rechecked, recheck
 from hgogen.registry import cases, summary
 
 _KINDS = ("forms", "observers", "methods", "targets")
@@ -95,62 +91,3 @@ def schema_(
             kind = f"{one.kind}, or left out" if one.optional else one.kind
             table.add_row(Text("  " * one.depth + one.name), Text(kind), Text(one.text))
         print_result(False, None, table, "")
-
-
-_COLOURS = {"verified": "green", "fails": "red"}
-
-
-@dataclass(frozen=True)
-class Verification(Report):
-    """The report of a certificate that was verified."""
-
-    json_keys = (
-        "plant=outcome.plant form=outcome.form observer model=outcome.model verified counts=outcome.counts "
-        "claims=outcome.rows unexamined=outcome.unexamined points=outcome.points"
-    )
-
-    outcome: Rechecked
-
-    @property
-    def observer(self) -> str | None:
-        """Name of the observer; null without one."""
-        return self.outcome.observer or None
-
-    @property
-    def verified(self) -> bool:
-        """Whether a claim is verified, and none fails."""
-        return bool(self.outcome.verified and not self.outcome.failed)
-
-    def tables(self) -> Iterator[Any]:
-        """Yield a row for each claim."""
-        outcome = self.outcome
-        of = f", {outcome.observer} observer" if outcome.observer else ""
-        head = f"{outcome.plant}, {outcome.form} form{of}"
-        table = headed(head, "found", "claim", "what was shown", "boxes", numbers=1)
-        for row in outcome.rows:
-            word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
-            word.stylize(_COLOURS.get(row.found, "yellow"))
-            sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
-            table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-        lines = (*outcome.remarks, f"model {outcome.model[:DIGEST_DIGITS]}", outcome.count)
-        yield Group(table, "", *map(Text, lines))
-
-    def demand(self) -> None:
-        """Raise an error if a claim fails or none is verified."""
-        self.outcome.demand()
-
-
-@command(Verification)
-def recheck_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A certificate that hgogen check wrote.")],
-) -> Verification:
-    """Verify a certificate again, by other code and another arithmetic than those that wrote it.
-
-    Exit status: 0 every claim that is said to be proved or refuted is verified, 1 one of them is not or there is none,
-    2 the file is no certificate. The model's digest is that in the banner of its C; the file's digest is no signature.
-    """
-    try:
-        text = content_of(file, LARGEST).decode()
-    except UnicodeDecodeError:
-        raise CannotRead(str(file), "is no text in UTF-8") from None
-    return Verification(recheck(text))

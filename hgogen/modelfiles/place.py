@@ -10,11 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from hgogen.emit.naming import demand_file
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.files import BYTES, READERS, Unread, content_of, declares
 from hgogen.reading.files import demand_file_name as demand_name
-from hgogen.signal import check_name
 from hgogen.target import CannotWrite
 
 FOLDER = Path("models")
@@ -117,6 +115,9 @@ _NAME = "NAME"  # the placeholder of the model's name
 def new_model(name: str, folder: Path) -> dict[str, str]:
     """Return a new model file with this name, by its file name. Raises: `BadName`, `BadFileName`, `HidesHeader` for a
     name that a plant or a file cannot have; `CannotWrite` if the folder holds such a file."""
+    from hgogen.emit.naming import demand_file  # slow to import
+    from hgogen.signal import check_name
+
     check_name(name)
     demand_file(name)
     file = f"{demand_name(name)}{PYTHON}"

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from hgogen.errors import ReportedWarning
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -25,7 +26,7 @@ _LEAST = 10  # samples
 _SAME = 0.03  # relative difference of two turns that count as one
 
 
-class JumpsByTurn(UserWarning):
+class JumpsByTurn(ReportedWarning):
     """Samples of an output without a period that jump by a whole turn."""
 
 

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
+from hgogen.errors import ReportedWarning
 from hgogen.estimators.gate import GatedGroup
 from hgogen.estimators.riccati_part import AtSamples, Riccati
 from hgogen.reading.given import names_of
@@ -23,7 +24,7 @@ FEWEST = 10  # samples beyond a gate that make a share
 UNUSED = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")  # bits of a sample that is not used
 
 
-class RejectsMany(UserWarning):
+class RejectsMany(ReportedWarning):
     """A gate that rejects far more samples than its probability says."""
 
 
