@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset
+from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset, proposed_options
 from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted, with_rates
 from hgogen.logs.problem import Progress, Shooting, Solution, Solver
 from hgogen.logs.records import BadLog
@@ -1036,3 +1036,26 @@ def test_a_search_that_ends_above_its_start_begins_once_more_there(monkeypatch: 
     assert any(note.startswith("the fit ended above its start, at ") for note in result.notes())
     monkeypatch.setattr(Solver, "solve", solve)
     assert hg.fit(PLANT, record, free=["c"], starts=1).above_start == 0
+
+
+def test_options_are_proposed_that_the_residuals_ask_for() -> None:
+    """An offset of 0.5, and an outlier in 40; of the clean log neither."""
+    record = log(6)
+    outliers = np.where(np.arange(N) % 40, 0.0, 2.0)
+    proposed = {}
+    for name, added in {"clean": 0.0, "offset": 0.5, "outliers": outliers}.items():
+        noisy = replace(record, y=record.y + added)
+        fit = hg.fit(PLANT, noisy, starts=1)
+        logs = [hg.Log(np.reshape(noisy.u, (-1, 1)), np.reshape(noisy.y, (-1, 1)), DT)]
+        proposed[name] = [*proposed_options(fit, logs, False, ())]
+        assert [*proposed_options(fit, logs, True, ["y"])] == []
+    assert proposed["clean"] == []
+    assert [one.partition(": ")[2] for one in proposed["offset"]] == ["an unknown offset, --offset y"]
+    assert ["--robust" in one for one in proposed["outliers"]] == [True]
+
+
+@pytest.mark.full
+def test_a_parameter_at_its_end_is_a_warning(here: Path) -> None:
+    (here / "spring.toml").write_text(MODEL.replace("low = 1, high = 20", "low = 1, high = 7"))
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "-o", "out")
+    assert "hgogen: k lies at the high end of its range; widen it, or leave k out" in hgogen(*words)[1]

@@ -46,19 +46,20 @@ from hgogen.commands.output import (
     rendered,
 )
 from hgogen.errors import HgogenError
-from hgogen.logs.fit import AGAIN, Fit, fit
+from hgogen.logs.fit import AGAIN, FINE, Fit, fit
 from hgogen.logs.problem import ITERATIONS, Progress, progress_of
-from hgogen.logs.records import step_limits
+from hgogen.logs.records import Log, step_limits
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import WINDOWS
 from hgogen.reading.text_model import OTHER_KEYS, read, to_text
-from hgogen.run.consistency import WORSE
+from hgogen.run.consistency import WORSE, alike
 from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the progress of an unfinished fit
 EVERY = 1.0  # seconds at least between two writes of that file
+OUTLYING, STEADY, SIZE = 5e-3, 6.0, 0.3  # share of outliers; of a mean: standard errors, and deviations
 FAR = 4.0  # standard errors by which a parameter moves only if the rows held out are unlike the others
 UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
 _AHEAD = (1, 5, 25)  # samples ahead, of the validation errors
@@ -100,7 +101,7 @@ class ParameterChange:
 class FitReport(ModelReport):
     """A fit, and how well it predicts the rows held out."""
 
-    json_keys = "model equations records=logs.reports *result changes predictions unjudged notes files"
+    json_keys = "model equations records=logs.reports *result changes predictions unjudged proposals notes files"
 
     equations: Annotated[list[str], "the plant's equations"]
     result: Fit
@@ -109,6 +110,7 @@ class FitReport(ModelReport):
     by: By
     predictions: Annotated[list[PredictionErrors], "errors in the rows held out"]
     unjudged: Annotated[str, "why there are none, or empty"]
+    proposals: Annotated[tuple[str, ...], "options that the residuals ask for"]
     files: Written = ()
 
     @property
@@ -120,7 +122,8 @@ class FitReport(ModelReport):
     @property
     def verdicts(self) -> tuple[str, ...]:
         """The verdicts on the validation rows, and the advice about offsets."""
-        return (*_verdicts(self.predictions, self.by), *self._distance(), *_without_offset(self.result))
+        judgements = (*_verdicts(self.predictions, self.by), *self._distance())
+        return (*judgements, *_without_offset(self.result), *self.proposals)
 
     def _distance(self) -> Iterator[str]:
         """Yield how far the parameters moved when all rows were learned from."""
@@ -239,7 +242,9 @@ def fit_(
         judged = fitted(*logs.learned, starts=starts, each=each, resume=begun)
         result = fitted(*logs.allowed, starts=1, begin=judged.values) if logs.parted else judged
     errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
-    report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged)
+    proposals = proposed_options(result, logs.allowed, robust, names["--offset"])
+    report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, tuple(proposals))
+    note(*result.warnings)
     saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
     folder.remove(BEGUN)
     if new:
@@ -369,6 +374,21 @@ def _step(
     if not process:
         return model.step(_JUDGE)
     return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(_JUDGE)
+
+
+def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Iterable[str]) -> Iterator[str]:
+    """Yield sentences that propose --robust for residuals with outliers, and --offset for those with a mean; `logs`:
+    those of the `result`, `fitted`: the outputs that have an offset already."""
+    if outlying := [name for name, part in result.outlying.items() if part > OUTLYING and not robust]:
+        yield f"{', '.join(outlying)} has outliers: with --robust they count by their distance, not by its square"
+    for j, y in enumerate(result.plant.outputs):
+        e = np.concatenate([y.difference(log.y[:, j], f[:, j]) for log, f in zip(logs, result.fitted, strict=True)])
+        e = e[np.isfinite(e)]
+        if y.name in fitted or not e.std() > FINE * result.spread[y.name]:
+            continue
+        error = e.std() * math.sqrt(min(alike(e - e.mean()), len(e)) / len(e))
+        if abs(e.mean()) > max(STEADY * error, SIZE * e.std()):
+            yield f"residuals of {y.name} have a mean of {e.mean():.3g}: an unknown offset, --offset {y.name}"
 
 
 def _without_offset(result: Fit) -> Iterator[str]:

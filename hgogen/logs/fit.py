@@ -173,10 +173,10 @@ class Fit(Encoded):
         """The end of the search from each start."""
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
-    def notes(self) -> tuple[str, ...]:
-        """Return the doubts about the result, a sentence each."""
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for each parameter at the end of its range, and for a result that is above its start."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
-        turning = [y.name for y in self.plant.outputs if y.period]
         lines = []
         for one in self.parameters:
             if one.at and ranged[one.name]:
@@ -184,6 +184,17 @@ class Fit(Encoded):
             elif one.at:
                 hint = "its sign, or that of a column, or a unit may be wrong"
                 lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {hint}")
+        if self.above_start:
+            cost = _HIGHER[self.by](self.above_start)
+            lines.append(
+                f"the fit ended above its start, {cost}; keep the values before, narrow ranges, or add --starts"
+            )
+        return tuple(lines)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return the doubts about the result, a sentence each."""
+        turning = [y.name for y in self.plant.outputs if y.period]
+        lines = list(self.warnings)
         for one in self.lags:
             if one.at == "low":
                 lines.append(f"the records show no lag of {one.name} of half a sample or more")
@@ -201,11 +212,6 @@ class Fit(Encoded):
         for name, part in self.outlying.items():
             if part and self.error[name] > FINE * self.spread[name]:
                 lines.append(f"{part:.2g} of the residuals of {name} lie beyond 5 times their typical size")
-        if self.above_start:
-            cost = _HIGHER[self.by](self.above_start)
-            lines.append(
-                f"the fit ended above its start, {cost}; keep the values before, narrow ranges, or add --starts"
-            )
         return (*lines, *self._searched())
 
     def _undetermined(self, parts: Mapping[str, float]) -> str:
