@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 import sympy as sp
 from oracle import discrete as oracle
+from scipy.optimize import least_squares
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.logs.problem import paced
 from hgogen.reading.text_model import from_table, read, to_text
 from hgogen.run import native
 
@@ -367,6 +370,50 @@ def test_a_singular_map_without_noise() -> None:
         for guards in ("all", "none"):
             run = hg.sample(observer, method, dt=1, engine="python", guards=guards).run(y=samples)  # type: ignore[arg-type]
             assert run.x == pytest.approx(np.array(states), abs=1e-9)
+
+
+# ---------------------------------------------------------------- logs
+
+
+def pushed() -> tuple[hg.System, hg.Log]:
+    """A cart with unknown friction and force, 0.8 and 0.5, and a log of it with noise."""
+    force, friction = hg.Signal("force", "", "", 0.2, 0.01, 1), hg.Signal("friction", "", "", 0.7, 0.4, 1)
+    flow = [p + v / 10, friction * v + force * u]
+    plant = cart(outputs=(y,), parameters=(friction, force), flow=flow, output=[p])
+    rng, x, rows = np.random.default_rng(0), np.array([1.0, 0.5]), []
+    inputs = np.sign(np.sin(0.11 * np.arange(200))) / 2
+    for now in inputs:
+        rows.append(x[0] + rng.normal(0, 0.02))
+        x = np.array([x[0] + x[1] / 10, 0.8 * x[1] + now / 2])
+    return plant, hg.Log(inputs[:, None], np.array(rows)[:, None], DT)
+
+
+def test_a_fit_is_that_of_least_squares() -> None:
+    plant, log = pushed()
+
+    def residuals(q: np.ndarray) -> list[float]:
+        x, errors = q[2:], []
+        for now, sample in zip(log.u[:, 0], log.y[:, 0], strict=True):
+            errors.append(x[0] - sample)
+            x = np.array([x[0] + x[1] / 10, q[0] * x[1] + q[1] * now])
+        return errors
+
+    least = least_squares(residuals, [0.9, 0.2, 0, 0], xtol=1e-10).x
+    fitted = hg.fit(plant, log, starts=1)
+    assert [*fitted.values.values(), *fitted.first[0].values()] == pytest.approx(least, rel=1e-4)
+    assert [fitted.values["friction"], fitted.values["force"]] == pytest.approx([0.8, 0.5], rel=1e-2)
+
+
+def test_a_map_that_grows_has_segments_in_which_errors_stay() -> None:
+    plant, log = pushed()
+    assert paced(plant, DT) == (1, pytest.approx(0, abs=1e-9))
+    steep = cart(outputs=(y,), flow=[1.5 * p, v], output=[p])
+    assert paced(steep, DT) == (1, pytest.approx(np.log(1.5) / DT))
+    for options in ({"lag": ("y",)}, {"by": "prediction"}):
+        with pytest.raises(hg.HgogenError, match="is discrete in time, and"):
+            hg.fit(plant, log, **options)
+    with pytest.raises(hg.HgogenError, match="is discrete in time; give one of one period"):
+        hg.fit(plant, replace(log, times=np.arange(200) ** 1.01))
 
 
 # ---------------------------------------------------------------- what refuses a discrete plant

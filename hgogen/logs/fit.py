@@ -29,7 +29,7 @@ from hgogen.logs.problem import (
     paced,
 )
 from hgogen.logs.records import BadLog, Log, demanded, middle_of
-from hgogen.reading.given import count, requires_plant, requires_switches, signals_named
+from hgogen.reading.given import count, requires_any_plant, requires_switches, signals_named
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.consistency import CORNER, WRONG, Whiteness, alike, corner, deviation, whiteness
@@ -573,7 +573,7 @@ class Task:
         return dict(zip(map(str, self.plant.outputs), values, strict=True))
 
 
-@requires_plant
+@requires_any_plant
 @requires_switches
 def fit(
     plant: System,
@@ -610,6 +610,9 @@ def fit(
     for name, value, ways in (("between", between, BETWEEN), ("by", by, BY)):
         if value not in ways:
             raise CannotFit(f"{name}={value!r}", f"is none of {', '.join(ways)}")
+    if plant.discrete and (lag or by == "prediction"):
+        what = "a lag is" if lag else "a prediction error with process noise is"
+        raise CannotFit(f"plant {plant.name!r}", f"is discrete in time, and {what} fitted to differential equations")
     starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
     chosen, logs = (
         _free(plant, free),

@@ -2,8 +2,8 @@
 
     x_(k+1) = F(x_k, u_k, u_(k+1); p),   y_k = h(x_k, u_k; p) + o
 
-F by classical Runge-Kutta, a few steps a sample. The unknowns are the parameters p, the offsets o, and the initial
-states of the segments of the logs.
+F by classical Runge-Kutta, a few steps a sample, or the map of a discrete plant. The unknowns are the parameters p, the
+offsets o, and the initial states of the segments of the logs.
 
 Identifiability: with F the Fisher information on (parameters and offsets p, the others s), and A the Jacobian of the
 equality constraints, of which the columns of p and s are A_p and A_s,
@@ -31,7 +31,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.runge_kutta import RK4, advance, repeated
+from hgogen.discretisation.runge_kutta import advance, motion, repeated
 from hgogen.graph import Graph, to_casadi
 from hgogen.logs.likelihood import SURE, Innovations, states_with_noise
 from hgogen.logs.records import BadLog, Log, quantum_of
@@ -104,9 +104,9 @@ class _OnRecords:
             turns, count = [s.period for s in self.plant.inputs], len(self.plant.supplied)
             now = on_line(c, u, then, turns)
             now = ca.vertcat(u[:count, :], now[count:, :]) if self.between == "hold" else now
-            return {"x": h * self._of(self.plant.flow, values["x"], p, now)}
+            return {"x": (1 if self.plant.discrete else h) * self._of(self.plant.flow, values["x"], p, now)}
 
-        advanced = advance(repeated(RK4, self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
+        advanced = advance(repeated(motion(self.plant), self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
         return ca.Function("step", [x, p, u, then, h], [advanced])
 
     @cached_property
@@ -190,9 +190,11 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
-    """Return the Runge-Kutta steps a sample that the plant's fastest mode requires, and the growth rate of errors;
-    `period`: of a sample. Raises: `BadLog` for samples too slow for the plant."""
+    """Return the Runge-Kutta steps a sample that the plant's fastest mode requires, 1 for a map, and the growth rate of
+    errors; `period`: of a sample. Raises: `BadLog` for samples too slow for the plant."""
     fastest, growing = rates(plant)
+    if plant.discrete:
+        return 1, math.log(max(fastest, 1.0)) / period
     steps = max(1, math.ceil(fastest * period / FOLLOWED))
     if steps > MOST_STEPS:
         reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
