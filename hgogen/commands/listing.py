@@ -74,13 +74,18 @@ def new_(
 
 @command()
 def schema_(
-    name: Annotated[str, typer.Argument(metavar="COMMAND", help="A command that has --json, such as run.")],
+    name: Annotated[str, typer.Argument(metavar="COMMAND", help="A command that has --json, such as run; or model.")],
 ) -> None:
     """Print every key of the JSON that a command prints, with its type and what it means. Keys of objects stand below
     them, further to the right. A command with several kinds of answer has a table for each, such as `simulate` with and
-    without a campaign.
+    without a campaign. `hgogen schema model` prints the JSON Schema of text models, for an editor.
     """
-    demand_known("command", name, known())
+    if name == "model":
+        from hgogen.modelfiles.text_schema import text_schema  # slow to import
+
+        print_result(True, text_schema())
+        return
+    demand_known("command", name, (*known(), "model"))
     reports = getattr(command_of(name), "reports", ())
     if not reports:
         raise typer.BadParameter(f"{name} has no --json", param_hint="COMMAND")

@@ -61,10 +61,10 @@ from hgogen.which_forms import Row, Survey, survey
 # arguments of `sample` besides method and dt
 _OPTIONS = ("substeps", "between", "periods", "guards", "prefer", "first", "real", "report")
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
-_PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
+PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
 Result = TypeVar("Result")
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {
+TYPES = {
     "dt": NUMBER,
     "substeps": NUMBER,
     "delays": TABLE,
@@ -186,7 +186,7 @@ class Tuning:
 
     def gains(self, name: str) -> Mapping[str, Any]:
         """Return the arguments of the observer in a tuning. Raises: `BadModelFile`."""
-        entries = {key: value for key, value in self.table(name).items() if key not in _PLACED}
+        entries = {key: value for key, value in self.table(name).items() if key not in PLACED}
         return self._refusals(self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()})
 
     def table(self, name: str) -> Mapping[str, Any]:
@@ -201,13 +201,13 @@ class Tuning:
         if twins := [key for key in self.tables if key != name and files.name_key(key) == files.name_key(name)]:
             raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
         needed = "kind" if name == self.default else None
-        typed = {key: table[key] for key in _TYPES if key in table}
+        typed = {key: table[key] for key in TYPES if key in table}
         pair = typed.pop("dt") if isinstance(typed.get("dt"), list) else None
         if pair is not None and len(pair) != 2:
             raise BadModelFile(self.file, f"{where}.dt", "must be a time, or the shortest and the longest one")
         for end in pair or ():
-            demand_keys(self.file, where, {"dt": end}, _TYPES)
-        demand_keys(self.file, where, typed, _TYPES, needed)
+            demand_keys(self.file, where, {"dt": end}, TYPES)
+        demand_keys(self.file, where, typed, TYPES, needed)
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
@@ -237,7 +237,7 @@ class Tuning:
         return getattr(folder, name)
 
     def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
-        for key, reason in faults(make, gains, _PLACED, first=1):
+        for key, reason in faults(make, gains, PLACED, first=1):
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
     def _refusals(self, where: str, function: Callable[[], Result]) -> Result:

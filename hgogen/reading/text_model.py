@@ -68,24 +68,24 @@ NUMBERS, ROWS, EXPRESSIONS = "a list of numbers", "a list of lists of numbers", 
 SWITCH = "true or false"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _TURN = {"period": EXPRESSION}  # "2*pi" or 360
-_KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
+KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
     "states": ({**_SIGNAL, **_TURN, "rates": RANGES, "flow": EXPRESSION}, "flow"),
     "inputs": ({**_SIGNAL, **_TURN, "rates": RANGES}, None),
     "parameters": (_SIGNAL, "value"),
     "outputs": ({**_SIGNAL, **_TURN, "equation": EXPRESSION}, "equation"),
 }
-_DISTURBANCE = {**_SIGNAL, "rates": RANGES, "on": TEXT, "order": NUMBER}
-_POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
+DISTURBANCE = {**_SIGNAL, "rates": RANGES, "on": TEXT, "order": NUMBER}
+POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
 _COORDINATES = ("x", "y", "z")
-_TOP = {
+TOP = {
     **dict.fromkeys(("name", "meaning", "reference", "time"), TEXT),
-    **dict.fromkeys(_KINDS, TABLE),
+    **dict.fromkeys(KINDS, TABLE),
     "invariants": EXPRESSIONS,
     "discrete": SWITCH,
     **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
-_OF_PLANT = ("name", "time", "discrete", "disturbances", "tables", "invariants", *_KINDS)
-OTHER_KEYS = tuple(key for key in _TOP if key not in _OF_PLANT)  # the keys that do not declare the plant
+_OF_PLANT = ("name", "time", "discrete", "disturbances", "tables", "invariants", *KINDS)
+OTHER_KEYS = tuple(key for key in TOP if key not in _OF_PLANT)  # the keys that do not declare the plant
 Result = TypeVar("Result")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
 _EXAMPLES = {
@@ -159,12 +159,12 @@ def read(path: Path) -> PlainModel:
 
 def from_table(table: Any, file: str = "model") -> PlainModel:
     """Return the model of a dictionary as TOML and JSON give it; errors call it `file`. Raises: `BadModelFile`."""
-    demand_keys(file, "", table, _TOP, "name")
-    groups = {kind: table.get(kind, {}) for kind in _KINDS}
+    demand_keys(file, "", table, TOP, "name")
+    groups = {kind: table.get(kind, {}) for kind in KINDS}
     signals: dict[str, list[Signal]] = {}
     for kind, group in groups.items():
-        signals[kind] = [_signal(file, kind, name, entry, *_KINDS[kind]) for name, entry in group.items()]
-    symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
+        signals[kind] = [_signal(file, kind, name, entry, *KINDS[kind]) for name, entry in group.items()]
+    symbols = {signal.name: signal for kind in KINDS for signal in signals[kind]}
     now = symbols.get(t.name, t)  # the time, unless a signal has its name
     tables = {name: _points(file, name, entry) for name, entry in table.get("tables", {}).items()}
     for name in tables.keys() & symbols.keys():
@@ -184,10 +184,10 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     about = {"time": table.get("time", "s"), "discrete": table.get("discrete", False)}
     plant = named(file, "", System, table["name"], **readings, **signals, **about)
     for name, entry in table.get("disturbances", {}).items():
-        signal = _signal(file, "disturbances", name, entry, _DISTURBANCE, "on")
+        signal = _signal(file, "disturbances", name, entry, DISTURBANCE, "on")
         on, order = entry["on"], entry.get("order", 1)
         plant = named(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
-    others = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in OTHER_KEYS}
+    others = {key: table.get(key, "" if TOP[key] == TEXT else {}) for key in OTHER_KEYS}
     return PlainModel(file, plant, **others, folds=tuple(one for group in rows.values() for one in group if one.lost))
 
 
@@ -249,7 +249,7 @@ def _signal(file: str, kind: str, name: str, entry: Any, keys: Mapping[str, str]
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
     where = f"tables.{name}"
     for key in ("x", "y"):
-        demand_keys(file, where, entry, _POINTS, key)
+        demand_keys(file, where, entry, POINTS, key)
     *axes, values = (entry[key] for key in _COORDINATES if key in entry)
     return named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
 
