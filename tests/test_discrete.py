@@ -192,6 +192,18 @@ def test_the_rank_on_a_branch_that_samples_leave_decides_nothing() -> None:
     assert scheduled.verdict is Verdict.UNKNOWN
 
 
+def test_what_a_map_forgets_is_determined_later() -> None:
+    """v is not observable at sample 0, and v+ = w, w+ = u: after two samples it is an input. r is kept, and lost."""
+    w, constant = S("w", "", "second", low=-1, high=1), S("k", "", "constant", low=-1, high=1)
+    rows: dict[str, Any] = {"states": (p, v, w), "flow": [p / 2, w, u], "output": [p, p]}
+    forgotten = hg.observability(cart(**rows)).known
+    assert (forgotten.hidden, forgotten.later, forgotten.lost, forgotten.advice) == ((v, w), (v, w), (), "")
+    assert "the outputs determine v, w at later samples all the same" in str(hg.observability(cart(**rows)).checks[0])
+    rows |= {"states": (p, v, w, constant), "flow": [p / 2, w, u, constant]}
+    lasting = hg.observability(cart(**rows)).known
+    assert (lasting.later, lasting.lost) == ((v, w), (constant,))
+
+
 def test_a_limit_of_an_input_is_no_branch_that_is_left() -> None:
     x, u = hg.Signal("x", low=-2, high=2), hg.Signal("u", low=-2, high=2)
     limited = hg.System(

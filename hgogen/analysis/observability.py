@@ -359,7 +359,8 @@ class Answer(Encoded):
     `discrete`: the orders count samples, not derivatives; `passing`: the plant may leave the branch, where it would
     show what is hidden, or of a discrete plant and one with functions of time what is observable, so that the rank on
     it decides nothing; `lost`: the unknowns that are proved to be unobservable by one symmetry of every branch, which
-    changes no condition.
+    changes no condition; `later`: the states of a discrete plant that are not observable at sample 0, and determined
+    later, since the map carries what is hidden to one point.
     """
 
     json_keys = (
@@ -379,6 +380,7 @@ class Answer(Encoded):
     discrete: bool = False
     passing: bool = False
     lost: tuple[sp.Symbol, ...] = ()
+    later: tuple[sp.Symbol, ...] = ()
 
     @property
     def counted(self) -> str:
@@ -429,11 +431,13 @@ class Answer(Encoded):
         """The unobservable unknowns on this branch, and those not known to be observable, in words."""
         place = because(" where {condition}", condition=self.condition) if self.where else NONE
         are = "is" if len(self.hidden) == 1 else "are"
+        later = because("the outputs determine {names} at later samples all the same", names=self.later)
         stays = because(", which the plant may leave") if self.passing else NONE
         pattern = "{names} {are} not observable{place}{stays}"
         hidden = because(pattern, names=self.hidden, are=are, place=place, stays=stays)
         undecided = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
-        return tuple(one for one, names in ((hidden, self.hidden), (undecided, self.doubtful)) if names)
+        each = ((hidden, self.hidden), (later, self.later), (undecided, self.doubtful))
+        return tuple(one for one, names in each if names)
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
@@ -716,6 +720,21 @@ class _Question:
 
         return somewhere(plant, answer)
 
+    def determined_later(self, rank: Rank) -> tuple[sp.Symbol, ...]:
+        """Return the unobservable states of a discrete plant whose value at sample n is a function of the outputs: the
+        rows of d(x at sample n)/d(x, p) that are in the row space of d(y_0, y_1, ..)/d(x, p)."""
+        flow, output, states, inputs, parameters = self.rows
+        plant, _ = plant_of(flow, (*output, *states), states, inputs, parameters, **self.setting)
+
+        def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
+            orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, plant.wide + 1)]
+            rows = [row for y in orders[:-1] for row in y[: len(output)]]
+            last = zip(states, orders[-1][len(output) :], strict=True)
+            known = [x for x, row in last if len(new_rows([*rows, row], modulus(numbers))) == rank.rank]
+            return tuple(x for x in known if x in rank.unobservable)
+
+        return somewhere(plant, answer)
+
     def direction(self, order: int) -> tuple[Any, Any]:
         """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
         v = 0 at a random real point, and the point; or ()."""
@@ -744,7 +763,9 @@ def _whole(ranked: Sequence[tuple[_Question, Rank]], every: bool) -> Answer:
     elsewhere = tuple(question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind))
     answer = best.answer(rank)
     if not answer.hidden or (every and len(ranked) == 1):
-        return replace(answer, lost=answer.hidden, elsewhere=elsewhere)
+        later = best.determined_later(rank) if answer.hidden and best.plant.discrete else ()
+        lost = tuple(s for s in answer.hidden if s not in later)
+        return replace(answer, lost=lost, later=later, elsewhere=elsewhere)
     symmetries = _shared(answer, best, [question for question, _ in ranked]) if every else ()
     unseen = {s for one in symmetries for s, _ in one.field}
     lost = tuple(s for s in answer.hidden if s in unseen)
