@@ -124,9 +124,9 @@ def test_the_tables_shorten_whole_numbers_of_many_zeros(number: int, zeros: int,
 def test_conditions_in_words() -> None:
     """Each kind of what a function asks for."""
     f = sp.Function("f")
-    asking = [1 / x, sp.sqrt(x), sp.log(x), sp.asin(x), sp.acosh(x), sp.tan(x), sp.atan2(1, x), f(x)]
+    asking = [1 / x, sp.sqrt(x), sp.log(x), sp.asin(x), sp.acosh(x), sp.tan(x), sp.atan2(u, x), f(x)]
     said = ["x != 0", "x > 0", "x > 0", "-1 < x < 1", "x > 1", "cos(x) != 0", "x > 0", "f(x) is smooth"]
-    conditions = [singular([part], {x: (-9, 9)})[part] for part in asking]
+    conditions = [singular([part], {x: (-9, 9), u: (-9, 9)})[part] for part in asking]
     assert [str(each) for each in conditions] == said
     assert [str(each.failure) for each in conditions[:2]] == ["at x = 0", "unless x > 0"]
 
