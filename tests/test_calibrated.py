@@ -158,8 +158,10 @@ def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:
 
 @pytest.mark.parametrize(("nis", "said"), [(0.49, "less"), (0.51, ""), (1.99, ""), (2.01, "more")])
 def test_variances_are_doubted_on_both_sides(nis: float, said: str) -> None:
-    best: Any = SimpleNamespace(name="riccati", error=0.5, rank=(1, False, 9), noise=None, tried=(), numbers=None)
-    made: Any = SimpleNamespace(best=best, rows=(best,), tied=(best,), ahead=1, truth=())
+    best: Any = SimpleNamespace(
+        name="riccati", error=0.5, rank=(1, False, 9), noise=None, tried=(), numbers=None, below_quantum={}
+    )
+    made: Any = SimpleNamespace(best=best, rows=(best,), tied=(best,), ahead=1, truth=(), final=())
     doubts = verdicts(made, [Judged("riccati", {}, {}, {"y": nis})])[1:]
     assert [f"they scatter {said} there" in doubt for doubt in doubts] == [True] * bool(said)
 

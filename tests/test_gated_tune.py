@@ -46,7 +46,7 @@ def likelihood(sigmas: float, gate: Any, unit: float = 1.0) -> Likelihood:
     y, wrong = measured()
     off = sigmas * SIGMA * wrong * np.where(np.arange(N) % 2, 1, -1)[:, None]
     log, plant = hg.Log(np.zeros((N, 0)), unit * (y + off), DT), body(unit)
-    return likelihood_of(hg.forms.original(plant), (log,), "line", gated_groups(gate, plant.outputs))
+    return likelihood_of(hg.forms.original(plant), (log,), DT, "line", gated_groups(gate, plant.outputs))
 
 
 def noise(one: Likelihood) -> tuple[float, float]:
