@@ -19,6 +19,7 @@ N = 60
 T = np.arange(N) * 0.25
 Y = np.round(1500 * np.sin(0.3 * T) + 700, 3)
 U = np.round(np.cos(0.1 * T), 4)
+TABLE = np.column_stack([T, Y, U]).tolist()
 START = datetime(2026, 3, 31, 23, 59, 50)
 EARLY = datetime(2026, 3, 4, 23, 59, 50)
 SIGNALS = {"y": hg.Signal("y", "mV"), "u": hg.Signal("u", "V")}
@@ -46,7 +47,7 @@ def lines(
     time: Callable[[float], str] = point,
     head: Iterable[str] = ("time", "y", "u"),
 ) -> list[str]:
-    rows = ((time(t), number(y), number(u)) for t, y, u in zip(T, Y, U, strict=True))
+    rows = ((time(t), number(y), number(u)) for t, y, u in TABLE)
     return [delimiter.join(row) for row in (tuple(head), *rows)]
 
 
@@ -86,6 +87,14 @@ HEAD, *BODY = lines()
 PREAMBLE = ["Logger;RX-20", "Serial;12345", "Operator;Smith, J.", "Started;2026-03-31 23:59:50", "Rate;4 Hz"]
 READ = {
     "plain": Variant(lines()),
+    "names with blanks between blanks": Variant(
+        [
+            "time of run    y [mV]    u",
+            *(f" {t:8.3f}    {y:9.3f}    {u:6.4f}" for t, y, u in TABLE),
+        ],
+        {"time": "time of run"},
+        columns={"y": "y [mV]", "u": "u"},
+    ),
     "semicolon": Variant(lines(";")),
     "tab": Variant(lines("\t")),
     "bar": Variant(lines("|")),
@@ -123,11 +132,11 @@ READ = {
         [
             "time,y,u",
             "ms,V,mV",
-            *(f"{1000 * t:.0f},{y / 1000:.6f},{1000 * u:.1f}" for t, y, u in zip(T, Y, U, strict=True)),
+            *(f"{1000 * t:.0f},{y / 1000:.6f},{1000 * u:.1f}" for t, y, u in TABLE),
         ]
     ),
     "units in the header": Variant(
-        ["time [s],y [V],u (mV)", *(f"{t},{y / 1000:.6f},{1000 * u:.1f}" for t, y, u in zip(T, Y, U, strict=True))],
+        ["time [s],y [V],u (mV)", *(f"{t},{y / 1000:.6f},{1000 * u:.1f}" for t, y, u in TABLE)],
         {"time": "time [s]"},
         columns={"y": "[y [V]]", "u": "u (mV)"},
     ),
@@ -136,10 +145,7 @@ READ = {
     "units in cells, auto-ranged": Variant(
         [
             HEAD,
-            *(
-                f"{t} s,{f'{y} mV' if abs(y) < 1000 else f'{y / 1000:.6f} V'},{u}"
-                for t, y, u in zip(T, Y, U, strict=True)
-            ),
+            *(f"{t} s,{f'{y} mV' if abs(y) < 1000 else f'{y / 1000:.6f} V'},{u}" for t, y, u in TABLE),
         ]
     ),
     "quoted": Variant([",".join(f'"{cell}"' for cell in line.split(",")) for line in lines()]),
@@ -187,6 +193,16 @@ REFUSED = {
     "empty": ([""], {}, "is empty"),
     "hex": (["time,y", *(f"{k},0x{k:02x}" for k in range(9))], {}, "holds no number for y, but cells such as '0x00'"),
     "kinds of units": (["time,y", *(f"{k},{k} {'Vs'[k % 2]}" for k in range(9))], {}, "does not convert to V"),
+    "another run": (
+        ["time,y", *(f"{k % 30},{k}" for k in range(60))],
+        {},
+        "begin anew in row 31, as where a logger is",
+    ),
+    "other days": (
+        ["Date,time,y", *(f"2026-03-0{1 + k // 6},10:00:{k % 6:02},{k}" for k in range(12))],
+        {},
+        "'Date' has other days than those that pass in 'time'; say --time 'Date + time'",
+    ),
     "no date": (["time,y", *(f"99/99/2026,{k}" for k in range(9))], {}, "not all in one order of day, month and year"),
 }
 
@@ -296,7 +312,7 @@ def test_a_counter_of_nanoseconds_is_no_date(tmp_path: Path) -> None:
 
 
 def test_an_expression_reads_units_as_they_are_and_says_so(tmp_path: Path) -> None:
-    text = ["time,y [V],u", *(f"{t},{y / 1000:.6f},{u}" for t, y, u in zip(T, Y, U, strict=True))]
+    text = ["time,y [V],u", *(f"{t},{y / 1000:.6f},{u}" for t, y, u in TABLE)]
     for column, factor, note in (
         ("[y [V]]", 1, "y: converted from V to mV"),
         ("2*[y [V]]", 2e-3, "y: the expression '2*[y [V]]' reads 'y [V]' in V, as it is"),
@@ -304,3 +320,10 @@ def test_an_expression_reads_units_as_they_are_and_says_so(tmp_path: Path) -> No
         one = got(tmp_path, Variant(text, columns={"y": column}))
         np.testing.assert_allclose(one.values[:, 0], factor * Y, atol=2e-3)
         assert note in one.report.notes
+
+
+def test_one_run_of_a_logger_that_was_started_again_is_read(tmp_path: Path) -> None:
+    text = REFUSED["another run"][0]
+    for rows, first in ((Rows(end="row:30"), 0), (Rows("row:31"), 30)):
+        one = got(tmp_path, Variant(text, {"rows": rows}, columns={"y": "y"}))
+        assert one.values[:, 0].tolist() == list(range(first, first + 30))

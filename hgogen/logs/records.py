@@ -26,7 +26,7 @@ from hgogen.analysis.dynamics import HUGE
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
 from hgogen.part import SUBSTEPS
-from hgogen.reading.cells import BadRecord
+from hgogen.reading.cells import BadRecord, DateOrder, DecimalSign
 from hgogen.reading.measured import PYTHON, WINDOWS, Record, Report, difference, read
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
@@ -169,14 +169,17 @@ def record(
     columns: Mapping[str, str] | None = None,
     shift: Mapping[str, int] | None = None,
     between: Literal["line", "hold", "forward"] = "line",
+    decimal: DecimalSign | None = None,
+    dates: DateOrder | None = None,
 ) -> Log:
-    """Return the log in a CSV, Parquet or MAT file, or a DataFrame, on the grid of `dt`, by default with its own
+    """Return the log in a file (text, Parquet, MAT, Excel, ULog or MDF) or a DataFrame, on the grid of `dt`, by default with its own
     period, or, of an irregular log, the times of its rows.
 
-    `time`: the column of times, or `period`, the time between rows; `columns`: the column of each signal, or an
-    expression of columns as for --map, by default the column of its name; `shift`: samples by which a signal is
-    delayed. An input that is logged faster than dt, or irregularly, is averaged: over half a step to both sides, or
-    over the step before ("hold", as the step takes it) or after ("forward", as `hg.fit` does).
+    `time`: the column of times, or an expression, or `period`, the time between rows; `columns`: the column of each
+    signal, or an expression of columns as for --map, by default the column of its name; `shift`: samples by which a
+    signal is delayed. An input that is logged faster than dt, or irregularly, is averaged: over half a step to both
+    sides, or over the step before ("hold", as the step takes it) or after ("forward", as `hg.fit` does). `decimal`: "."
+    or ",", and `dates`: "dmy", "mdy" or "ymd", where the cells of a text do not tell.
 
     Raises: `BadRecord`; `NotInstalled` for a file whose library is missing.
     """
@@ -187,7 +190,7 @@ def record(
     inputs = {s.name: WINDOWS[between] for s in plant.supplied}
     wanted = {name: columns.get(name, name) for name in signals}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
-    words["own_times"] = "irregular"
+    words |= {"own_times": "irregular", "decimal": decimal, "dates": dates}
     got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
     demand_regular(plant, got.report)
     return log_of(got, plant)

@@ -129,10 +129,10 @@ def with_points(
     if decimal != "," and not _SEPARATED.search("\n".join(cells)) and "," not in others():
         return cells, ()
     cells = [_BLANK.sub("", cell) if _GROUPS.fullmatch(cell) else cell for cell in cells]
-    shown = {decimal} if decimal else decimal_signs(cells) or others() or None
+    every = [signs_of(cell) if "," in cell or "." in cell else [] for cell in cells]
+    shown = {decimal} if decimal else {signs[0] for signs in every if len(signs) == 1} or others() or None
     plain, notes = [], dict[str, str]()
-    for cell in cells:
-        signs = signs_of(cell) if "," in cell or "." in cell else []
+    for cell, signs in zip(cells, every, strict=True):
         if _EITHER.fullmatch(cell) and (shown or "." in cell):
             signs = [sign for sign in signs if sign in (shown or ".")]
         if len(signs) > 1:

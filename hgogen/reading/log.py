@@ -49,7 +49,7 @@ from hgogen.registry import NotInstalled, library
 from hgogen.signal import Signal
 
 BYTES = 1 << 28  # of a log; its cells need about ten times as much memory
-DELIMITERS = ";\t|, "  # of those that serve equally the first; blanks: one or several
+DELIMITERS = (*";\t|, ", "  ")  # of those that serve equally the first; blanks: one or several, or two and more
 HEAD, TAIL = 100, 20  # lines at the begin and the end of a file that tell its delimiter and its header
 MARKS = ("#", "%", "//")  # of a comment
 NEUTRAL = EMPTY | {"nan", "-nan", "inf", "-inf"}  # cells that are neither a value nor text
@@ -206,10 +206,10 @@ class _Head:
 def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] = ()) -> Table:
     """Return the table of the text file at `path`, or of its `content`, whose columns are `wanted`.
 
-    Header and delimiter (comma, semicolon, tab, bar or blanks) are those with which most cells of the rows are values:
-    the header is a line above them with as many names, perhaps in a comment; of several the one with the most wanted
-    names, else the last that does not hold units. Lines above it, comments, its repetitions and other lines of text are
-    left out. Each line is parsed alone, so a stray quote spoils only its own line.
+    Header and delimiter (comma, semicolon, tab, bar, blanks, or two blanks and more) are those with which most cells of
+    the rows are values: the header is a line above them with as many names, perhaps in a comment; of several the one
+    with the most wanted names, else the last that does not hold units. Lines above it, comments, its repetitions and
+    other lines of text are left out. Each line is parsed alone, so a stray quote spoils only its own line.
 
     Raises: `BadRecord`.
     """
@@ -301,8 +301,8 @@ def _aligned(path: str, header: tuple[str, ...], lines: list[str], delimiter: st
     if not lines:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
-    if delimiter == " " and '"' not in "".join(lines):
-        lines = [" ".join(line.split()) for line in lines]
+    if not delimiter.strip(" ") and '"' not in "".join(lines):
+        lines = [delimiter.join(_cells(line, delimiter)) for line in lines]
     columns, malformed, short_rows, texts = _regular(lines, delimiter, width) or _ragged(lines, delimiter, width)
     if not columns:
         raise BadRecord(
@@ -333,7 +333,7 @@ def _ragged(lines: list[str], delimiter: str, width: int) -> _Columns:
         short = len(row) < width
         if short and _value_balance(row) is None:
             texts += 1
-        elif any(row[width:]) or (short and delimiter == " "):
+        elif any(row[width:]) or (short and not delimiter.strip(" ")):
             malformed += 1
         else:
             short_rows += short
@@ -382,9 +382,12 @@ def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    line = line.replace("\t", " ").strip() if delimiter == " " else line
+    if not delimiter.strip(" "):
+        line = line.replace("\t", delimiter).strip()
+        if '"' not in line:
+            return line.split() if delimiter == " " else re.split(" {2,}", line)
     try:
-        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+        row = next(csv.reader([line], delimiter=delimiter[0], skipinitialspace=True), [])
     except csv.Error:
         row = line.split(delimiter)
     return [cell.strip() for cell in row]

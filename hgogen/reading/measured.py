@@ -67,6 +67,7 @@ _INSIDE = 0.51  # of a turn, from its middle: a sample farther off is given in a
 _PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
 _SINCE_1970 = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds", 1.0: "seconds"}
 _EPOCH, _MINUTE, _DAY = (9.4e8, 4.1e9), 60.0, 86_400.0  # s: from 1999 to 2099; rows are a minute apart at most
+_RUN = 10  # periods back in time, and half of the rows between two such: a logger that was started again
 _ROW = re.compile(r"row\s*[:=]?\s*(\d+)")
 _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
@@ -285,9 +286,9 @@ def read(
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     log, selected = _selected(log, rows, times, time, unit)
     series, times = {name: column.select_rows(selected) for name, column in series.items()}, times[selected]
-    log = replace(
-        log, notes=tuple(dict.fromkeys((*log.notes, *(note for one in series.values() for note in one.notes))))
-    )
+    _demand_one_run(log.path, times, selected)
+    of_columns = (note for one in series.values() for note in one.notes)
+    log = replace(log, notes=tuple(dict.fromkeys((*log.notes, *of_columns))))
     record = _gridded(log, series, times, dt, unit, inputs, signals, own_times)
     for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
@@ -326,6 +327,34 @@ def _times(log: Table, text: str, unit: str, caller: Caller) -> tuple[Table, np.
     return replace(log, notes=(*log.notes, *column.notes)), column.values
 
 
+def _demand_days(log: Table, name: str, overnight: np.ndarray) -> None:
+    """Raise `BadRecord` if a column of dates has other days than the times of day of a column pass, which are the times
+    (rows,) `overnight`, in s."""
+    for other in log.header:
+        cells = log.cells(other)
+        if log.header.count(other) > 1 or not has_dates(cells[:_CLOCK]) or any(":" in cell for cell in cells[:_CLOCK]):
+            continue
+        with suppress(Undecided):
+            in_days = stamps_of(cells, log.dates).seconds + stamps_of(log.cells(name), overnight=False).seconds
+            off = (in_days - overnight)[np.isfinite(in_days - overnight)]
+            if len(off) and np.ptp(off) > 1:
+                sums = " + ".join(each if each.isidentifier() else f"[{each}]" for each in (other, name))
+                raise BadRecord(
+                    log.path, f"{other!r} has other days than those that pass in {name!r}; say --time '{sums}'"
+                )
+
+
+def _demand_one_run(path: str, times: np.ndarray, rows: np.ndarray) -> None:
+    """Raise `BadRecord` if the times of `rows` begin anew, as those of a logger that was started again."""
+    timed = np.flatnonzero(np.isfinite(times))
+    steps = np.diff(times[timed], append=np.inf)
+    back = np.flatnonzero(steps < -_RUN * np.median(np.abs(steps)))
+    if len(back) and np.diff([0, *back + 1, len(timed)]).min() >= 2 * _RUN:
+        row = rows[timed[back[0] + 1]] + 1
+        fix = f"take one of its runs, --to row:{row - 1} or --from row:{row}"
+        raise BadRecord(path, f"its times begin anew in row {row}, as where a logger is started again; {fix}")
+
+
 def _clock(log: Table, name: str, unit: str, overnight: bool = True) -> Column:
     """Return a column as times in the unit: dates, times of day, the times since 1970 that computers count, or numbers
     of that unit."""
@@ -341,6 +370,8 @@ def _clock(log: Table, name: str, unit: str, overnight: bool = True) -> Column:
         notes = tuple(f"time: {note}" for note in stamps.notes)
         timed = np.isfinite(stamps.seconds)
         if timed.sum() > there.sum():
+            if overnight and not stamps.dated:
+                _demand_days(log, name, stamps.seconds)
             return replace(column, values=stamps.seconds / known, blank=column.blank & ~timed, notes=notes)
     for factor, what in _SINCE_1970.items():
         stamps_since = column.values[there] * factor
