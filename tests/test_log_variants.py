@@ -161,6 +161,9 @@ READ = {
     "-999": Variant(spoiled({3: "-99999", 17: "-99999.0"}), {}, (3, 17)),
     "text columns": Variant([f"{HEAD},state,note", *(f"{line},RUN,a b" for line in BODY)]),
     "ISO": Variant(lines(",", point, stamp("%Y-%m-%dT%H:%M:%S.FFF"))),
+    "ISO between tabs": Variant(
+        lines("\t", point, stamp("%Y-%m-%d %H:%M:%S.FFF"), ("time", "y (mV)", "u")), columns={"y": "y (mV)", "u": "u"}
+    ),
     "ISO with a zone": Variant(lines(",", point, stamp("%Y-%m-%d %H:%M:%S.FFF+02:00"))),
     "epoch ms": Variant(lines(",", point, lambda t: f"{1_774_990_790_000 + 1000 * t:.0f}")),
     "epoch s": Variant(lines(",", point, lambda t: f"{1_774_990_790 + t:.2f}")),

@@ -145,7 +145,7 @@ def test_a_bad_file_is_a_sentence(tmp_path: Path) -> None:
         "new.mat": (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n", "save.*'-v7'"),
         "hdf.mat": (b"\x89HDF\r\n\x1a\n", "save.*'-v7'"),
         "bad.mat": (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\xff" * 30, "cannot be read as a MAT file"),
-        "bad.parquet": (b"PAR1 and no more", "cannot be read as Parquet"),
+        "bad.parquet": (b"PAR1 and no more", "cannot be read as a Parquet file"),
     }
     for name, (content, said) in contents.items():
         (tmp_path / name).write_bytes(content)

@@ -206,7 +206,7 @@ Jobs = Annotated[
     int | None, typer.Option("--jobs", metavar="N", min=1, help="Processes, by default one for each core.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
-Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
+Data = Annotated[list[Path], typer.Option("--data", help="A log: a text, Parquet, MAT, Excel, ULog or MDF; repeat it.")]
 Truth = Annotated[
     list[str] | None,
     typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),

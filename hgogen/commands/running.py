@@ -71,7 +71,7 @@ from hgogen.run.samples import Engine, Run
 from hgogen.signal import Signal, derived, plural
 from hgogen.step import Step, StepTooLong
 
-Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
+Data = Annotated[Path, typer.Option("--data", help="The log: a text with a header, Parquet, MAT, Excel, ULog or MDF.")]
 ROUNDING = 1e-12  # relative rounding of a time over a period
 PIECE = 10_000  # rows of CSV text at once; cells take about ten times the memory of their text
 _PARTS = {"milli": 1000, "micro": 1_000_000}  # of a unit of time
@@ -364,7 +364,9 @@ def _timed(model: Model, data: Path, columns: Columns) -> Model:
 
 def _period(model: Model, data: Path, columns: Columns) -> float | tuple[float, float]:
     """Return the period of a log, of an irregular one the shortest and the longest dt of a step for it."""
-    log = log_of(read(data, {}, dt=None, own_times="irregular", unit=model.plant.time, **columns.reading()))
+    parts = (text.partition("=") for text in columns.map_ or ())
+    mapped = {name.strip(): column.strip() for name, _, column in parts if column.strip()}
+    log = log_of(read(data, mapped, dt=None, own_times="irregular", unit=model.plant.time, **columns.reading()))
     return step_limits([log]) or log.dt
 
 

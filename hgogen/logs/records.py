@@ -172,8 +172,8 @@ def record(
     decimal: DecimalSign | None = None,
     dates: DateOrder | None = None,
 ) -> Log:
-    """Return the log in a file (text, Parquet, MAT, Excel, ULog or MDF) or a DataFrame, on the grid of `dt`, by default with its own
-    period, or, of an irregular log, the times of its rows.
+    """Return the log in a file (text, Parquet, MAT, Excel, ULog or MDF) or a DataFrame, on the grid of `dt`, by default
+    with its own period, or, of an irregular log, the times of its rows.
 
     `time`: the column of times, or an expression, or `period`, the time between rows; `columns`: the column of each
     signal, or an expression of columns as for --map, by default the column of its name; `shift`: samples by which a

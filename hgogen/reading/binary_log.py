@@ -1,7 +1,8 @@
-"""Columns of DataFrames, Parquet and MAT files, by pandas and SciPy.
+"""Columns of DataFrames, Parquet, MAT, ULog and MDF files, by pandas, SciPy, pyulog and asammdf; sheets as text.
 
 A damaged file can crash the process that reads it. So this module also runs as a program: its argument is the kind of
-the file, it reads the file from standard input and writes an .npz, the names of the columns and then the array of each.
+the file, it reads the file from standard input and writes an .npz: the names of the columns, their clocks and units,
+and then the array of each.
 It imports nothing of the package, so that it starts fast.
 """
 
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,8 +32,18 @@ class Unsupported(ValueError):
     """A version of a file format that cannot be read."""
 
 
-def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
-    """Return the columns (N,) by name of a "mat" or "parquet" file. Raises: `Damaged`; `Unsupported`."""
+@dataclass(frozen=True)
+class Columns:
+    """Columns (N,) by name; where they have clocks of their own, the name of each one's times, which count in s, and
+    units."""
+
+    arrays: Arrays
+    clocks: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Columns:
+    """Return the columns of a file of a kind. Raises: `Damaged`; `Unsupported`."""
     command = [sys.executable, "-P", __file__, kind]
     environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
     try:
@@ -50,8 +62,10 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
         ended = f"{status}{message and f': {message}'}"
         raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as parts:
-        names, *arrays = parts.values()
-    return dict(zip(map(str, names), arrays, strict=True))
+        names, clocks, units, *arrays = parts.values()
+    listed = list(map(str, names))
+    by_name = [{name: str(text) for name, text in zip(listed, texts, strict=True) if text} for texts in (clocks, units)]
+    return Columns(dict(zip(listed, arrays, strict=True)), *by_name)
 
 
 def frame_columns(frame: Any) -> Arrays:
@@ -75,16 +89,66 @@ def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
     return np.array(["" if absent else str(value) for value, absent in pairs], dtype=object)
 
 
-def _read(kind: str, content: bytes) -> Arrays:
-    if kind == "parquet":
-        import pandas
+def _read(kind: str, content: bytes) -> Columns:
+    return _READERS[kind](io.BytesIO(content))
 
-        arrays = frame_columns(pandas.read_parquet(io.BytesIO(content), engine="pyarrow", use_threads=False))
-        return {name: array.astype(str) if array.dtype.kind == "O" else array for name, array in arrays.items()}
+
+def _parquet(stream: io.BytesIO) -> Columns:
+    import pandas
+
+    arrays = frame_columns(pandas.read_parquet(stream, engine="pyarrow", use_threads=False))
+    return Columns({name: array.astype(str) if array.dtype.kind == "O" else array for name, array in arrays.items()})
+
+
+def _mat(stream: io.BytesIO) -> Columns:
     from scipy.io import loadmat
 
-    variables = loadmat(io.BytesIO(content), simplify_cells=True)
-    return dict(pair for name, value in variables.items() if name[:2] != "__" for pair in _vectors(name, value))
+    variables = loadmat(stream, simplify_cells=True)
+    return Columns(
+        dict(pair for name, value in variables.items() if name[:2] != "__" for pair in _vectors(name, value))
+    )
+
+
+def _xlsx(stream: io.BytesIO) -> Columns:
+    """Return the first sheet with cells as a text of tabs, by its name."""
+    import pandas
+
+    sheets = pandas.read_excel(stream, sheet_name=None, header=None, dtype=object, engine="openpyxl")
+    name = next((name for name, sheet in sheets.items() if len(sheet)), next(iter(sheets)))
+    text = sheets[name].to_csv(sep="\t", header=False, index=False)
+    return Columns({str(name): np.frombuffer(text.encode(), np.uint8)})
+
+
+def _ulog(stream: io.BytesIO) -> Columns:
+    from pyulog import ULog
+
+    columns = Columns({})
+    for topic in ULog(stream).data_list:
+        name = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
+        columns.arrays[f"{name} time"] = topic.data["timestamp"] * 1e-6
+        for part, array in topic.data.items():
+            columns.arrays[f"{name}.{part}"], columns.clocks[f"{name}.{part}"] = array, f"{name} time"
+    return columns
+
+
+def _mdf(stream: io.BytesIO) -> Columns:
+    from asammdf import MDF
+
+    columns = Columns({})
+    with MDF(stream) as file:
+        for number, group in enumerate(file.groups):
+            masters = file.masters_db.get(number)
+            wanted = [(None, number, k) for k, _ in enumerate(group.channels) if k != masters]
+            for signal in file.select(wanted) if wanted else ():
+                if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iufb" and len(signal.samples):
+                    name = signal.name if signal.name not in columns.arrays else f"{signal.name} of group {number}"
+                    columns.arrays[f"group {number} time"] = signal.timestamps
+                    columns.arrays[name], columns.clocks[name] = signal.samples, f"group {number} time"
+                    columns.units[name] = signal.unit
+    return columns
+
+
+_READERS = {"parquet": _parquet, "mat": _mat, "xlsx": _xlsx, "ulog": _ulog, "mdf": _mdf}
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -110,7 +174,7 @@ def main() -> None:
         most = MEMORY + len(content)
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     try:
-        arrays = _read(sys.argv[1], content)
+        columns = _read(sys.argv[1], content)
     except NotImplementedError:
         sys.exit(UNSUPPORTED)
     except Exception as error:  # the libraries' errors, of several kinds
@@ -118,7 +182,9 @@ def main() -> None:
         memory_error = f"it asks for more than {MEMORY >> 30} GiB of memory"
         print(memory_error if isinstance(error, MemoryError) else reason, file=sys.stderr)
         sys.exit(FAILED)
-    np.savez(sys.stdout.buffer, np.array([*arrays], dtype=str), *arrays.values())
+    names = list(columns.arrays)
+    texts = (np.array([each.get(name, "") for name in names], dtype=str) for each in (columns.clocks, columns.units))
+    np.savez(sys.stdout.buffer, np.array(names, dtype=str), *texts, *columns.arrays.values())
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.graph import NoGraph, to_casadi
-from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, frame_columns
+from hgogen.reading.binary_log import Columns, Damaged, Unsupported, columns_of, frame_columns
 from hgogen.reading.cells import (
     EMPTY,
     BadRecord,
@@ -56,9 +56,13 @@ NEUTRAL = EMPTY | {"nan", "-nan", "inf", "-inf"}  # cells that are neither a val
 PARQUET, MAT, HDF = b"PAR1", b"MATLAB 5.0", (b"MATLAB 7.3", b"\x89HDF")
 PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}
 _BINARY = {
-    "parquet": ("a Parquet file", "Parquet", ("pandas", "pyarrow.parquet")),
-    "mat": ("a MAT file", "a MAT file", ("scipy.io",)),
+    "parquet": ("a Parquet file", ("pandas", "pyarrow.parquet"), "logs"),
+    "mat": ("a MAT file", ("scipy.io",), "logs"),
+    "xlsx": ("an Excel file", ("pandas", "openpyxl"), "logs"),
+    "ulog": ("a ULog file", ("pyulog",), "loggers"),
+    "mdf": ("an MDF file", ("asammdf",), "loggers"),
 }
+BEGINS = {PARQUET: "parquet", MAT: "mat", b"PK\x03\x04": "xlsx", b"ULog\x01\x12\x35": "ulog", b"MDF     ": "mdf"}
 _OLD = "is a MAT file of version 7.3, which is HDF5; save it again by save('log.mat', '-v7')"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")  # characters of no text
 _EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header determines anyway
@@ -173,14 +177,12 @@ def log_of(
     if not isinstance(source, str | Path):
         raise BadRecord(f"a {type(source).__name__}", "is no log; give the path of a file, or a DataFrame")
     content = unpacked(str(source), bytes_of(Path(source)))
-    if content.startswith(PARQUET):
-        read = _binary(str(source), "parquet", content)
-    elif content.startswith(HDF):
+    kind = next((kind for begin, kind in BEGINS.items() if content.startswith(begin)), "")
+    if content.startswith(HDF):
         raise BadRecord(str(source), _OLD)
-    elif content.startswith(MAT) or (Path(source).suffix.lower() == ".mat" and b"\0" in content[:128]):
-        read = _binary(str(source), "mat", content)
-    else:
-        read = table(source, content, wanted)
+    if not kind and Path(source).suffix.lower() == ".mat" and b"\0" in content[:128]:
+        kind = "mat"
+    read = _binary(str(source), kind, content, wanted) if kind else table(source, content, wanted)
     return replace(read, decimal=decimal, dates=dates, read={})
 
 
@@ -198,9 +200,10 @@ class _Head:
     values: int
     known: int
 
-    def rank(self) -> tuple[int, int, int, bool]:
+    def rank(self) -> tuple[bool, float, int, bool]:
         """Return what a header has most of, and a row of units least."""
-        return self.values, self.known, len(self.names), not all(map(is_unit, self.names))
+        several = len(self.names) > 1
+        return several, round(self.values / len(self.names), 6), self.known, not all(map(is_unit, self.names))
 
 
 def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] = ()) -> Table:
@@ -377,7 +380,7 @@ def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
     except UnicodeDecodeError:
         text, notes = ended.decode("latin-1"), [*notes, "not UTF-8: read as Latin-1"]
     if _CONTROL.search(text.rstrip("\x1a")):
-        raise BadRecord(str(path), "is no text; give a CSV, Parquet or MAT file")
+        raise BadRecord(str(path), "is neither a text nor a Parquet, MAT, Excel, ULog or MDF file")
     return text, notes
 
 
@@ -402,16 +405,21 @@ def _of_arrays(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ..
     return Table(path, tuple(arrays), list(arrays.values()), notes=notes)
 
 
-def _binary(path: str, kind: str, content: bytes) -> Table:
-    what, form, packages = _BINARY[kind]
+def _binary(path: str, kind: str, content: bytes, wanted: Iterable[str]) -> Table:
+    what, packages, extra = _BINARY[kind]
     for package in packages:
-        library(package, f"{path}, {what},")
+        library(package, f"{path}, {what},", extra)
     try:
-        arrays = columns_of(kind, content)
+        columns = columns_of(kind, content)
     except Unsupported:
         raise BadRecord(path, _OLD) from None
     except Damaged as error:
-        raise BadRecord(path, f"cannot be read as {form}: {error}") from None
+        raise BadRecord(path, f"cannot be read as {what}: {error}") from None
+    arrays = columns.arrays
+    if kind == "xlsx":
+        return table(path, b"".join(array.tobytes() for array in arrays.values()), wanted)
+    if columns.clocks:
+        return _joined(path, columns, {word for text in wanted for word in words_of(text)})
     lengths = [len(array) for array in arrays.values()]
     if kind == "mat" and not lengths:
         fix = "save vectors, a table by table2struct(T, 'ToScalar', true)"
@@ -420,6 +428,23 @@ def _binary(path: str, kind: str, content: bytes) -> Table:
     others = [name for name, array in arrays.items() if len(array) != rows]
     notes = (f"of another length than {rows}, left out: {', '.join(others)}",) if others else ()
     return _of_arrays(path, {name: array for name, array in arrays.items() if len(array) == rows}, notes)
+
+
+def _joined(path: str, columns: Columns, wanted: set[str]) -> Table:
+    """Return the wanted columns in the rows of all their clocks, NaN where a column has no sample, with these times in
+    s as the column "time"; others are NaN."""
+    chosen = {name: columns.clocks[name] for name in columns.arrays if name in columns.clocks and name in wanted}
+    if not chosen:
+        raise BadRecord(path, f"has none of the columns given; its columns are time, {', '.join(columns.clocks)}")
+    clocks = {clock: columns.arrays[clock] for clock in dict.fromkeys(chosen.values())}
+    times = np.unique(np.concatenate(list(clocks.values())))
+    arrays = {"time": times} | dict.fromkeys(columns.clocks, np.full(len(times), np.nan))
+    for name, clock in chosen.items():
+        arrays[name] = arrays[name].copy()
+        arrays[name][np.searchsorted(times, clocks[clock])] = columns.arrays[name]
+    several = any(len(clock) < len(times) for clock in clocks.values())
+    notes = (f"the columns have {len(clocks)} clocks: each has its samples in the rows of its own",) * several
+    return replace(_of_arrays(path, arrays, notes), units={"time": "s", **columns.units})
 
 
 # ---------------------------------------------------------------- mapped
