@@ -380,7 +380,7 @@ def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
     except UnicodeDecodeError:
         text, notes = ended.decode("latin-1"), [*notes, "not UTF-8: read as Latin-1"]
     if _CONTROL.search(text.rstrip("\x1a")):
-        raise BadRecord(str(path), "is neither a text nor a Parquet, MAT, Excel, ULog or MDF file")
+        raise BadRecord(str(path), "is no text, and no Parquet, MAT, Excel, ULog or MDF file")
     return text, notes
 
 
