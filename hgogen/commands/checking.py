@@ -274,9 +274,8 @@ def _short(loaded: Model, observer: str | None, bounds: Iterable[str], deep: boo
         say(short.line("weakest", short.weakest(least)))
     claims = checked(loaded, forms, observer)
     form, checks, name = claims.form, claims.checks, claims.observer
-    if claims.step is not None and loaded.setting:
-        words = " ".join(loaded.setting.words)
-        say(short.line("observer", f"{name} in {form.kind} form, with {words}"))
+    if claims.step is not None and (loaded.setting or plant.discrete):
+        say(short.line("observer", " ".join([f"{name} in {form.kind} form", *loaded.setting.words])))
     elif not plant.discrete:
         advised = advice(loaded, observability, forms, claims, deep=deep, kinds=(name, *short.KINDS))
         one = short.preferred(advised, name)
