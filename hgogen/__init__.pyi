@@ -33,7 +33,7 @@ from hgogen.estimators import theta as theta
 from hgogen.estimators.gate import Gate as Gate
 from hgogen.form import Form as Form
 from hgogen.logs.advise import advise as advise
-from hgogen.logs.findings import Finding as Finding
+from hgogen.logs.finding import Finding as Finding
 from hgogen.logs.findings import inspect as inspect
 from hgogen.logs.fit import Fit as Fit
 from hgogen.logs.fit import fit as fit

@@ -292,12 +292,13 @@ class CallableStep(Step):
         guards: Guards | None = None,
         prefer: Prefer | None = None,
         report: str | Sequence[str] | None = None,
+        between: str | None = None,
     ) -> "CallableStep":
         """Return a step of the same observer with another `form` of its plant, method, period dt, precision `real`,
-        guards, preference `prefer` or `report`; an option that is None keeps its value. Raises: as `sample` and the
-        observer do."""
+        guards, preference `prefer`, `report` or course of inputs `between` samples; an option that is None keeps its
+        value. Raises: as `sample` and the observer do."""
         observer = self.observer.on(form) if form else self.observer
-        requested = {"real": real, "guards": guards, "prefer": prefer, "report": report}
+        requested = {"real": real, "guards": guards, "prefer": prefer, "report": report, "between": between}
         options = self._options | {key: value for key, value in requested.items() if value is not None}
         options |= {} if dt is None or isinstance(dt, tuple) else {"substeps": None}
         return self._alike(sample(observer, method or self.method, self.limits if dt is None else dt, **options))

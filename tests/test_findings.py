@@ -127,11 +127,30 @@ def test_a_fault_has_its_name(name: str, kind: str) -> None:
         assert one.strength == {"held": 4, "drawn": 5}[kind]
 
 
-def test_an_offset_is_seen_where_the_model_has_no_state_that_learns_it() -> None:
+def test_an_offset_and_a_drift_are_those_of_their_signal() -> None:
+    """Of a model without a state that learns them. Several means at once tell the output's from the input's."""
     step, log = healthy("chain", 2)
-    faults = hg.inspect(step, faulty("offset", log, np.random.default_rng(1)))
-    assert {one.fault for one in faults} == {"offset"}
-    assert all("standard errors from 0" in one.finding and f"--offset {one.signal}" in one.fix for one in faults)
+    (one,) = hg.inspect(step, faulty("offset", log, np.random.default_rng(1)))
+    assert (one.signal, one.fault, "standard errors from 0" in one.finding) == ("y2", "offset", True)
+    taken = float(one.fix.partition('--map y2="y2 - ')[2].partition('"')[0])
+    assert taken == pytest.approx(12 * SIGMA, rel=0.1)
+    drifting = log.y + np.linspace(0, 30 * SIGMA, len(log.y))[:, None] * [0, 1]
+    (one,) = hg.inspect(step, Log(log.u, drifting, log.dt))
+    assert (one.signal, one.fault) == ("y2", "drift")
+
+
+@pytest.mark.full
+def test_scales_and_signs_are_named_with_what_is_equal() -> None:
+    """The other sign of an output of a linear plant is that of all other signals."""
+    step, log = healthy("chain", 6)
+    kinds = {"sign": [-1.0, 1.0], "scale": [3.7, 1.0]}
+    for fault, factors in kinds.items():
+        one = hg.inspect(step, Log(log.u, log.y * factors, log.dt))[0]
+        assert (one.signal, one.fault) == ("y", fault)
+        if fault == "sign":
+            assert one.fix == '--map y="-y", or equally u and y2 look like the other sign, --map u="-u" --map y2="-y2"'
+        else:
+            assert float(one.fix.partition('--map y="y/')[2].partition('"')[0]) == pytest.approx(3.7, rel=0.1)
 
 
 def test_a_state_that_is_held_is_named() -> None:
@@ -221,9 +240,11 @@ def test_the_command_names_the_fault_and_the_better_clock(folder: Path) -> None:
     ]
     printed = " ".join(hgogen(*words)[0].split())
     assert "y, still: y stands still at samples 133 to 192" in printed
-    assert "the column 'stamp' runs like a clock, too" in printed
+    assert "stamp, clock: the column 'stamp' runs like a clock, too" in printed
+    assert "it may hold the true times: --time stamp" in printed
     report = json.loads((folder / "log_faults.json").read_text())
-    assert [(one["signal"], one["fault"], one["rows"]) for one in report["findings"]] == [("y", "still", [[133, 192]])]
+    faults = {(one["signal"], one["fault"]): one["rows"] for one in report["findings"]}
+    assert faults == {("stamp", "clock"): [[0, 399]], ("y", "still"): [[133, 192]]}
     assert (folder / "log_signals.svg").stat().st_size > 1000
 
 

@@ -103,10 +103,10 @@ def test_an_input_in_another_unit_is_said() -> None:
     step = load("pendulum").step("riccati")  # whose drive has the range -1 .. 1
     t = np.arange(200)
     milli, huge, inside = (scale * (2 + np.sin(t / 9))[:, None] / 3 for scale in (1e3, 1e9, 1.0))
-    (said,) = clamped(step, milli, {"tau": "[u (mV)]"})
+    (said,) = map(str, clamped(step, milli, {"tau": "[u (mV)]"}))
     assert "beyond its declared range, -1..1, in 100 % of the samples" in said
     assert '--map tau="[u (mV)]/1000"' in said
-    (said,) = clamped(step, huge, {"tau": "u"})
+    (said,) = map(str, clamped(step, huge, {"tau": "u"}))
     assert "check its column and its unit" in said
     assert not list(clamped(step, inside, {"tau": "u"}))
     assert not list(clamped(step, np.full((5, 1), np.nan), {"tau": "u"}))

@@ -36,7 +36,7 @@ from hgogen.commands.command import (
     numbers_by_name,
     one_or_all,
 )
-from hgogen.commands.data import Logs, log_summary, logs_of, too_far, truth_of, truth_options
+from hgogen.commands.data import Logs, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, note, refusals_table, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
@@ -119,7 +119,10 @@ class GainChange:
 class TuneReport(ModelReport):
     """Observers tuned to measured records."""
 
-    json_keys = "model equations records=logs.reports take tuning ahead truth segments rows changes refused notes files"
+    json_keys = (
+        "model equations records=logs.reports findings=logs.findings take tuning ahead truth segments "
+        "rows changes refused notes files"
+    )
 
     equations: Annotated[list[str], "the plant's equations"]
     logs: Logs
@@ -163,7 +166,7 @@ class TuneReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """Yield the logs and the observers."""
-        yield from map(log_summary, self.logs.reports)
+        yield from self.logs.summaries()
         ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
         hidden = list(self.rows[0].judged.hidden)
         none = "in all rows, since none were held out"
@@ -248,7 +251,7 @@ def tune_(
         options=truth_options(true),
         window=WINDOWS[between],
         varying=bool(loaded.limits),
-    )
+    ).inspected(loaded)
     limits = loaded.limits or step_limits(logs.whole)
     measured = [
         {state: each[name] for state, (name, _) in true.items()}

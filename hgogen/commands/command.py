@@ -286,6 +286,14 @@ class Columns:
             help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
         ),
     ] = None
+    missing: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SIGNAL=WHAT",
+            help="Samples taken as missing: of a value, y=-999, that repeat the one before, y=repeats, or by their "
+            "numbers, y=150..199; repeat it.",
+        ),
+    ] = None
     begin: Annotated[
         str | None,
         typer.Option("--from", metavar="TIME", help="The first time that is taken, or the first row, as row:100."),

@@ -1,21 +1,29 @@
 """Measured logs on the command line: the columns of signals, the validation rows, and the summary of a log."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from hgogen.commands.command import Columns, once
-from hgogen.logs.records import Log, beyond, demand_regular, log_of
-from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
+from hgogen.call import CallableStep
+from hgogen.commands.command import Columns, engine_here, once
+from hgogen.errors import HgogenError
+from hgogen.logs.changes import Better
+from hgogen.logs.clocks import of_times
+from hgogen.logs.finding import Finding
+from hgogen.logs.findings import Written, findings
+from hgogen.logs.records import Log, beyond, demand_regular, log_of, step_limits
+from hgogen.model import Model
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
+from hgogen.reading.missing import without
+from hgogen.run.samples import Run
 from hgogen.system import System
 
 HELD_OUT, LARGEST_PART = 0.3, 0.9  # part at the end of each log that judges: by default, and at most
@@ -30,6 +38,8 @@ class Logs:
     records: tuple[Record, ...]
     cuts: tuple[int, ...]
     given: int
+    shifts: Mapping[str, int] = field(default_factory=dict)
+    findings: Annotated[tuple[tuple[Finding, ...], ...], "faults of each log"] = ()
 
     @property
     def learned(self) -> tuple[Log, ...]:
@@ -70,16 +80,36 @@ class Logs:
         return tuple(log_of(record, self.plant) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the logs leave the declared ranges or jump by a turn, with the file's name if several."""
-        several, courses = len(self.records) > 1, unwrapped_outputs(self.plant)
+        """Return where the logs leave the declared ranges, with the file's name if several."""
+        several = len(self.records) > 1
         return tuple(
             f"{record.report.path}: {note}" if several else note
             for record, log in zip(self.records, self.whole, strict=True)
-            for note in (
-                *beyond(self.plant, log),
-                *jumps_by_turns(courses, log.y, log.dt, self.plant.time),
-            )
+            for note in beyond(self.plant, log)
         )
+
+    def inspected(self, model: Model, observer: str | None = None) -> "Logs":
+        """Return the logs with their faults, by the step of the model's observer, or of that of `JUDGE` with its first
+        gains; those of times alone where no step can be made."""
+        faults = []
+        for record, log in zip(self.records, self.whole, strict=True):
+            step, each = (
+                judging_step(model, observer, model.limits or step_limits([log]) or log.dt),
+                [*of_times(record)],
+            )
+            if step is not None:
+                samples = log.of(step.inputs)
+                step.reset(log.start)
+                run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
+                each = log_findings(step, record, run, samples.u, samples.y, self.shifts)[0]
+            faults.append(tuple(each))
+        return replace(self, findings=tuple(faults))
+
+    def summaries(self) -> Iterator[RenderableType]:
+        """Yield the printed summary of each log, and its faults."""
+        for report, faults in zip(self.reports, self.findings, strict=True):
+            yield log_summary(report)
+            yield from fault_lines(faults)
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
         """Return columns of each log that are not signals, by name."""
@@ -116,11 +146,49 @@ def logs_of(
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
     words["own_times"] = "always" if varying else "irregular"
     part, judges = parts_of(held_out or ())
-    records = tuple(named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
+    each = (named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
+    records = tuple(without(one, named.missing or (), plant.supplied, plant.outputs) for one in each)
     for record in records:
         demand_regular(plant, record.report)
     cuts = [round(len(record.t) * (1 - part)) for record in records[: len(data)]]
-    return Logs(plant, records, (*cuts, *[0] * len(judges)), len(data))
+    return Logs(plant, records, (*cuts, *[0] * len(judges)), len(data), shifts)
+
+
+JUDGE = "riccati"  # the observer that judges logs if the model has none
+
+
+def judging_step(model: Model, observer: str | None, dt: float | tuple[float, float]) -> CallableStep | None:
+    """Return the step at `dt` by which a log is judged; None where the model has none and no first gains."""
+    timed = model.sampled(dt)
+    has_tuning = model.has("step") or model.tuning.tables
+    try:
+        return timed.step(observer or (None if has_tuning else JUDGE)).undelayed
+    except HgogenError:
+        return None
+
+
+def log_findings(
+    step: CallableStep,
+    record: Record,
+    run: Run,
+    u: np.ndarray,
+    y: np.ndarray,
+    shifts: Mapping[str, int] = MappingProxyType({}),
+    first: int = 0,
+) -> tuple[list[Finding], Better | None]:
+    """Return the faults of a log u (N, m), y (N, p), and a change of signals that fits better, by the `run` of a step
+    over it; `shifts`: those that are set; `first`: the sample from which on errors count."""
+    elapsed = record.elapsed if step.clock.varying else None
+    begin = float(record.t[0] if record.stamps is None else np.nanmin(record.stamps))
+    written = Written(shifts, record.operands, record.clock[1], begin, step.dt)
+    faults, change = findings(step, run, u, y, first, engine=engine_here(), written=written, dt=elapsed)
+    return [*of_times(record, step.clock.varying is not None), *faults], change
+
+
+def fault_lines(findings: Iterable[Finding]) -> Iterator[Text]:
+    """Yield a printed line for each fault."""
+    for one in findings:
+        yield Text.assemble((f"{one.signal}, {one.fault}: ", "bold"), str(one))
 
 
 def parts_of(held_out: Sequence[str]) -> tuple[float, list[Path]]:

@@ -32,7 +32,7 @@ from hgogen.commands.command import (
     engine_here,
     names_in,
 )
-from hgogen.commands.data import Logs, log_summary, logs_of
+from hgogen.commands.data import JUDGE, Logs, logs_of
 from hgogen.commands.output import (
     Bar,
     Folder,
@@ -63,7 +63,6 @@ OUTLYING, STEADY, SIZE = 5e-3, 6.0, 0.3  # share of outliers; of a mean: standar
 FAR = 4.0  # standard errors by which a parameter moves only if the rows held out are unlike the others
 UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
 _AHEAD = (1, 5, 25)  # samples ahead, of the validation errors
-_JUDGE = "riccati"  # the observer that starts predictions if the model has none
 _FEEDBACK = (
     "under feedback that refutes nothing, since inputs ahead answer noise that is still to come: judge by hgogen tune, "
     "one sample ahead"
@@ -101,7 +100,10 @@ class ParameterChange:
 class FitReport(ModelReport):
     """A fit, and how well it predicts the rows held out."""
 
-    json_keys = "model equations records=logs.reports *result changes predictions unjudged proposals notes files"
+    json_keys = (
+        "model equations records=logs.reports findings=logs.findings *result changes predictions unjudged proposals "
+        "notes files"
+    )
 
     equations: Annotated[list[str], "the plant's equations"]
     result: Fit
@@ -158,7 +160,7 @@ class FitReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """Yield the logs, the fit and its predictions."""
-        yield from map(log_summary, self.logs.reports)
+        yield from self.logs.summaries()
         yield fit_tables(self.result, self.logs.notes(), self.changes)
         if not self.predictions:
             yield Text(f"nothing judges the fit; {self.unjudged}\n")
@@ -227,6 +229,7 @@ def fit_(
     window = WINDOWS["forward" if between == "hold" else between]  # held from its sample to the next
     grid: dict[str, Any] = {"dt": setting.longest, "window": window, "varying": bool(loaded.limits)}
     logs = logs_of(plant, data, held_out, named=columns, shift=shift, **grid)
+    logs = logs.inspected(loaded, observer)
     fitted = partial(
         fit,
         plant,
@@ -372,8 +375,8 @@ def _step(
         return model.step(observer)
     process, sample = noise
     if not process:
-        return model.step(_JUDGE)
-    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(_JUDGE)
+        return model.step(JUDGE)
+    return replace(model, tables={JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(JUDGE)
 
 
 def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Iterable[str]) -> Iterator[str]:

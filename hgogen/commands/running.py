@@ -35,39 +35,38 @@ from hgogen.commands.command import (
     numbers_in,
     one_or_all,
 )
-from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
+from hgogen.commands.data import fault_lines, log_findings, log_summary, too_far, truth_name, truth_of, truth_options
 from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
-from hgogen.logs.findings import Finding, findings
+from hgogen.logs.changes import Better
+from hgogen.logs.finding import Finding
+from hgogen.logs.findings import judged
 from hgogen.logs.initial import first_states
 from hgogen.logs.records import Log, beyond, demand_regular, log_of, reading_of, step_limits
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.files import file_name_fault
-from hgogen.reading.jumps import jumps_by_turns, unwrapped_outputs
 from hgogen.reading.log import mapping, quotient, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
+from hgogen.reading.missing import without
 from hgogen.run.comparison import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
 from hgogen.run.gates import GateShare
 from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
 from hgogen.run.prediction import (
-    Better,
     MostlyRejected,
     Prediction,
     Rejection,
-    better,
-    clamped,
     predictions,
     rejected,
     rejections,
     rms,
 )
-from hgogen.run.samples import Engine, Run
+from hgogen.run.samples import Run
 from hgogen.signal import Signal, derived, plural
 from hgogen.step import Step, StepTooLong
 
@@ -124,13 +123,18 @@ class RecordRun(ModelReport):
 
     @property
     def notes(self) -> tuple[str, ...]:
+        """The faults of the log, and the doubts about the run."""
+        return (*map(str, self.findings), *self.remarks)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
         """The doubts about the run."""
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = coarse(self.from_double, self.step.time)
         known, more = self.doubts
-        faults, faulty = map(str, self.findings), {one.signal for one in self.findings}
-        judged = *no_better(self.predictions), *self.sure.sentences(faulty)
-        return (*faults, *known, *judged, *differing, *acted, *self.acted.excessive, *more)
+        faulty = {name for one in self.findings for name in one.signal.split(", ")}
+        doubtful = *no_better(self.predictions), *self.sure.sentences(faulty)
+        return (*known, *doubtful, *differing, *acted, *self.acted.excessive, *more)
 
     @property
     def status(self) -> dict[str, int]:
@@ -162,6 +166,7 @@ class RecordRun(ModelReport):
         """Yield the log, the status, predictions and innovations."""
         step = self.step
         yield log_summary(self.record.report, self.initial)
+        yield from fault_lines(self.findings)
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
         yield from gates_table(self.acted.gates)
@@ -177,7 +182,7 @@ class RecordRun(ModelReport):
             for one in self.from_double
         )
         yield from filled(headed(title, *columns, rows=rows_))
-        yield consistency_table(self.sure, self.notes)
+        yield consistency_table(self.sure, self.remarks)
 
     def demand(self) -> None:
         """Raise `MostlyRejected` if the observer rejects most samples of an output."""
@@ -235,12 +240,6 @@ class _Opened(NamedTuple):
         """The time (N) since the sample before, for a step in which it varies."""
         return self.record.elapsed if self.step.clock.varying else None
 
-    def advice(self, better: Better | None) -> tuple[str, ...]:
-        """Return the advice for another shift, sign or unit, none without one."""
-        if better is None:
-            return ()
-        return (better.sentence(self.shifts.get(better.signal, 0), self.record.operands[better.signal]),)
-
 
 class _Estimated(NamedTuple):
     """The run of a step over a log u (N, m), y (N, p), from `begins`; `judge`, `judged`: the step and the run by which
@@ -278,7 +277,8 @@ def _opened(
     record = _record(step, data, columns, (*step.inputs, *step.samples), true)
     shifts = shifts_of(str(data), shift, step.inputs, step.outputs)
     ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-    return _Opened(model, step, record.shifted(shifts | ages), shifts)
+    record = without(record.shifted(shifts | ages), columns.missing or (), step.inputs, step.outputs)
+    return _Opened(model, step, record, shifts)
 
 
 def _estimated(opened: _Opened, initial: str | None = None) -> _Estimated:
@@ -287,7 +287,7 @@ def _estimated(opened: _Opened, initial: str | None = None) -> _Estimated:
     step, begins = _begun(opened, u, y, initial)
     step.reset(float(opened.record.t[0]))
     done = step.run(u=u, y=samples, engine=engine, dt=opened.elapsed)
-    return _Estimated(step, begins, u, y, samples, done, *_judged(step, done, u, y, engine))
+    return _Estimated(step, begins, u, y, samples, done, *judged(step, done, u, y, engine))
 
 
 def _over_record(
@@ -299,37 +299,27 @@ def _over_record(
     bar: Bar,
 ) -> RecordRun:
     model, record, engine = opened.model, opened.record, engine_here()
-    step, begins, u, y, samples, done, judge, judged = estimated
+    step, begins, u, y, samples, done, judge, run = estimated
     counted = _counted(step, burn_in, record.t)
     bar.tick("predictions")
     there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
-    errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
+    errors = predictions(judge, run.since(counted), u[counted:], there[counted:], ahead, bar.tick)
     bar.tick("innovations")
-    wrong = rejections(judge, judged, u, y, record.operands, engine, opened.elapsed)
+    wrong = rejections(judge, run, u, y, record.operands, engine, opened.elapsed)
     double = None
     if step.real != "double":
         double = step.rebuilt(real="double").run(u=u, y=samples, engine=engine, dt=opened.elapsed)
     single = () if double is None else differences(step.states, done, double)
-    bar.tick("other shifts and signs")
-    other = None if wrong else better(judge, u, y, counted, engine, opened.elapsed)
-    used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
-    doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
-    doubts += tuple(jumps_by_turns(unwrapped_outputs(model.plant), y, step.dt, step.time))
-    more = [*too_far(ahead, [one.ahead for one in errors]), *opened.advice(other)]
+    bar.tick("faults of the log")
+    faults, other = log_findings(judge, record, run, u, y, opened.shifts, counted)
+    used = Log(u, np.where(rejected(judge, run, y), np.nan, y), step.dt)
+    doubts = (*loss(step, done, record.t, u, y), *beyond(model.plant, used))
+    more = too_far(ahead, [one.ahead for one in errors])
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     messages = doubts, tuple(more)
-    faults = tuple(findings(step, done, u, y))
     return RecordRun(
-        model.path, step, record, done, counted, truth, begins, errors, faults, other, wrong, single, messages
+        model.path, step, record, done, counted, truth, begins, errors, tuple(faults), other, wrong, single, messages
     )
-
-
-def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
-    """Return the step and the run by which a log u, y is judged. A step for late samples is judged
-    without delays, in the order of measurement, with the estimates of the run `done`."""
-    if not step.ages:
-        return step, done
-    return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
 def _begun(
@@ -468,8 +458,7 @@ class InspectReport(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Yield the log, and a line for each fault."""
         yield log_summary(self.record.report)
-        for one in self.findings:
-            yield Text.assemble((f"{one.signal}, {one.fault}: ", "bold"), str(one))
+        yield from fault_lines(self.findings)
         yield from map(Text, self.notes)
         if not (self.findings or self.notes):
             yield "no fault found, in the signals and in the innovations of the model's observer"
@@ -479,7 +468,8 @@ class InspectReport(ModelReport):
         from hgogen.run import figures
 
         signals = (*self.step.inputs, *self.step.outputs)
-        rows = {s.name: [each for one in self.findings if one.signal == s.name for each in one.rows] for s in signals}
+        faults = [(name, one.rows) for one in self.findings for name in one.signal.split(", ")]
+        rows = {s.name: [each for name, stretches in faults if name == s.name for each in stretches] for s in signals}
         drawn = figures.log_faults(signals, self.record.t, self.record.of(signals), rows, self.step.time)
         return {**rendered({f"{name}_signals": drawn})}
 
@@ -503,15 +493,11 @@ def inspect_(
         loaded, folder, name = _destination(model, data, observer, setting, columns, out, "faults")
         opened = _opened(loaded, observer, data, columns, shift or ())
         bar.tick("running the observer")
-        step, _, u, y, _, done, judge, judged = _estimated(opened)
+        step, _, u, y, _, done, judge, run = _estimated(opened)
         bar.tick("other shifts, signs and units")
-        wrong = rejections(judge, judged, u, y, opened.record.operands, engine_here(), opened.elapsed)
-        other = None if wrong else better(judge, u, y, 0, engine_here(), opened.elapsed)
-        notes = [*map(str, wrong), *clamped(step, u, opened.record.operands)]
-        notes += jumps_by_turns(unwrapped_outputs(loaded.plant), y, step.dt, step.time)
-        notes += [*(share.sentence for share in done.gates if share.excessive), *opened.advice(other)]
-        faults = tuple(findings(step, done, u, y))
-        report = InspectReport(loaded.path, step, opened.record, faults, other, tuple(notes))
+        faults, other = log_findings(judge, opened.record, run, u, y, opened.shifts)
+        notes = tuple(share.sentence for share in done.gates if share.excessive)
+        report = InspectReport(loaded.path, step, opened.record, tuple(faults), other, notes)
         bar.tick("the figure")
     return folder.save(report, f"{name}_faults.json", report.written(name))
 

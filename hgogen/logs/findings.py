@@ -3,37 +3,44 @@
 Of the course x_k of one signal, with the differences d_k = x_k - x_(k-1):
 
     still     the longest run of one value, over log(N)/log(1/q), the longest by chance of N samples of which the share
-              q repeats the one before; while another signal moves
+              q repeats the one before; while another signal moves; `before` where it begins the log
+    stale     more samples that repeat the one before than come so near to it, all over the log
     clipped   runs at the largest or least value, which the course meets at full speed
     held      new values in every m-th sample only
     drawn     straight lines between every m-th sample, as an export fills in between slower samples
     code      one value, far from all others, in place of missing ones
 
-Of the normalised innovations e_k/sqrt(s_k) of an observer, without the first tenth of the log:
+Of the normalised innovations n_k = e_k/sqrt(s_k) of an observer, without the first tenth of the log:
 
     offset    |mean| over its standard error, sqrt(tau/N) times the standard deviation, tau as in `run.consistency`
+    drift     the same of the slope of a straight line through them, in place of the mean
     outliers  the median of the squares is that of noise, the mean is not: a few samples, apart from each other
     quantum   steps of a sensor, of which the noise q/sqrt(12) is above the deviation of a sample by R
+
+An offset or drift is that of the signal whose constant, or straight line, takes most of these means or slopes away, by
+their change with it, and leaves the innovations smallest; signals that do so equally are named too. Then signals are
+tried in other units, with another sign, scale or delay (`logs.changes`).
 
 The limits are chosen so that a healthy log raises nothing; a fault that is smaller than they are is not found.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.estimators.noise import sample_deviations
+from hgogen.logs.changes import CLEAR, Better, better
+from hgogen.logs.finding import Finding, longest, stretches_of
 from hgogen.logs.records import Log
+from hgogen.logs.trends import Trends, normalised
 from hgogen.reading.given import requires
-from hgogen.run.consistency import alike
-from hgogen.run.prediction import rms
-from hgogen.run.samples import Run
-from hgogen.sentence import Encoded
+from hgogen.reading.jumps import jumps_by_turns, turn_of, unwrapped_outputs
+from hgogen.run.prediction import MOST_REJECTED, Clamped, Rejection, clamped, rejections
+from hgogen.run.samples import Engine, Run
 from hgogen.signal import Signal, derived
 
 Array = np.ndarray
@@ -50,25 +57,9 @@ _REGULAR = 0.95  # share of the changes at every m-th sample
 _SLOWEST = 50  # m at most
 _FAR = 5.0  # ranges of the other values: a code is so far from them
 _CODES = frozenset((-1.0, 85.0, 127.0, 255.0, 999.0, 4095.0, 9999.0, 32767.0, 65535.0, 99999.0))  # without their sign
-_BEGIN = 0.1  # of the log: its innovations do not count
-_ERRORS, _SIZE = 6.0, 0.3  # standard errors, standard deviations: least mean of innovations that are off
+_DECIMALS = 11  # significant ones
+_SPREAD = 5  # tenths of the log with stale samples
 _LEAST_OUTLIERS, _BEYOND = 3, 7.0  # samples; standard deviations of each
-
-
-@dataclass(frozen=True)
-class Finding(Encoded):
-    """A fault of a log."""
-
-    signal: Annotated[str, "the signal"]
-    fault: Annotated[str, "what is wrong with it, by one word"]
-    rows: Annotated[tuple[tuple[int, int], ...], "first and last sample of each stretch, the longest first; 20 at most"]
-    count: Annotated[int, "samples concerned"]
-    strength: Annotated[float, "its measure over the limit, above 1"]
-    finding: Annotated[str, "a sentence"]
-    fix: Annotated[str, "what mends it"]
-
-    def __str__(self) -> str:
-        return f"{self.finding}: {self.fix}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +94,17 @@ class Course:
     def present(self) -> Array:
         """The samples that are not missing."""
         return np.asarray(self.values[self.there])
+
+    @cached_property
+    def resolution(self) -> float:
+        """The last decimal of values that are written in a few, at most `_DECIMALS` significant ones."""
+        largest = float(np.abs(self.present).max()) or 1.0
+        first = math.floor(math.log10(largest)) + 1
+        for place in range(first, first - _DECIMALS, -1):
+            counts = self.present / 10.0**place
+            if np.all(np.abs(counts - np.rint(counts)) < 1e-3):
+                return 10.0**place
+        return 0.0
 
     @cached_property
     def quantum(self) -> float:
@@ -147,8 +149,10 @@ def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
         at = f"at its {end_of} value, {course.values[start]:g}, " if end_of else ""
         text = f"{name} stands still {at}{where}, {length} in a row"
         cause = "is it cut off there, or does the sensor hang" if at else "does the sensor hang, or the plant stick"
-        fix = f"{cause}? Take these samples out, or as missing"
-        yield Finding(name, "still", ((start, end),), length, strength, text, fix)
+        if start == 0:
+            cause = "was it filled in before its first sample"
+        fix = f"{cause}? --missing {name}={start}..{end} takes them as missing"
+        yield Finding(name, "still" if start else "before", ((start, end),), length, strength, text, fix)
 
 
 def is_moving(values: Array, start: int, end: int) -> bool:
@@ -179,14 +183,8 @@ def clipped(course: Course) -> Iterator[Finding]:
             stretches = longest(there[first[at]], there[first[at] + lengths[at] - 1])
             count, text = int(lengths[at].sum()), f"{course.signal.name} is cut off at its {name} value, {end:g}"
             finding = f"{text}, in {count} samples, {len(at)} times, first {course.stretch(*min(stretches))}"
-            fix = f"take samples at {end:g} as missing, or give the sensor a wider range"
+            fix = f"--missing {course.signal.name}={end:.12g} takes these as missing; the sensor needs a wider range"
             yield Finding(course.signal.name, "clipped", stretches, count, strength, finding, fix)
-
-
-def longest(first: Array, last: Array) -> tuple[tuple[int, int], ...]:
-    """Return the stretches `first` to `last` (k), the longest first, 20 at most."""
-    order = np.argsort(first - last, kind="stable")[:20]
-    return tuple((int(first[k]), int(last[k])) for k in order)
 
 
 def every(places: Array) -> int | None:
@@ -210,17 +208,18 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
     if (m := every(changes)) is not None:
         period = f"{m * course.dt:g} {course.time}"
         text = f"{name} has a new value in every {m}th sample only, and repeats it in between"
-        fix = f"its period is {period}: leave the repeats empty, and say periods = {{{name} = {m * course.dt:g}}}"
+        fix = f"its period is {period}: --missing {name}=repeats, and periods = {{{name} = {m * course.dt:g}}}"
         yield Finding(name, "held", ((0, len(values) - 1),), len(values), float(m), text, fix)
         return
     curvatures = np.abs(np.diff(values, 2))
-    straight = curvatures <= 1e-9 * np.abs(values).max() + 1.01 * course.quantum
+    straight = curvatures <= 1e-9 * np.abs(values).max() + 1.01 * max(course.quantum, 2 * course.resolution)
     corners = np.flatnonzero(~straight) + 1
     if np.mean(straight) > 0.5 and (m := every(corners)) is not None:
         if any(every(np.flatnonzero(np.diff(u)) + 1) == m for u in inputs):
             return
         text = f"{name} runs in straight lines between every {m}th sample: it was drawn between slower samples"
-        fix = f"it looks ahead by up to {m} samples: keep every {m}th row, where it was measured"
+        options = f"--from row:{int(corners[0]) % m + 1} --every {m}"
+        fix = f"it looks ahead by up to {m} samples: take the rows where it was measured, {options}"
         yield Finding(name, "drawn", ((0, len(values) - 1),), len(values), float(m), text, fix)
 
 
@@ -238,35 +237,37 @@ def codes(course: Course) -> Iterator[Finding]:
         if strength > 1:
             at = there[values == code]
             text = f"{course.signal.name} is {code:g} in {count} samples, and {low:g} to {high:g} in all others"
-            fix = "a code for missing samples? Leave these cells empty"
+            fix = f"a code for missing samples? --missing {course.signal.name}={code:.12g}"
             yield Finding(course.signal.name, "code", longest(at, at), count, strength, text, fix)
 
 
-def of_innovations(course: Course, deviation: float | None, constants: Sequence[str]) -> Iterator[Finding]:
-    """Yield what the innovations of an output show; `deviation`: of a sample by R, None if the observer has no R;
-    `constants`: the states that the model holds constant."""
-    begin, name, unit = math.ceil(_BEGIN * len(course.off)), course.signal.name, course.signal.unit
-    unit = f" {unit}" if unit else ""
-    at = np.flatnonzero(np.isfinite(course.off[begin:])) + begin
-    n = course.off[at]
-    if len(n) < LEAST or not np.std(n) > 0:
+def stale(course: Course) -> Iterator[Finding]:
+    """Yield the finding that many single samples repeat the one before, though the others differ."""
+    change = np.abs(np.diff(course.present))
+    repeats, moving = change == 0, change[change > 0]
+    if course.quantum or len(moving) < LEAST or not repeats.any():
         return
-    inside = np.abs(n - np.median(n)) <= _BEYOND * max(1.4826 * float(np.median(np.abs(n - np.median(n)))), 1e-300)
-    mean, spread = float(n[inside].mean()), float(n[inside].std())
-    tau = min(alike(n[inside] - mean), len(n) / 4)
-    errors = abs(mean) / (spread * math.sqrt(tau / inside.sum())) if spread else 0.0
-    strength = min(errors / _ERRORS, abs(mean) / (_SIZE * max(spread, 1.0))) if spread else 0.0
-    if strength > 1:
-        text = f"innovations of {name} have a mean of {mean:.3g} sigma, {errors:.3g} of its standard errors from 0"
-        fix = f"a sensor or an input has an offset (of a plant with parameters `hgogen fit --offset {name}` finds it)"
-        if constants:
-            fix = f"{fix}, or {', '.join(constants)}, held by Q and P(0), does not learn it: raise them"
-        yield Finding(name, "offset", ((int(at[0]), int(at[-1])),), len(n), strength, text, fix)
-    q = course.quantum
-    if deviation is not None and q / math.sqrt(12) > 2 * deviation:
+    by_chance = 0.5 * float(np.sum(moving < 1.5 * moving.min()))  # come as near by chance, on the side above and below
+    places = np.flatnonzero(repeats)
+    spread = len(np.unique(10 * places // len(change)))
+    strength = len(places) / max(_RUN, 4 * by_chance)
+    if strength > 1 and spread >= _SPREAD:
+        at, name = course.there[places + 1], course.signal.name
+        share, first = 100 * len(places) / len(change), course.stretch(int(at[0]), int(at[0]))
+        text = f"{len(places)} samples of {name}, {share:.2g} %, repeat the one before, first {first}, as others do not"
+        fix = f"stale samples, of a slower sensor or a lost message: --missing {name}=repeats takes them as missing"
+        yield Finding(name, "stale", stretches_of(at), len(at), strength, text, fix)
+
+
+def quantum(course: Course, deviation: float) -> Iterator[Finding]:
+    """Yield the finding that the steps of a sensor are larger than its noise; `deviation`: of a sample by R."""
+    q, name, unit = course.quantum, course.signal.name, course.signal.unit
+    unit = f" {unit}" if unit else ""
+    if q / math.sqrt(12) > 2 * deviation:
         text = f"{name} comes in steps of {q:.4g}{unit}, noise of {q / math.sqrt(12):.3g}, and R takes {deviation:.3g}"
         fix = f"give the sensor at least that, noise = {{{name} = {q / math.sqrt(12):.2g}}}"
-        yield Finding(name, "quantum", (), len(n), q / math.sqrt(12) / (2 * deviation), text, fix)
+        whole = ((0, len(course.values) - 1),)
+        yield Finding(name, "quantum", whole, len(course.there), q / math.sqrt(12) / (2 * deviation), text, fix)
 
 
 def pulses(course: Course) -> Iterator[Finding]:
@@ -291,8 +292,9 @@ def pulses(course: Course) -> Iterator[Finding]:
     yield Finding(name, "outliers", longest(at, at), len(at), typical / (_BEYOND * usual), text, fix)
 
 
-def of_courses(inputs: Sequence[Course], outputs: Sequence[Course]) -> Iterator[Finding]:
-    """Yield the findings of the inputs, which may stand still, and of the outputs by their courses alone."""
+def of_courses(inputs: Sequence[Course], outputs: Sequence[Course], turned: Container[str]) -> Iterator[Finding]:
+    """Yield the findings of the inputs, which may stand still, and of the outputs by their courses alone; `turned`: the
+    outputs that jump by turns."""
     signals = [*inputs, *outputs]
     for course in signals:
         if len(course.there) < LEAST:
@@ -304,11 +306,47 @@ def of_courses(inputs: Sequence[Course], outputs: Sequence[Course]) -> Iterator[
         for one in coded:
             code = course.values[one.rows[0][0]]
             course = replace(course, values=np.where(course.values == code, np.nan, course.values))
-        cut = [*clipped(course)]
+        cut = [] if course.signal.name in turned else [*clipped(course)]
         others = [other.values for other in signals if other.signal != course.signal]
         hung = [one for one in still(course, others) if not any(one.rows[0] in each.rows for each in cut)]
         slow = [*resampled(course, [other.values for other in inputs])]
-        yield from (*cut, *hung, *slow, *(() if slow else pulses(course)))
+        yield from (*cut, *hung, *slow, *(() if slow else stale(course)))
+        if not slow and course.signal.name not in turned:
+            yield from pulses(course)
+
+
+def of_turns(step: CallableStep, y: Array) -> Iterator[Finding]:
+    """Yield the findings that an output jumps by whole turns."""
+    for each in unwrapped_outputs(step.observer.form.system.declared):
+        for sentence in jumps_by_turns([each], y, step.dt, step.time):
+            finding, _, fix = sentence.partition(": ")
+            _, at = turn_of(each[1], y[:, each[0]], each[2]) or (0.0, 0)
+            yield Finding(each[1].name, "turns", ((at, at),), 1, 2.0, finding, fix)
+
+
+@dataclass(frozen=True)
+class Written:
+    """The options of a command that change signals: `before`, the shifts in samples that are set, `operands`, the
+    column of each signal in an expression, and `clock`, that of the times, empty without one; `start`: the first."""
+
+    before: Mapping[str, int] = field(default_factory=dict)
+    operands: Mapping[str, str] = field(default_factory=dict)
+    clock: str = ""
+    start: float = 0.0
+    dt: float = 1.0
+
+    def corrected(self, signal: Signal, size: float, ramp: bool) -> str:
+        """Return the option that takes an offset, or a straight line of a slope a sample, off a signal."""
+        operand = self.operands.get(signal.name, signal.name)
+        if not ramp:
+            return f'--map {signal.name}="{operand} {"-" if size > 0 else "+"} {abs(size):g}"'
+        slope = size / self.dt
+        since = f"({self.clock or 't'} - {self.start:.10g})" if self.start else self.clock or "t"
+        sign = "-" if slope > 0 else "+"
+        state = f"give it a state of its own: {signal.name} + d with d' = 0"
+        if not self.clock:
+            return state
+        return f'--map {signal.name}="{operand} {sign} {abs(slope):.4g}*{since}", or {state}'
 
 
 @requires(CallableStep, "a step, as hg.sample makes it")
@@ -320,22 +358,59 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
     """
     samples = log.of(step.inputs)
     step.reset(log.start)
-    return tuple(findings(step, step.run(u=samples.u, y=samples.y, dt=samples.given(step)), samples.u, samples.y))
+    run = step.run(u=samples.u, y=samples.y, dt=samples.given(step))
+    written, dt = Written(dt=step.dt), samples.given(step)
+    return tuple(findings(step, run, samples.u, samples.y, engine=step.engine, written=written, dt=dt)[0])
 
 
-def findings(step: CallableStep, run: Run, u: Array, y: Array) -> list[Finding]:
-    """Return the faults of a log u (N, m), y (N, p), with the `run` of a step over it."""
+def findings(
+    step: CallableStep,
+    run: Run,
+    u: Array,
+    y: Array,
+    first: int = 0,
+    *,
+    engine: Engine | None,
+    written: Written,
+    dt: Array | None = None,
+) -> tuple[list[Finding], Better | None]:
+    """Return the faults of a log u (N, m), y (N, p), with the `run` of a step over it, causes before their effects, and
+    a change of signals that fits better from the sample `first` on; `dt` as for `step.run`."""
+    step, run = judged(step, run, u, y, engine)
     assert run.innovations is not None  # of a step
-    sizes = [rms(e[np.isfinite(e)]) or 1.0 for e in run.innovations.T]
-    off = run.innovations / (sizes if run.variances is None else np.sqrt(run.variances))
+    off, turns = normalised(run.innovations, run.variances), [*of_turns(step, y)]
     t = run.t - run.t[0]
     outputs = _courses(step, step.outputs, y, off, t)
-    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs)]
+    turned = {one.signal for one in turns}
+    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs, turned), *turns]
+    wrong: list[Rejection | Clamped] = [*rejections(step, run, u, y, written.operands, engine, dt)]
+    wrong += clamped(step, u, written.operands)
+    whole = ((0, len(y) - 1),)
+    change = None if turns else better(step, u, y, first, engine, dt)
+    if change is not None and wrong:
+        wrong, change = ([], change) if {one.signal for one in wrong} & {*change.names} else (wrong, None)
+    for one in wrong:
+        faults.append(Finding(one.signal, "range", whole, one.count, one.share / MOST_REJECTED, one.finding, one.fix))
+    if change is not None:
+        text, fix = change.sentence(written.before, written.operands)
+        ratio = CLEAR * change.present / max(change.error, 1e-300)
+        faults.append(Finding(change.signal, change.fault, whole, len(y), ratio, text, fix))
     deviations, plant = sample_deviations(step), step.observer.form.system.declared
-    constants = [x.name for x, rate in zip(plant.states, plant.flow, strict=True) if rate == 0]
     for course in outputs:
-        faults += of_innovations(course, deviations.get(course.signal.name), constants)
-    return faults
+        if (sigma := deviations.get(course.signal.name)) is not None:
+            faults += quantum(course, sigma)
+    if change is None and not wrong and not turns:
+        constants = [x.name for x, rate in zip(plant.states, plant.flow, strict=True) if rate == 0]
+        faults += Trends(step, u, y, off, engine, dt).findings(written.corrected, constants)
+    return faults, change
+
+
+def judged(step: CallableStep, run: Run, u: Array, y: Array, engine: Engine | None) -> tuple[CallableStep, Run]:
+    """Return the step and the run by which a log u, y is judged. A step for late samples is judged without delays, in
+    the order of measurement, with the estimates of the run."""
+    if not step.ages:
+        return step, run
+    return step.undelayed, replace(run, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
 def _courses(step: CallableStep, signals: Sequence[Signal], values: Array, off: Array, t: Array) -> list[Course]:

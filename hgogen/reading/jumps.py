@@ -56,13 +56,13 @@ def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | N
 
 
 def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tuple[float, int] | None:
-    """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, or one of the `widths` of
-    declared ranges, with the number of the first sample after such a jump; None without one."""
+    """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, one of the `widths` of
+    declared ranges or a power of two, as of counts, with the number of the first sample after it; None without one."""
     course = values[np.isfinite(values)]
     if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
         return None  # a jump is longer than half of a turn, which the course hardly leaves
     turns: list[float] = []
-    for turn in (RADIANS, DEGREES, *widths):
+    for turn in (RADIANS, DEGREES, *widths, 2.0 ** max(8, math.ceil(math.log2(np.ptp(course) or 1.0)))):
         if all(abs(turn / other - 1) > _SAME for other in turns):
             turns.append(turn)
             at = first_jump(values, turn, through=UNITS.get(signal.unit) != turn)

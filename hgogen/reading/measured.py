@@ -57,12 +57,7 @@ _BEAT = 0.01  # of a period, from a whole multiple: beyond it rows and samples d
 _AMBIGUOUS = 0.4  # of a period, from a whole multiple: beyond it the number of periods of a step is ambiguous
 LONGEST = 10_000_000  # samples on the grid; with more the times are hardly seconds
 _SPARSE, _LONG = 500, 1_000_000  # nor if rows are so many samples apart on a grid of so many samples
-_CLOCK, _EVEN, _JITTER, _SAME = (
-    40,
-    0.01,
-    0.05,
-    0.02,
-)  # rows of a clock; scatter of steps that are even, or not; its pace
+_CLOCK = 40  # first cells of a column of times
 _INSIDE = 0.51  # of a turn, from its middle: a sample farther off is given in another turn
 _PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
 _SINCE_1970 = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds", 1.0: "seconds"}
@@ -159,7 +154,9 @@ class Report:
 class Record:
     """Measured signals on a grid: times t (N,) from the first row's on, `values` (N, c) of the signals `names`, NaN
     where missing or masked; the report; `operands`: the operand of each signal's column in an expression of --map;
-    `rates`: the names that are differences of other signals, with their order."""
+    `rates`: the names that are differences of other signals, with their order; `stamps` (rows,): the times as they are
+    written, `clock`: the name of their column and its operand, empty for times by a period; `cells` (rows, c): the
+    signals as they are written, `table`: the file, `rows`: the numbers of its rows that are taken."""
 
     t: np.ndarray
     names: tuple[str, ...]
@@ -167,6 +164,11 @@ class Record:
     report: Annotated[Report, "what was found in the log"]
     operands: Mapping[str, str] = field(default_factory=dict)
     rates: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    stamps: np.ndarray | None = None
+    clock: tuple[str, str] = ("", "")
+    cells: np.ndarray | None = None
+    table: Table | None = None
+    rows: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Replace a mask, which a selection of columns would lose, by NaN."""
@@ -280,7 +282,6 @@ def read(
         log = replace(log, notes=(*log.notes, *turned))
     if time is not None:
         log, times = _times(log, time, unit, caller)
-        log = replace(log, notes=(*log.notes, *_other_clock(log, time, times, columns.values())))
     else:
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
@@ -294,7 +295,10 @@ def read(
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
         what = f"the column {series[name].name!r} holds no number for {name}{example}"
         raise BadRecord(log.path, f"{what}; say {caller.fix(name)}")
-    return replace(record, operands=operands).with_rates(differences, signals)
+    cells = np.column_stack([one.values for one in series.values()]) if series else np.empty((log.rows, 0))
+    clock = ("", "") if time is None else (time, operand(log, time))
+    record = replace(record, operands=operands, stamps=times, clock=clock, cells=cells, table=log, rows=selected)
+    return record.with_rates(differences, signals)
 
 
 def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Caller) -> tuple[Column, tuple[str, ...]]:
@@ -351,7 +355,8 @@ def _demand_one_run(path: str, times: np.ndarray, rows: np.ndarray) -> None:
     back = np.flatnonzero(steps < -_RUN * np.median(np.abs(steps)))
     if len(back) and np.diff([0, *back + 1, len(timed)]).min() >= 2 * _RUN:
         row = rows[timed[back[0] + 1]] + 1
-        fix = f"take one of its runs, --to row:{row - 1} or --from row:{row}"
+        fix = f"take one of its runs, --to row:{row - 1} or --from row:{row}, or if it is a counter that wraps, "
+        fix += f"the rows in their order, --period {np.median(np.abs(steps)):.5g}"
         raise BadRecord(path, f"its times begin anew in row {row}, as where a logger is started again; {fix}")
 
 
@@ -448,35 +453,6 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
                 f"{max(pauses):.4g}: --period lays the rows one after the other and closes these gaps. Say --time "
                 f"{shlex.quote(name)} to have missing samples there"
             )
-
-
-def _other_clock(log: Table, time: str, times: np.ndarray, mapped: Iterable[str]) -> Iterator[str]:
-    """Yield a note for an unmapped column that runs with the times (rows,), and scatters where these are even: it may
-    hold the true times."""
-    if _scatter(times) > _EVEN:
-        return
-    for name in dict.fromkeys(log.header):
-        if not name or name in (time, *mapped) or log.header.count(name) > 1:
-            continue
-        other = log.column(name).values
-        there = np.isfinite(other) & np.isfinite(times)
-        if there.sum() < _CLOCK or not np.all(np.diff(other[there]) > 0):
-            continue
-        pace, scatter = np.ptp(other[there]) / np.ptp(times[there]), _scatter(other)
-        power = 10.0 ** round(math.log10(pace))
-        if abs(pace / power - 1) < _SAME and scatter > _JITTER:
-            yield (
-                f"the column {name!r} runs like a clock, too, and its steps scatter by {100 * scatter:.2g} % of a "
-                f"period, where those of {time!r} are even: it may hold the true times, --time {shlex.quote(name)}"
-            )
-
-
-def _scatter(times: np.ndarray) -> float:
-    """Return the standard deviation of the steps between times over their median, without pauses."""
-    steps = np.diff(times[np.isfinite(times)])
-    middle = float(np.median(steps)) if len(steps) else 0.0
-    usual = steps[np.abs(steps) <= 3 * middle]
-    return float(np.std(usual)) / middle if middle > 0 else math.inf
 
 
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:

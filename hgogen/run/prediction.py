@@ -12,22 +12,10 @@ Such errors also identify a column with other units, an offset or another sign t
 outside the output's range, and the step rejects them. A few maps are tried. Among those that bring nine in ten values
 into the declared range we prefer the smallest ratio of the model's error to that of copying; among maps of nearly the
 same ratio a map of units, and an offset last.
-
-A signal that the step accepts is tried with a shift, or negated:
-
-    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
-
-J is the median over `SEGMENTS` segments of the log, since the first depends on a wrong first estimate. Longer shifts
-are tried until J has passed its minimum. A common shift of all signals has no effect, so the only output of a plant is
-shifted by shifting its inputs: of a plant with one input, an input that acts late and outputs of which all samples come
-late give the same log, up to its ends. A shift or sign is better if sqrt(J) is less than `CLEAR` times the present one,
-less in nearly all segments, and less than that of copying, since a worse model says nothing about signals. The other
-sign, or unit, must also be better than the signal with only its mean so changed: an offset, or a wrong estimate of an
-unobservable state, has the effect of the mean.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, ClassVar
@@ -38,10 +26,9 @@ from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import evaluated, open_loop
 from hgogen.errors import HgogenError
 from hgogen.reading.given import names_of
-from hgogen.reading.measured import shifted
 from hgogen.run.gates import raised
 from hgogen.run.samples import Engine, Run, last_values
-from hgogen.signal import Signal, derived, differences, resting, with_times
+from hgogen.signal import Signal, differences, resting, with_times
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
 
@@ -184,14 +171,10 @@ def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.nd
 Array = np.ndarray
 MOST_REJECTED = 0.5  # share of rejected samples from which the log does not fit the output
 FITS = 0.9  # least share of values that a fitting map brings into the declared range
-AHEAD = 5  # samples ahead of the predictions that compare maps, shifts and signs
+AHEAD = 5  # samples ahead of the predictions that compare maps
 AS_WELL = 1.5  # factor on the least error up to which a map counts as equally good
-ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
-LEAST_SHIFT = 3  # samples up to which shifts are tried, and beyond the best one
-LONGEST = 20_000  # most samples of a comparison
-CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early input helps an observer that lags
-SEGMENTS = 8
-LEAST = 10  # samples of a segment
+RADIANS, DEGREES = ("rad", "rad/s", "rad/s^2"), ("deg", "°", "deg/s", "°/s", "deg/s^2")
+TEMPERATURES = ("K", "degC", "°C", "C")
 
 
 @dataclass(frozen=True)
@@ -217,8 +200,8 @@ class Map:
 
 AS_IT_IS = Map("{}", 1.0, 0.0, "")
 MAPS = (
-    Map("pi/180*{}", math.pi / 180, 0.0, "degrees, where the model has radians", ANGLES[:1]),
-    Map("180/pi*{}", 180 / math.pi, 0.0, "radians, where the model has degrees", ANGLES[1:]),
+    Map("pi/180*{}", math.pi / 180, 0.0, "degrees, where the model has radians", RADIANS),
+    Map("180/pi*{}", 180 / math.pi, 0.0, "radians, where the model has degrees", DEGREES),
     Map("{} + 273.15", 1.0, 273.15, "degrees Celsius, where the model has kelvin", TEMPERATURES[:1]),
     Map("{} - 273.15", 1.0, -273.15, "kelvin, where the model has degrees Celsius", TEMPERATURES[1:]),
     Map("5/9*({} - 32) + 273.15", 5 / 9, 273.15 - 160 / 9, "degrees Fahrenheit, where the model has kelvin", ("K",)),
@@ -243,14 +226,28 @@ class Rejection:
     mends: Annotated[str, "what that map mends, or empty"]
 
     def __str__(self) -> str:
-        (low, high), (least, most), y = self.values, self.range, self.output
-        finding = (
-            f"{100 * self.share:.3g} % of the samples of {y} were rejected: they lie about {low:.4g}..{high:.4g}, and "
-            f"the model reads {least:g}..{most:g}"
+        return f"{self.finding}; {self.fix}"
+
+    @property
+    def signal(self) -> str:
+        """The output."""
+        return self.output
+
+    @property
+    def finding(self) -> str:
+        """A clause on what is wrong."""
+        (low, high), (least, most) = self.values, self.range
+        return (
+            f"{100 * self.share:.3g} % of the samples of {self.output} were rejected: they lie about "
+            f"{low:.4g}..{high:.4g}, and the model reads {least:g}..{most:g}"
         )
+
+    @property
+    def fix(self) -> str:
+        """The option that mends it."""
         if not self.map:
-            return f"{finding}; no usual map makes it fit: check column, unit and sign, or widen the range of {y}"
-        return f'{finding}; it looks like {self.mends}: say --map {y}="{self.map}"'
+            return f"no usual map makes it fit: check column, unit and sign, or widen the range of {self.output}"
+        return f'it looks like {self.mends}: say --map {self.output}="{self.map}"'
 
 
 @dataclass(eq=False)
@@ -270,7 +267,7 @@ def rejections(
     u: Array,
     y: Array,
     columns: Mapping[str, str],
-    engine: Engine,
+    engine: Engine | None,
     dt: Array | None = None,
 ) -> tuple[Rejection, ...]:
     """Return a `Rejection` for each output most of whose samples a run over u (N, m), y (N, p) rejected; `columns`: the
@@ -284,15 +281,30 @@ def rejections(
             continue
         best = _best(step, u, y, j, ranges[j], partial(step.run, engine=engine, dt=dt))
         low, high = np.quantile(y[there[:, j], j], (0.05, 0.95))
-        text, mends = (best.text.format(columns[signal.name]), best.mends) if best else ("", "")
+        text, mends = (best.text.format(columns.get(signal.name, signal.name)), best.mends) if best else ("", "")
         share = float(lost[:, j].sum()) / count
         each.append(Rejection(signal.name, count, share, (float(low), float(high)), ranges[j], text, mends))
     return tuple(each)
 
 
-def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each input of u (N, m) that is outside its range, where guards clamp it, in most samples;
-    `columns`: the column of each input."""
+@dataclass(frozen=True)
+class Clamped:
+    """An input that is outside of its declared range in most samples: the samples, their share, a clause, what mends
+    it."""
+
+    signal: str
+    count: int
+    share: float
+    finding: str
+    fix: str
+
+    def __str__(self) -> str:
+        return f"{self.finding}; {self.fix}"
+
+
+def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[Clamped]:
+    """Yield each input of u (N, m) that is outside its range, where guards clamp it, in most samples; `columns`: the
+    column of each input."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values)], signal.limits
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
@@ -306,8 +318,9 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
         )
         fix = "check its column and its unit, or widen the range"
         if best:
-            fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(columns[signal.name])}"'
-        yield f"{finding}; {fix}"
+            column = columns.get(signal.name, signal.name)
+            fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(column)}"'
+        yield Clamped(signal.name, round(beyond * len(values)), beyond, finding, fix)
 
 
 def _best(
@@ -337,155 +350,3 @@ def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, run: Callab
     rows = predictions(step, run(u=u, y=y), u, y, (AHEAD,))
     ratios = [row.model / row.copying for row in rows if row.output == step.outputs[j].name and row.copying]
     return ratios[0] if ratios else math.inf
-
-
-FACTORS = {  # of an input that is tried in another unit
-    -1.0: ("the other sign of {}", "-{}"),
-    1e-3: ("a thousandth of {}, as of milli", "{}/1000"),
-    1e3: ("a thousand times {}, as of kilo", "1000*{}"),
-    math.pi / 180: ("{} from degrees to radians", "pi/180*{}"),
-    180 / math.pi: ("{} from radians to degrees", "180/pi*{}"),
-}
-
-
-@dataclass(frozen=True)
-class Better:
-    """A signal with which the log fits the model better if it is shifted by samples, or times a factor; errors are
-    medians over segments of the log."""
-
-    signal: Annotated[str, "the signal"]
-    shift: Annotated[int, "samples later than it was logged"]
-    factor: Annotated[float, "-1 for the other sign, else of another unit"]
-    error: Annotated[float, "RMS error with it over that of copying"]
-    present: Annotated[float, "RMS error as it is over that of copying"]
-    late: Annotated[tuple[str, ...], "outputs of which samples that come so late give the same log"] = ()
-
-    def sentence(self, before: int, operand: str) -> str:
-        """Return the advice for the command line; `before`: the shift in samples that is set already, `operand`: the
-        signal's column in an expression."""
-        errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
-        if self.factor != 1:
-            what, text = FACTORS[self.factor]
-            other, fix = what.format(self.signal), f'--map {self.signal}="{text.format(operand)}"'
-        else:
-            count = f"{abs(self.shift)} sample{'s' * (abs(self.shift) > 1)} {'later' if self.shift > 0 else 'earlier'}"
-            other, fix = f"{self.signal} taken {count}", f"--shift {self.signal}={before + self.shift}"
-        better = f"with {other} predictions are clearly better, {errors}"
-        if not self.late:
-            return f"{better}: {fix}"
-        names, delays = " and ".join(self.late), ", ".join(f"{y} = {self.shift}" for y in self.late)
-        ages = " ".join(f'--map {y}_age="{self.shift} + 0*{operand}"' for y in self.late)
-        return (
-            f"{better}. Two readings fit equally: samples of {names} come {self.shift} late, say delays = {{{delays}}} "
-            f"in the model and {ages}, by which the estimate is of now; or {self.signal} acts {self.shift} late, say "
-            f"{fix} and delay it in the firmware too. Another output without delay, a --truth, or a look at the "
-            "hardware decides"
-        )
-
-
-def better(
-    step: CallableStep, u: Array, y: Array, first: int, engine: Engine, dt: Array | None = None
-) -> Better | None:
-    """Return the shift or sign of a signal with which u (N, m), y (N, p) from `first` on fit better; or None. `dt` as
-    for `step.run`; with it no signal is shifted, since samples then count no time."""
-    u, y = u[:LONGEST], y[:LONGEST]
-    run = partial(step.run, engine=engine, dt=None if dt is None else dt[:LONGEST])
-    if len(y) - first < SEGMENTS * LEAST:
-        return None
-    scale, copying = _scale(step.outputs, y), math.sqrt(y.shape[1])
-
-    def squares(other: tuple[Array, Array]) -> Array:
-        return _squares(step, *other, first, scale, run)
-
-    present = squares((u, y))
-    if not np.isfinite(present).any():
-        return None
-    now = _typical(present)
-    best: Better | None = None
-    for j, signal in enumerate((*step.inputs, *step.outputs)):
-        if signal.name in derived(step.inputs) or (j >= u.shape[1] and y.shape[1] == 1):
-            continue
-        factors = FACTORS if j < u.shape[1] else (-1.0,)
-        tried = [(0, factor, squares(_changed(step, u, y, j, 0, factor))) for factor in factors]
-        for way in (1, -1) if dt is None else ():
-            tried += [(shift, 1.0, those) for shift, those in _shifts(step, u, y, j, way, squares)]
-        for shift, factor, those in tried:
-            error = _typical(those)
-            if not (error < CLEAR * now and error < (best.error if best else copying)):
-                continue
-            gains = _means(present - those)
-            if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
-                continue  # by chance nearly all are above 0 in one of 28 logs
-            others = () if factor == 1 else _alternatives(step, u, y, j, factor)
-            if all(error < CLEAR * _typical(squares(other)) for other in others):
-                late = step.outputs if u.shape[1] - len(derived(step.inputs)) == 1 > j and shift > 0 else ()
-                best = Better(signal.name, shift, factor, error, now, tuple(each.name for each in late))
-    return best
-
-
-def _shifts(
-    step: CallableStep, u: Array, y: Array, j: int, way: int, squares: Callable[[tuple[Array, Array]], Array]
-) -> Iterator[tuple[int, Array]]:
-    """Yield shifts of the signal number `j` and their squared errors, in one direction until the error has been above
-    its minimum for a few."""
-    least, at = math.inf, 0
-    for size in range(1, len(y) // SEGMENTS):
-        those = squares(_changed(step, u, y, j, way * size, 1.0))
-        yield way * size, those
-        error = _typical(those)
-        if error < least:
-            least, at = error, size
-        if size >= LEAST_SHIFT + (at if at > 1 else 0):
-            return
-
-
-def _changed(step: CallableStep, u: Array, y: Array, j: int, shift: int, factor: float) -> tuple[Array, Array]:
-    """Return u (N, m), y (N, p) with the signal number `j`, and its derivatives, shifted and times a factor."""
-    whole, names = np.hstack([u, y]), [s.name for s in (*step.inputs, *step.outputs)]
-    derivatives = (names.index(name) for name, (source, _) in derived(step.inputs).items() if source == names[j])
-    columns = [j, *derivatives]
-    whole[:, columns] = factor * np.column_stack([shifted(whole[:, i], shift) for i in columns])
-    return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
-
-
-def _alternatives(step: CallableStep, u: Array, y: Array, j: int, factor: float) -> Iterator[tuple[Array, Array]]:
-    """Yield u (N, m), y (N, p) with only the mean of the signal number `j` times a factor, and with that mean alone."""
-    whole, signal = np.hstack([u, y]), (*step.inputs, *step.outputs)[j]
-    mean = signal.mean(whole[:, j])
-    for values in (whole[:, j] + (factor - 1) * mean, np.full(len(u), factor * mean)):
-        whole[:, j] = values
-        yield whole[:, : u.shape[1]].copy(), whole[:, u.shape[1] :].copy()
-
-
-def _scale(outputs: Sequence[Signal], y: Array) -> Array:
-    """The RMS error of copying each output (p); 1 for a constant output."""
-    errors = differences(outputs, last_values(y)[:-AHEAD], y[AHEAD:]).T
-    return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
-
-
-def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, run: Callable[..., Run]) -> Array:
-    """Return the sum over outputs of (error/scale)^2 of
-    predictions for each sample (N), NaN without an error."""
-    if len(y) <= first + AHEAD:
-        return np.full(len(y), np.nan)
-    step.reset()
-    for one in forecasts(step, run(u=u, y=y), u, y, (AHEAD,)):
-        if one.ahead is not None:
-            with np.errstate(over="ignore", invalid="ignore"):
-                squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
-            there = np.isfinite(squares)
-            total = np.where(there, squares, 0.0).sum(axis=1)
-            total[~there.any(axis=1) | (np.arange(len(y)) < first)] = np.nan
-            return np.asarray(total)
-    return np.full(len(y), np.nan)
-
-
-def _typical(squares: Array) -> float:
-    """Return the root of the median, over segments of a data
-    log, of the mean of `squares` (N); inf without any."""
-    means = _means(squares)
-    return math.sqrt(float(np.median(means))) if means else math.inf
-
-
-def _means(values: Array) -> list[float]:
-    return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]
