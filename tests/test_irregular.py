@@ -254,6 +254,12 @@ def test_only_a_log_without_a_period_keeps_its_times(tmp_path: Path) -> None:
     assert read(tmp_path, T[::-1]).y[:, 0].tolist() == list(range(19, -1, -1))
 
 
+def test_a_step_takes_the_longest_time_in_its_substeps() -> None:
+    logs = [hg.Log(np.zeros((5, 0)), np.ones((5, 1)), 1.0, times=np.array([0, 1, 2, 3, 23.0]))]
+    assert step_limits(logs) == pytest.approx((1, 2.5))
+    assert step_limits([hg.Log(np.zeros((5, 0)), np.ones((5, 1)), 1.0)]) is None
+
+
 def test_what_counts_samples_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadRecord, match="counts samples of one period"):
         read(tmp_path, T, shift={"y": 1})
