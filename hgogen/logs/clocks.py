@@ -229,7 +229,7 @@ def scatter_of(times: Array) -> float:
     return float(np.std(usual)) / middle if middle > 0 else math.inf
 
 
-FAULTS = (wraps, repeated, unit, gaps, jitter)
+FAULTS = (wraps, repeated, unit, others, gaps, jitter)  # causes before their effects
 
 
 def of_times(record: Record, varying: bool = False) -> list[Finding]:
@@ -237,7 +237,7 @@ def of_times(record: Record, varying: bool = False) -> list[Finding]:
     if record.stamps is None or record.table is None or record.rows is None:
         return []
     clock = Clock(record, record.table, record.rows, record.stamps, *record.clock, varying)
-    faults = FAULTS if clock.name else (unit,)
+    faults = FAULTS if clock.name else (unit, others)
     if len(clock.there) < LEAST or clock.middle <= 0:
         return []
-    return [*(one for fault in faults for one in fault(clock)), *others(clock)]
+    return [one for fault in faults for one in fault(clock)]

@@ -212,7 +212,7 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
         yield Finding(name, "held", ((0, len(values) - 1),), len(values), float(m), text, fix)
         return
     curvatures = np.abs(np.diff(values, 2))
-    straight = curvatures <= 1e-9 * np.abs(values).max() + 1.01 * max(course.quantum, 2 * course.resolution)
+    straight = curvatures <= 1e-7 * np.abs(values).max() + 1.01 * max(course.quantum, 2 * course.resolution)
     corners = np.flatnonzero(~straight) + 1
     if np.mean(straight) > 0.5 and (m := every(corners)) is not None:
         if any(every(np.flatnonzero(np.diff(u)) + 1) == m for u in inputs):
