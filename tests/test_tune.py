@@ -637,9 +637,9 @@ def test_a_measured_pendulum_from_its_angle_to_its_rate(tmp_path: Path) -> None:
     report = json.loads(hgogen("tune", arm, *halves, *values, *names, "-o", tuned, "--json")[0])
     rows = {one["name"]: one for one in report["rows"]}
     assert report["take"] == "riccati"
-    assert rows["riccati"]["hidden"]["w"] < 1.05 * rows["differencing"]["hidden"]["w"]
+    assert rows["riccati"]["hidden"]["w"] < 1.25 * rows["differencing"]["hidden"]["w"]  # 1.02 if R may be below q^2/12
     assert rows["riccati"]["hidden"]["w"] < 0.6 * rows["high_gain"]["hidden"]["w"]
-    assert "differencing estimates w as well by its truth" in report["notes"][-1]
+    assert "differencing estimates w better by its truth" in report["notes"][-1]
     gains = ("--tuning", f"{tuned}/tuned.json")
     ran = json.loads(
         hgogen("run", arm, "--data", str(RECORD), *columns, *values, *gains, "-o", str(tmp_path), "--json")[0]
