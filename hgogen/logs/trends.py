@@ -191,6 +191,7 @@ class Trends:
         )
         fixes = [
             f"{each.signal.name} has {FAULTS[fault].name}, {written(each.signal, each.size, ramp)}"
+            + f" (hgogen fit --offset {each.signal.name} learns it)" * (not ramp and each.signal in self.step.outputs)
             for each in explained
         ]
         fix = ", or equally ".join(fixes) or "no single signal explains it: the model, or several sensors, are off"
