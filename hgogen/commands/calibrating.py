@@ -30,6 +30,7 @@ from hgogen.commands.command import (
     Shift,
     Truth,
     command,
+    early,
     engine_here,
     horizons,
     names_in,
@@ -165,8 +166,7 @@ class TuneReport(ModelReport):
         return dict(self.calibration.refused)
 
     def tables(self) -> Iterator[Any]:
-        """Yield the logs and the observers."""
-        yield from self.logs.summaries()
+        """Yield the observers."""
         ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
         hidden = list(self.rows[0].judged.hidden)
         none = "in all rows, since none were held out"
@@ -252,6 +252,7 @@ def tune_(
         window=WINDOWS[between],
         varying=bool(loaded.limits),
     ).inspected(loaded)
+    early(*logs.summaries())
     limits = loaded.limits or step_limits(logs.whole)
     measured = [
         {state: each[name] for state, (name, _) in true.items()}

@@ -29,6 +29,7 @@ from hgogen.commands.command import (
     Shift,
     Tuned,
     command,
+    early,
     engine_here,
     names_in,
 )
@@ -159,8 +160,7 @@ class FitReport(ModelReport):
         }
 
     def tables(self) -> Iterator[Any]:
-        """Yield the logs, the fit and its predictions."""
-        yield from self.logs.summaries()
+        """Yield the fit and its predictions."""
         yield fit_tables(self.result, self.logs.notes(), self.changes)
         if not self.predictions:
             yield Text(f"nothing judges the fit; {self.unjudged}\n")
@@ -230,6 +230,7 @@ def fit_(
     grid: dict[str, Any] = {"dt": setting.longest, "window": window, "varying": bool(loaded.limits)}
     logs = logs_of(plant, data, held_out, named=columns, shift=shift, **grid)
     logs = logs.inspected(loaded, observer)
+    early(*logs.summaries())  # the faults first, since a fit of a faulty log takes as long
     fitted = partial(
         fit,
         plant,
