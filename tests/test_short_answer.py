@@ -90,6 +90,12 @@ def test_a_claim_is_printed_with_its_evidence() -> None:
     assert "did you mean high_gain.step" in " ".join(check(pendulum, "--proof", "high_gain.stp", status=2))
 
 
+def test_no_coefficient_has_more_than_six_digits(tmp_path: Path) -> None:
+    path = written(tmp_path, SPRING.replace("-h - h**3", "-h*(10/3.7)**20 - 1e-30*v - h**3/1234567 - 2000000*sin(h)"))
+    text = " ".join(check(path, "--form", "triangular"))
+    assert "z2' = -8.10001e-7*z1**3 - 4.32479e+8*z1 - z2/1e30 - 2000000*sin(z1)" in text
+
+
 def test_a_form_is_printed_alone(tmp_path: Path) -> None:
     assert check(written(tmp_path, MIXER), "--form", "triangular")[0].startswith("mixer ")
     assert check(written(tmp_path, SPRING + OTHER), "--form", "uniform")[0].startswith("spring in uniform form: ")

@@ -224,6 +224,7 @@ COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "ye
 
 _ALIKE = 4  # equal rows from which on they become one
 
+_FEW = 6  # digits of a number in a printed equation
 _ZEROS, _DIGITS = 20, 15  # trailing zeros from which on, and digits up to which, an integer has a power of ten
 
 
@@ -256,8 +257,14 @@ class _Tens(StrPrinter):  # type: ignore[misc]
 
 def _value_text(value: Any) -> str:
     if isinstance(value, sp.Basic):
-        return str(_Tens({"order": None}).doprint(value))
+        numbers = value.atoms(sp.Rational)
+        rounded = {number: sp.Float(number, _FEW) for number in numbers if any(map(_is_long, (number.p, number.q)))}
+        return str(_Tens({"order": None}).doprint(value.xreplace(rounded)))
     return _whole(value) if isinstance(value, int) else plain(value)
+
+
+def _is_long(number: int) -> bool:
+    return len(str(abs(number)).rstrip("0")) > _FEW
 
 
 def _whole(number: int) -> str:
