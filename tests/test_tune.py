@@ -3,9 +3,12 @@
 import json
 import math
 import os
+import signal
 import warnings
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,12 +18,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from rich.progress import TimeRemainingColumn
 from scipy.linalg import expm
 from scipy.signal import lfilter
 from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.commands import calibrating, output
 from hgogen.commands.calibrating import _custom_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.logs import judged as judged_module
@@ -28,7 +33,7 @@ from hgogen.logs import tune as tune_module
 from hgogen.logs.judged import DIFFERENCING, Judged, ValidationLog, _rival, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
 from hgogen.logs.records import Ahead, BadLog, Hidden, Judge, as_good, chosen, readable
-from hgogen.logs.tune import Calibration, CannotTune, Task, Tuned
+from hgogen.logs.tune import STOPPED, Calibration, CannotTune, Task, Tuned
 from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations, read_tunings
 from hgogen.modelfiles.setting import Setting
@@ -732,6 +737,86 @@ def test_processes_choose_the_same_gains() -> None:
     assert tried[1].count("likelihood") == len(STARTS)
     first, second = ([(row.name, row.table, row.errors.tolist()) for row in one.rows] for one in made)
     assert first == second
+
+
+def test_one_search_ends_before_the_next_begins() -> None:
+    """Where they go on one by one; a piece of work that both ask for is done once."""
+    done: list[Any] = []
+
+    def search(name: str) -> Any:
+        for piece in ("shared", name, f"{name} again"):
+            assert (yield [piece]) == [piece.upper()]
+        return name
+
+    def work(pieces: Any) -> dict[Any, Any]:
+        listed = list(pieces)
+        done.append(listed)
+        return {piece: piece.upper() for piece in listed}
+
+    for width, rounds in (
+        (1, [["shared"], ["a"], ["a again"], ["b"], ["b again"]]),
+        (2, [["shared"], ["a", "b"], ["a again", "b again"]]),
+    ):
+        done.clear()
+        searches = {name: search(name) for name in "ab"}
+        assert list(tune_module.together(searches, work, width)) == [("a", "a"), ("b", "b")]
+        assert [each for each in done if each] == rounds
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize(
+    ("observers", "at", "lost", "written", "missing"),
+    [
+        ("bank,high_gain", 1, False, "", ""),
+        pytest.param("high_gain,stubborn", 1, True, "high_gain", "stubborn", marks=pytest.mark.full),
+        pytest.param("high_gain", 2, False, "high_gain", "none", marks=pytest.mark.full),
+    ],
+)
+def test_ctrl_c_keeps_the_observers_that_are_tuned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, observers: str, at: int, lost: bool, written: str, missing: str
+) -> None:
+    """Also one that CasADi drops; the last one comes in the estimate from all rows. The first keeps nothing, since the
+    bank has no gains."""
+    monkeypatch.setattr(output, "_interrupts", [])
+    signal.signal(signal.SIGINT, output._interrupt)
+    whole, calls = calibrating.tune, count(1)
+
+    def cut(*records: Any, ended: Any, **options: Any) -> Calibration:
+        def then(calibration: Calibration) -> None:
+            ended(calibration)
+            if next(calls) == at:
+                with suppress(KeyboardInterrupt) if lost else nullcontext():
+                    os.kill(os.getpid(), signal.SIGINT)
+
+        return whole(*records, ended=then, **options)
+
+    monkeypatch.setattr(calibrating, "tune", cut)
+    (tmp_path / "spring.toml").write_text(MODEL)
+    record, _ = log(8, 100)
+    rows = (f"{k * DT:g},{u:g},{y:g}" for k, (u, y) in enumerate(zip(record.u, record.y, strict=True)))
+    (tmp_path / "log.csv").write_text("\n".join(["t,u,y", *rows]) + "\n")
+    words = ("tune", str(tmp_path / "spring.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t")
+    words = (*words, "--observers", observers, "--jobs", "1", "-o", str(tmp_path))
+    said = " ".join(hgogen(*words, status=output.INTERRUPTED)[1].split())
+    assert (tmp_path / "tuned.json").exists() == bool(written)
+    if not written:
+        assert "stopped" not in said
+        return
+    assert "hgogen: high_gain: cross-validated " in said
+    assert f"tuned.json: {written}; missing: {missing}; another" in said
+    result = json.loads((tmp_path / "tuned.json").read_text())
+    assert list(result["tuning"]) == [written]
+    assert result["refused"] == ({} if missing == "none" else {missing: STOPPED})
+    assert any(note.endswith("the search was stopped") for note in result["notes"])
+    assert load(str(tmp_path / "spring.toml")).set(Setting(tuning=tmp_path / "tuned.json")).step("high_gain")
+
+
+def test_a_bar_has_the_remaining_time() -> None:
+    bar = output.Bar("steps", 4)
+    for _ in range(2):
+        bar.tick()
+    assert bar.tasks[0].time_remaining is not None
+    assert any(isinstance(column, TimeRemainingColumn) for column in bar.columns)
 
 
 @pytest.mark.full

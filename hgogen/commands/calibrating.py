@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -38,7 +39,18 @@ from hgogen.commands.command import (
     one_or_all,
 )
 from hgogen.commands.data import Logs, logs_of, too_far, truth_of, truth_options
-from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, note, refusals_table, rendered
+from hgogen.commands.output import (
+    Bar,
+    Written,
+    cell,
+    filled,
+    folder_of,
+    headed,
+    interruptible,
+    note,
+    refusals_table,
+    rendered,
+)
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
@@ -47,7 +59,7 @@ from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
 from hgogen.logs.records import step_limits
-from hgogen.logs.tune import FILTER, Calibration, Tuned, tune
+from hgogen.logs.tune import FILTER, STOPPED, Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -234,7 +246,7 @@ def tune_(
     aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
-    folder.demand("tuned.json")
+    (path,) = folder.demand("tuned.json")
     true = truth_of(plant, truth or ())
     if tune_on == "truth" and not true:
         raise typer.BadParameter(
@@ -260,35 +272,60 @@ def tune_(
     ]
     courses = zip(measured[: logs.given], logs.cuts, strict=False)
     training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
-    with Bar("trials", None) as bar:
-        tuned = partial(
-            tune,
-            plant,
-            ahead=ahead,
-            segments=segments,
-            between=between,
-            method=setting.method or "continuous_discrete",
-            real=setting.real or "double",
-            gate=gates_of(gate or ()),
-            dt=limits,
-            jobs=jobs,
-            each=lambda _: bar.tick(),
-        )
-        on_truth = tune_on == "truth"
-        calibration = tuned(
-            *logs.learned,
-            observers=names or None,
-            truth=training_truth if on_truth else (),
-            rows=requested_forms(loaded, deep),
-        )
-        on_all_rows = partial(tuned, *logs.allowed, truth=measured[: logs.given] if on_truth else ())
-        calibration, reason = tuned_again(calibration, on_all_rows) if logs.parted else (calibration, "")
+    on_truth, so_far, trials, stopped = tune_on == "truth", list[Calibration](), count(1), False
+
+    def ended(calibration: Calibration) -> None:
+        before = {row.name for one in so_far[-1:] for row in one.rows}
+        so_far.append(calibration)
+        bar.tick()
+        new = (row for row in calibration.rows if row.name not in before)
+        note(*(f"{row.name}: cross-validated {row.error:.3g}, convergence {KNOWN[row.first.known][0]}" for row in new))
+
+    def tried(_: str) -> None:
+        check()
+        bar.tick(f"observers, {next(trials)} trials", 0)
+
+    tuned = partial(
+        tune,
+        plant,
+        ahead=ahead,
+        segments=segments,
+        between=between,
+        method=setting.method or "continuous_discrete",
+        real=setting.real or "double",
+        gate=gates_of(gate or ()),
+        dt=limits,
+        jobs=jobs,
+        each=tried,
+    )
+    try:
+        with Bar("observers", (len(names) or len(kinds.__all__)) + 2 * logs.parted) as bar, interruptible() as check:
+            calibration = tuned(
+                *logs.learned,
+                observers=names or None,
+                truth=training_truth if on_truth else (),
+                rows=requested_forms(loaded, deep),
+                ended=ended,
+            )
+            again = {"truth": measured[: logs.given] if on_truth else (), "ended": lambda _: bar.tick()}
+            on_all_rows = partial(tuned, *logs.allowed, **again)
+            calibration, reason = tuned_again(calibration, on_all_rows) if logs.parted else (calibration, "")
+    except KeyboardInterrupt:
+        if not any(one.rows for one in so_far[-1:]):
+            raise
+        stopped, calibration, reason = True, so_far[-1], "the search was stopped" * logs.parted
+        have = ", ".join(row.name for row in calibration.rows)
+        missing = ", ".join(name for name, why in calibration.refused.items() if why == STOPPED) or "none"
+        note(f"stopped; goes to {path}: {have}; missing: {missing}; another Ctrl-C leaves {path.name} as it was")
     own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
     calibration = replace(calibration, rows=own, final=final)
     changes = _change_of_gains(calibration, reason)
     rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits)
     report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
-    return folder.save(report, "tuned.json")
+    saved = folder.save(report, "tuned.json")
+    if stopped:
+        raise KeyboardInterrupt
+    return saved
 
 
 def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibration]) -> tuple[Calibration, str]:

@@ -8,7 +8,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -75,12 +75,14 @@ def file_list(paths: Iterable[Any]) -> RenderableType:
 
 
 class Bar(Progress):
-    """A progress bar on the standard error stream, if that is a terminal; `total`: None if unknown."""
+    """A progress bar with the remaining time on the standard error stream, if that is a terminal; `total`: None if
+    unknown."""
 
     def __init__(self, what: str, total: int | None) -> None:
         err = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        options: dict[str, Any] = {"transient": True, "disable": not err.is_terminal, "speed_estimate_period": math.inf}
+        super().__init__(*columns, console=err, **options)
         self._only = self.add_task(what, total=total)
 
     def tick(self, following: str | None = None, done: int = 1) -> None:
@@ -209,11 +211,17 @@ def interrupted() -> bool:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn an error after a Ctrl-C in the body into KeyboardInterrupt: CasADi raises its own error."""
+def interruptible() -> Iterator[Callable[[], None]]:
+    """Turn an error after a Ctrl-C in the body into KeyboardInterrupt: CasADi raises its own error. Yield a function
+    that raises KeyboardInterrupt after one that CasADi has dropped."""
     before = len(_interrupts)
+
+    def check() -> None:
+        if len(_interrupts) > before:
+            raise KeyboardInterrupt
+
     try:
-        yield
+        yield check
     except Exception as error:
         if len(_interrupts) > before:
             raise KeyboardInterrupt from error

@@ -6,12 +6,13 @@ filters. Gains are chosen by their predictions `ahead` samples ahead, or by a me
 segments (cross-validation).
 """
 
+import os
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from inspect import signature
-from itertools import product
+from itertools import islice, product
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -180,11 +181,12 @@ Asking = Generator[list[Piece], list[Any], Result]  # yields pieces of work, rec
 
 
 def together(
-    searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]]
+    searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]], width: int = 1
 ) -> Iterator[tuple[str, Result]]:
     """Yield the name and result of each search as it ends. A search asks for pieces of work; `work` computes the pieces
-    of all searches at once, equal ones only once."""
-    answers: dict[str, Any] = dict.fromkeys(searches)
+    of `width` searches at once, equal ones only once."""
+    waiting, results = iter(searches), dict[Piece, Any]()
+    answers: dict[str, Any] = dict.fromkeys(islice(waiting, width))
     while answers:
         requests = {}
         for name, answer in answers.items():
@@ -192,8 +194,10 @@ def together(
                 requests[name] = searches[name].send(answer)
             except StopIteration as end:
                 yield name, end.value
-        results = work(dict.fromkeys(piece for pieces in requests.values() for piece in pieces))
-        answers = {name: [results[piece] for piece in pieces] for name, pieces in requests.items()}
+        pieces = dict.fromkeys(piece for each in requests.values() for piece in each)
+        results |= work(piece for piece in pieces if piece not in results)
+        answers = {name: [results[piece] for piece in each] for name, each in requests.items()}
+        answers |= dict.fromkeys(islice(waiting, width - len(answers)))
 
 
 class UnknownObserver(BadArgument):
@@ -368,6 +372,7 @@ class Calibration:
 
 SEGMENTS = 5
 SAME = 1e-3  # relative difference of periods that count as one
+STOPPED = "the search was stopped before it had gains"
 FILTER, ADAPTIVE = "riccati", "adaptive"  # the second adapts theta of the first
 HUGE = 1e12  # factor of a threshold that no innovation reaches, or each exceeds
 PREDICTORS = 4
@@ -397,6 +402,7 @@ def tune(
     dt: tuple[float, float] | None = None,
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
+    ended: Callable[[Calibration], None] = lambda calibration: None,
 ) -> Calibration:
     """Return the gains with which each observer predicts the logs best, at their sampling period, or, of irregular
     logs, from each sample to the next at its own time.
@@ -409,7 +415,8 @@ def tune(
     gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
     for all observers (`logs.likelihood`); `dt`: the shortest and the longest of steps for logs at their own times, by
     default those of the logs; `jobs`: processes that try gains, None for one for each core; `each(what)` is
-    called after every trial.
+    called after every trial, `ended(calibration)` with the result so far after every observer, those to come refused as
+    `STOPPED`.
 
     Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
     """
@@ -433,16 +440,19 @@ def tune(
     count("segments", segments, 2, judge.most)
     task = Task(logs, judge, limits, sampling, candidates, gates)
     work = partial(_results, Workers(task, jobs), each)
-    ends = dict(together({name: tuned(task, name) for name in names}, work))
-    done = {name: ends[name] for name in names}
-    plain = done.get(FILTER)
-    if isinstance(plain, Tuned):
-        done[ADAPTIVE] = adaptive(task, plain, each)
-    best = sorted((one for one in done.values() if isinstance(one, Tuned)), key=lambda one: one.error)
+    done: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
+    best: list[Tuned] = []
+    for name, one in together({name: tuned(task, name) for name in names}, work, jobs or os.cpu_count() or 1):
+        done[name] = one
+        if name == FILTER and isinstance(one, Tuned):
+            done[ADAPTIVE] = adaptive(task, one, each)
+        best = sorted((row for row in done.values() if isinstance(row, Tuned)), key=lambda row: row.error)
+        refused = {name: why for name, why in done.items() if isinstance(why, str)}
+        calibration = Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else (), shares)
+        ended(calibration)
     if not best:
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
-    refused = {name: one for name, one in done.items() if isinstance(one, str)}
-    return Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else (), shares)
+    return calibration
 
 
 def _without_outliers(
