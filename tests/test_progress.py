@@ -18,7 +18,7 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 import hgogen as hg
 from hgogen.commands import fitting
 from hgogen.logs.likelihood import SURE
-from hgogen.logs.problem import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
+from hgogen.logs.problem import ITERATIONS, CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
 from hgogen.run.prediction import predictions
 from hgogen.system import valued
 
@@ -121,6 +121,27 @@ def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.Monkey
     hgogen(*words, "--resume")
     assert json.loads((here / "out" / "fitted.json").read_text())["parameters"] == pytest.approx(TRUE, rel=0.05)
     assert not begun.exists()
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("undrawn")
+def test_the_bar_goes_on_while_all_rows_are_fitted(
+    here: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The iterations of one search more, which begins where the others end."""
+    places: list[float] = []
+
+    class Recorder(fitting.Bar):
+        def update(self, *args: Any, **options: Any) -> None:
+            super().update(*args, **options)
+            places.append(self.tasks[0].completed)
+
+    monkeypatch.setattr(fitting, "Bar", Recorder)
+    hgogen("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k", "--starts", "1", "-o", "out")
+    assert places == sorted(places)
+    assert ITERATIONS + 1 < places[-1] < 2 * ITERATIONS
+    assert places.count(ITERATIONS) == 1
 
 
 @pytest.mark.full

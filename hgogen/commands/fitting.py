@@ -242,9 +242,13 @@ def fit_(
         robust=robust,
         by=by.value,
     )
-    with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, stopped.kept(bar) as each:
-        judged = fitted(*logs.learned, starts=starts, each=each, resume=begun)
-        result = fitted(*logs.allowed, starts=1, begin=judged.values) if logs.parted else judged
+    again = AGAIN * robust
+    total = (starts + again + (1 + again) * logs.parted) * ITERATIONS
+    with Bar("iterations", total) as bar, stopped.kept(bar) as each:
+        judged = result = fitted(*logs.learned, starts=starts, each=each, resume=begun)
+        if logs.parted:
+            bar.reach((starts + again) * ITERATIONS)
+            result = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
     errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
     proposals = proposed_options(result, logs.allowed, robust, names["--offset"])
     report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, tuple(proposals))
