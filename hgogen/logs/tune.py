@@ -442,7 +442,8 @@ def tune(
     work = partial(_results, Workers(task, jobs), each)
     done: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
     best: list[Tuned] = []
-    for name, one in together({name: tuned(task, name) for name in names}, work, jobs or os.cpu_count() or 1):
+    searches = {name: tuned(task, name) for name in sorted(names, key=FILTER.__ne__)}  # the filter first
+    for name, one in together(searches, work, jobs or os.cpu_count() or 1):
         done[name] = one
         if name == FILTER and isinstance(one, Tuned):
             done[ADAPTIVE] = adaptive(task, one, each)
