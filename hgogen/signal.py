@@ -399,6 +399,15 @@ def plural(time: str) -> str:
     return _PLURAL.get(time, time)
 
 
+def finer_units(time: str) -> dict[str, int]:
+    """Return the units that are shorter than a unit of time, in plural, the longest first, by their number in it."""
+    if time not in _SECONDS:
+        return {f"milli{time}": 1000, f"micro{time}": 1_000_000}
+    whole = _SECONDS[time]
+    shorter = sorted((size, unit) for unit, size in _SECONDS.items() if size < whole)[::-1]
+    return {_PLURAL[unit]: round(whole / size) for size, unit in shorter}
+
+
 def of_time(unit: str, time: str, declared: Iterable[str] = ()) -> str:
     """Return `unit`, written with s as in y^2 s, with the model's unit `time` in place of s; a unit in `declared`,
     those of signals, is not changed."""

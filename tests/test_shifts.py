@@ -71,7 +71,7 @@ def test_a_long_shift_is_found_and_both_readings_of_it_are_named(step: CallableS
     one = better(step, *driven(8), 100, "c")
     assert one is not None
     assert (one.signal, one.shift, one.late) == ("tau", 8, ("y",))
-    ages = 'say delays = {y = 8} in the model and --map y_age="8 + 0*tau"'
+    ages = 'say delays = {y = 8} in the table of the observer and --map y_age="8 + 0*tau"'
     assert f"samples of y come 8 late, {ages}" in one.sentence({}, {})[1]
     assert "or tau acts 8 late, say --shift tau=8" in one.sentence({}, {})[1]
 

@@ -407,6 +407,11 @@ class Answer(Encoded):
         return tuple(s for s in self.rank.unobservable if s not in self.hidden)
 
     @property
+    def everywhere(self) -> bool:
+        """Whether what is hidden on this branch is hidden on every one."""
+        return bool(self.lost) and set(self.rank.unobservable) <= {*self.lost}
+
+    @property
     def advice(self) -> str:
         """The advice what else to measure, where an unknown is proved unobservable on every branch; else ""."""
         if not self.lost:
@@ -429,7 +434,7 @@ class Answer(Encoded):
     @property
     def unseen(self) -> tuple[Reason, ...]:
         """The unobservable unknowns on this branch, and those not known to be observable, in words."""
-        place = because(" where {condition}", condition=self.condition) if self.where else NONE
+        place = because(" where {condition}", condition=self.condition) if self.where and not self.everywhere else NONE
         are = "is" if len(self.hidden) == 1 else "are"
         later = because("the outputs determine {names} at later samples all the same", names=self.later)
         stays = because(", which the plant may leave") if self.passing else NONE
@@ -441,8 +446,9 @@ class Answer(Encoded):
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
-        """The unknowns that are hidden on other branches of the plant, in words, by the first such branch."""
-        sentences = [one for answer in self.elsewhere for one in answer.unseen]
+        """The unknowns that are hidden on other branches only, in words, by the first such branch."""
+        lost = {*self.lost}
+        sentences = [one for other in self.elsewhere if not {*other.rank.unobservable} <= lost for one in other.unseen]
         more = because("so on {more} other branches", more=len(sentences) - _BRANCHES)
         return (*sentences[:_BRANCHES], *((more,) if len(sentences) > _BRANCHES else ()))
 

@@ -436,7 +436,7 @@ def _observed(observability: Observability, least: Sight | None) -> str:
         hidden, doubtful = (few((s.name for s in names), 4) for names in (known.hidden, known.doubtful))
         parts = [f"{hidden} not observable"] if hidden else []
         parts += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
-        where = f", where {known.condition}" if known.where else ""
+        where = f", where {known.condition}" if known.where and not known.everywhere else ""
         return ", ".join(parts) + where + (", which the plant may leave" if known.passing and known.hidden else "")
     if known.elsewhere:
         first, *more = known.exceptions

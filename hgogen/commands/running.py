@@ -67,14 +67,14 @@ from hgogen.run.prediction import (
     rms,
 )
 from hgogen.run.samples import Run
-from hgogen.signal import Signal, derived, plural
+from hgogen.signal import Signal, derived, finer_units, plural
 from hgogen.step import Step, StepTooLong
 
 Data = Annotated[Path, typer.Option("--data", help="The log: a text with a header, Parquet, MAT, Excel, ULog or MDF.")]
 ROUNDING = 1e-12  # relative rounding of a time over a period
 PIECE = 10_000  # rows of CSV text at once; cells take about ten times the memory of their text
-_PARTS = {"milli": 1000, "micro": 1_000_000}  # of a unit of time
 _NAN = re.compile("nan")
+_CLEAR = 0.3  # of the longest dt: a unit that comes nearer to it is in doubt
 STAGES = 5  # stages of `run` before the figures, besides one for each sample ahead
 
 
@@ -369,13 +369,21 @@ def _step(model: Model, observer: str | None, data: Path, columns: Columns) -> C
         refused = error if isinstance(error, StepTooLong) else error.__cause__
         if not isinstance(refused, StepTooLong) or model.setting.dt != _period(model, data, columns):
             raise
-        parts = {name: part for name, part in _PARTS.items() if refused.dt / part <= refused.limit}
+        parts = {name: part for name, part in finer_units(refused.unit).items() if refused.dt / part <= refused.limit}
         if not parts:
             raise
-        name, part = next(iter(parts.items()))
-        option = f"--time '{quotient(columns.time, part)}'" if columns.time else f"--period {refused.dt / part:g}"
+        names = [name for name, part in parts.items() if refused.dt / part > _CLEAR * refused.limit][:1]
+        names += [name for name in parts if name not in names][:1]
+        options = [
+            f"--time '{quotient(columns.time, parts[name])}'"
+            if columns.time
+            else f"--period {refused.dt / parts[name]:g}"
+            for name in names
+        ]
         time = plural(refused.unit)
-        question = f"has a row every {refused.dt:g} {time}: are the times {name}{time}? Say {option}"
+        question = (
+            f"has a row every {refused.dt:g} {time}: are the times {' or '.join(names)}? Say {' or '.join(options)}"
+        )
         as_it_is = f"dt = {refused.dt:g} is too long for {refused.rule}: refused above {refused.limit:.3g}"
         raise BadRecord(str(data), f"{question}. As {time}, {as_it_is}") from None
 

@@ -108,7 +108,7 @@ class Better:
         delays = ", ".join(f"{y} = {age}" for y in self.late)
         clock = operands.get(self.names[0], self.names[0])
         ages = " ".join(f'--map {y}_age="{age} + 0*{clock}"' for y in self.late)
-        sensor = f"say delays = {{{delays}}} in the model and {ages}, by which the estimate is of now"
+        sensor = f"say delays = {{{delays}}} in the table of the observer and {ages}, by which the estimate is of now"
         if self.signal in self.late:
             return finding, f"{sensor}, or {fix} for this log alone"
         return finding, (

@@ -46,7 +46,7 @@ from hgogen.reading.cells import (
 from hgogen.reading.given import unmasked
 from hgogen.reading.jumps import other_angle
 from hgogen.reading.log import Table, column_named, column_of, converted, log_of, operand, words_of
-from hgogen.signal import Signal, plural, seconds
+from hgogen.signal import Signal, finer_units, plural, seconds
 
 Window = tuple[float, float]
 WINDOWS: dict[str, Window] = {"line": (-0.5, 0.5), "hold": (-1.0, 0.0), "forward": (0.0, 1.0)}
@@ -463,8 +463,9 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
         if abs(whole - round(whole)) < _BEAT:
             return ()
         return (f"{finding}rows and samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",)
-    if 500 < factor < 2000:
-        question = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
+    finer = (name for name, ratio in finer_units(unit).items() if ratio / 2 < factor < 2 * ratio)
+    if name := next(finer, ""):
+        question = f"are its times {name}? They are read as {plural(unit)}"
     elif factor > 1:
         question = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
     else:
