@@ -184,13 +184,13 @@ def test_every_key_of_a_plain_text_model_is_listed() -> None:
     """And no key that is none, but for the arguments of observers and of dissipation, which other tests ask."""
     rows = re.findall(r"^\| (at the top|`\w+(?:\.NAME)?`) \| (.*) \|$", text("plain_text"), re.MULTILINE)
     listed = {name.strip("`").removesuffix(".NAME"): re.findall(r"`(\w+)`", keys) for name, keys in rows}
-    signals = {kind: keys for kind, (keys, _) in text_model._KINDS.items()}
-    assert set(listed) == {"at the top", *(key for key, kind in text_model._TOP.items() if kind == text_model.TABLE)}
+    signals = {kind: keys for kind, (keys, _) in text_model.KINDS.items()}
+    assert set(listed) == {"at the top", *(key for key, kind in text_model.TOP.items() if kind == text_model.TABLE)}
     assert {kind: set(listed[kind]) for kind in signals} == {kind: set(keys) for kind, keys in signals.items()}
-    assert set(listed["tables"]) == set(text_model._POINTS)
+    assert set(listed["tables"]) == set(text_model.POINTS)
     assert set(listed["trial"]) == set(declarations._TRIAL)
-    assert set(listed["observer"]) == set(tuning._PLACED) - {"member"}
-    assert set(listed["at the top"]) == set(text_model._TOP) - set(listed)
+    assert set(listed["observer"]) == set(tuning.PLACED) - {"member"}
+    assert set(listed["at the top"]) == set(text_model.TOP) - set(listed)
 
 
 def test_every_key_of_a_certificate_is_listed() -> None:

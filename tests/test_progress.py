@@ -153,7 +153,7 @@ def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
     result = json.loads((here / "out" / "fitted.json").read_text())
     assert result["by"] == "prediction"
     process = result["noise"]["process"]
-    assert process["x"] == pytest.approx(SURE * 10**2 / (120 * DT))  # next to nothing: x' = v is a definition
+    assert process["x"] == pytest.approx(SURE * 10**2 / (400 * DT))  # next to nothing: x' = v is a definition
     assert result["noise"]["sample"]["y"] == pytest.approx(0.01, rel=0.4)  # of 120 samples
     assert result["whiteness"]["y"]["test"] == "Ljung-Box"
     for name, value in result["parameters"].items():
@@ -168,10 +168,15 @@ def test_rows_held_out_are_predicted_with_the_noise_that_was_fitted(here: Path) 
     words = ("fit", "bare.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
     hgogen(*words, "--by", "prediction")
     result = json.loads((here / "out" / "fitted.json").read_text())
-    Q, R = result["noise"]["process"], {y: sigma**2 * DT for y, sigma in result["noise"]["sample"].items()}
     _, u, y = np.loadtxt(here / "log.csv", delimiter=",", skiprows=1).T
     cut, plant = round(0.7 * len(y)), hg.load("bare.toml").plant
-    for which, one in (("fitted", hg.load("bare.toml").valued(result["parameters"]).plant), ("unfitted", plant)):
+    first = (here / "log.csv").read_text().splitlines()[: cut + 1]
+    (here / "first.csv").write_text("\n".join(first) + "\n")
+    words = tuple({"log.csv": "first.csv", "out": "first"}.get(word, word) for word in words)
+    hgogen(*words, "--by", "prediction", "--held-out", "0")  # of the rows that do not judge
+    judged = json.loads((here / "first" / "fitted.json").read_text())
+    Q, R = judged["noise"]["process"], {y: sigma**2 * DT for y, sigma in judged["noise"]["sample"].items()}
+    for which, one in (("fitted", hg.load("bare.toml").valued(judged["parameters"]).plant), ("unfitted", plant)):
         step = hg.sample(hg.observers.riccati(hg.forms.original(one), Q=Q, R=R), dt=DT)
         there = predictions(step, step.run(u=u, y=y).since(cut), u[cut:, None], y[cut:, None], (1, 5, 25))
         assert [row[which] for row in result["predictions"]] == pytest.approx([p.model for p in there], rel=1e-6)

@@ -158,7 +158,11 @@ class _Tuned:
             yield kind, _admitted(kind, self.claims.tuning or "step", checked_step, self._line())
         for name, table in self.model.tuning.tables.items():
             kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
-            step = None if kind in done or kind not in self.kinds else self._step(name, kind, table)
+            step = (
+                None
+                if kind in done or (kind in observers.__all__ and kind not in self.kinds)
+                else self._step(name, kind, table)
+            )
             if step is not None:
                 done.add(kind)
                 yield kind, _admitted(kind, name, step, self._line(name))
