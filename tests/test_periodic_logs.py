@@ -22,7 +22,7 @@ from hgogen.logs.likelihood import Likelihood, Noise
 from hgogen.logs.problem import digests
 from hgogen.logs.records import Ahead, Hidden, Judge, Log, beyond, demanded, readable
 from hgogen.logs.tune import first_of
-from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle, unwrapped_outputs
+from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle, turn_of, unwrapped_outputs
 from hgogen.reading.measured import WINDOWS, read
 from hgogen.run import figures
 from hgogen.run.comparison import differences
@@ -222,6 +222,15 @@ HEALTHY = {
 @pytest.mark.parametrize("through", [True, False])
 def test_what_is_no_angle_has_no_jumps(name: str, through: bool) -> None:
     assert first_jump(HEALTHY[name], TURN, through) is None
+
+
+def test_a_turn_of_another_unit_is_a_round_number_that_the_course_fills() -> None:
+    course = driven()[2]
+    for turn in (400.0, 1.0, 3600.0, 4000.0, 4096.0, 65536.0, 1000.0):
+        known = turn_of(hg.Signal("y"), in_turn(turn / TURN * course, turn), ())
+        assert known is not None, turn
+        assert known[0] == turn
+    assert {name for name, values in HEALTHY.items() if turn_of(hg.Signal("y"), 200 / np.pi * values, ())} == set()
 
 
 def test_two_levels_a_turn_apart_are_no_course_of_an_angle() -> None:

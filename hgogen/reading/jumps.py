@@ -23,6 +23,8 @@ _ROUGH, _LONGEST = 0.01, 0.25  # of a turn
 _MORE = 3.0  # times as many steps as fit no angle: least number of jumps by a turn
 _MIDDLE, _THROUGH = 0.5, 0.05  # of a turn; least share of the samples of a course through the middle of a turn
 _LEAST = 10  # samples
+_FULL = 2e-3  # how far a course may be larger than a round turn
+_ROUND = (1, 2, 2.4, 3, 3.6, 4, 5, 6, 8, 10)  # digits of turns in other units
 _SAME = 0.03  # relative difference of two turns that count as one
 
 
@@ -57,13 +59,17 @@ def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | N
 
 def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tuple[float, int] | None:
     """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, one of the `widths` of
-    declared ranges or a power of two, as of counts, with the number of the first sample after it; None without one."""
+    declared ranges, a power of two, as of counts, or a round number that the course fills, as of 400 gon, with the
+    number of the first sample after it; None without one."""
     course = values[np.isfinite(values)]
     if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
         return None  # a jump is longer than half of a turn, which the course hardly leaves
     turns: list[float] = []
-    for turn in (RADIANS, DEGREES, *widths, 2.0 ** max(8, math.ceil(math.log2(np.ptp(course) or 1.0)))):
-        if all(abs(turn / other - 1) > _SAME for other in turns):
+    size = float(np.ptp(course)) or 1.0
+    decade = 10.0 ** math.floor(math.log10(size))
+    filled = (digits * decade for digits in _ROUND if 1 - _BEYOND <= size / (digits * decade) <= 1 + _FULL)
+    for turn in (RADIANS, DEGREES, *widths, 2.0 ** max(8, math.ceil(math.log2(size))), *filled):
+        if all(abs(turn / other - 1) > (_FULL if turn < size * (1 + _BEYOND) else _SAME) for other in turns):
             turns.append(turn)
             at = first_jump(values, turn, through=UNITS.get(signal.unit) != turn)
             if at is not None:
