@@ -41,7 +41,7 @@ from hgogen.run.samples import (
 )
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import Time, plural
-from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
+from hgogen.step import BadStep, CannotUpdate, GrowingAngle, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
@@ -474,6 +474,10 @@ def sample(
     with one_thread():
         planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report, substeps))
     demand_motion(observer.form, planned.shortest, real)
+    for x, turn in observer.form.system.growing.items():
+        why = "has no range, and all is the same a turn further: its number grows with the turns and loses its digits"
+        declare = f"declare period={turn} of it, and of outputs that are this angle"
+        warnings.warn(f"{x} {why}; {declare}", GrowingAngle, stacklevel=2)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
@@ -482,7 +486,8 @@ def sample(
 
 def _quietly(observer: Observer, method: Method, dt: Any, options: Mapping[str, Any]) -> CallableStep:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepMayFail)
+        for known in (StepMayFail, GrowingAngle):
+            warnings.simplefilter("ignore", known)
         return sample(observer, method, dt, **options)
 
 

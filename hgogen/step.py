@@ -107,6 +107,10 @@ _CERTIFIED = (
 )
 
 
+class GrowingAngle(UserWarning):
+    """A state that grows with the turns of an angle, since it has no period."""
+
+
 class StepMayFail(UserWarning):
     """A step length between the advised and the refused one: it may fail."""
 

@@ -18,7 +18,7 @@ from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.rigor.recurrent import Aperiodic, Choose, divides, grouped, rewritten
-from hgogen.rigor.shifts import hidden_shifts
+from hgogen.rigor.shifts import Shifts, hidden_shifts
 from hgogen.rigor.tape import NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, Time, check_name, is_unit, part_of_turn, supplied, t, times
@@ -192,12 +192,7 @@ class System:
         modulo a joint shift, in words: "th modulo a quarter turn"; "" without any, and of a plant without periods."""
         if all(s.period is None for s in (*self.states, *self.outputs)):
             return ""
-        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
-        rows += [(row, None) for row in (*self.invariants, *(() if self.discrete else self.flow))]
-        # those without a period first: a basis then has the least shifts of these, which their ranges may not admit
-        pairs = sorted(zip(self.states, self.flow, strict=True), key=lambda pair: pair[0].period is not None)
-        following = [row for _, row in pairs] if self.discrete else ()
-        shifts = hidden_shifts({x: x.period for x, _ in pairs}, rows, following)
+        shifts = self._shifts
 
         def admitted(shift: Mapping[Signal, sp.Expr]) -> bool:
             inside = (abs(step) <= x.interval[1] - x.interval[0] for x, step in shift.items() if x.period is None)
@@ -209,6 +204,25 @@ class System:
             parts.append(f"{' and '.join(map(str, joint))} modulo a joint shift by {' and '.join(each)}")
         parts += [f"{x} up to shifts that are not excluded" for x in shifts.open]
         return ", ".join(parts)
+
+    @cached_property
+    def growing(self) -> dict[Signal, sp.Expr]:
+        """The states without range and period that only sines and cosines read, with their turn: each grows with the
+        turns, and a number of it loses its digits."""
+        free = {x for x in self.states if x.period is None and not x.bounded}
+        waves = sp.Tuple(*self.flow, *self.output).atoms(sp.sin, sp.cos) if free else set()
+        if not any(free & wave.free_symbols for wave in waves):
+            return {}
+        return {x: step for x, step in self._shifts.single.items() if x in free}
+
+    @cached_property
+    def _shifts(self) -> Shifts:
+        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
+        rows += [(row, None) for row in (*self.invariants, *(() if self.discrete else self.flow))]
+        # those without a period first: a basis then has the least shifts of these, which their ranges may not admit
+        pairs = sorted(zip(self.states, self.flow, strict=True), key=lambda pair: pair[0].period is not None)
+        following = [row for _, row in pairs] if self.discrete else ()
+        return hidden_shifts({x: x.period for x, _ in pairs}, rows, following)
 
     @cached_property
     def constraints(self) -> tuple[sp.Expr, ...]:

@@ -81,7 +81,7 @@ def test_checks_are_shown() -> None:
     assert len(CHECKS) >= 4
 
 
-@pytest.mark.ordinary("hgogen check models/lotka_volterra.toml", "hgogen check models/sir.toml")
+@pytest.mark.ordinary("hgogen check models/duffing.toml", "hgogen check models/sir.toml")
 @pytest.mark.parametrize(("line", "wanted"), CHECKS, ids=[line for line, _ in CHECKS])
 def test_the_checks_print_what_is_shown(line: str, wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert wanted

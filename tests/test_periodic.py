@@ -1,6 +1,7 @@
 """Angles: values that differ by whole turns are equal, and every difference is taken the short way round."""
 
 import pickle
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -25,6 +26,7 @@ from hgogen.rigor.shifts import hidden_shifts
 from hgogen.run.prediction import forecasts
 from hgogen.signal import BadRange
 from hgogen.starting import gains_of, scale
+from hgogen.step import GrowingAngle
 from hgogen.system import BadSystem
 from hgogen.trial import Trial, simulate
 
@@ -552,3 +554,25 @@ def test_innovations_forecasts_and_truths_go_round() -> None:
     assert np.isfinite(errors[0]).sum() > COUNT
     assert truths[0][-1, 0] > 6 * TURN
     assert np.abs(short_way(truths[0][:, 0]) - truths[1][:, 0]).max() < 1e-9
+
+
+def test_a_state_that_grows_with_its_turns_is_named() -> None:
+    w, c, s = hg.Signal("w", low=-9, high=9), hg.Signal("c"), hg.Signal("s")
+
+    def filtered(th: hg.Signal, rows: list[sp.Expr]) -> Any:
+        plant = hg.System("resolver", states=(th, w), outputs=(c, s), flow=[w, 0], output=rows)
+        observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=(1, 1), covariance=(1, 1))
+        return hg.sample(observer, dt=0.01)
+
+    growing, kept, straight = hg.Signal("th", "rad"), angle("th"), hg.Signal("th", low=-1, high=1)
+    with pytest.warns(GrowingAngle, match=r"th has no range.*declare period=pi/2 of it"):
+        step = filtered(growing, [sp.cos(4 * growing), sp.sin(4 * growing)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", GrowingAngle)
+        pickle.loads(pickle.dumps(step))
+        for th, rows in (
+            (kept, [sp.cos(kept), sp.sin(kept)]),
+            (straight, [sp.cos(straight), sp.sin(straight)]),
+            (growing, [sp.cos(growing), growing]),
+        ):
+            filtered(th, rows)

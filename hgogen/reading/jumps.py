@@ -23,6 +23,7 @@ _ROUGH, _LONGEST = 0.01, 0.25  # of a turn
 _MORE = 3.0  # times as many steps as fit no angle: least number of jumps by a turn
 _MIDDLE, _THROUGH = 0.5, 0.05  # of a turn; least share of the samples of a course through the middle of a turn
 _LEAST = 10  # samples
+_LARGEST = 1e15  # of a turn
 _FULL = 2e-3  # how far a course may be larger than a round turn
 _ROUND = (1, 2, 2.4, 3, 3.6, 4, 5, 6, 8, 10)  # digits of turns in other units
 _SAME = 0.03  # relative difference of two turns that count as one
@@ -65,7 +66,7 @@ def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tupl
     if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
         return None  # a jump is longer than half of a turn, which the course hardly leaves
     turns: list[float] = []
-    size = float(np.ptp(course)) or 1.0
+    size = min(float(np.ptp(course)) or 1.0, _LARGEST)
     decade = 10.0 ** math.floor(math.log10(size))
     filled = (digits * decade for digits in _ROUND if 1 - _BEYOND <= size / (digits * decade) <= 1 + _FULL)
     for turn in (RADIANS, DEGREES, *widths, 2.0 ** max(8, math.ceil(math.log2(size))), *filled):
