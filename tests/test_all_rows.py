@@ -69,6 +69,7 @@ def test_the_gains_to_take_come_from_all_rows(files: tuple[str, ...], tmp_path: 
     assert json.loads(hgogen(*words, "--held-out", "0", "--json")[0])["changes"] == []
 
 
+@pytest.mark.full
 def test_a_log_that_is_held_out_never_enters(files: tuple[str, ...], tmp_path: Path) -> None:
     model, data, other = files
     words = (

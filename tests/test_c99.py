@@ -273,6 +273,7 @@ def test_counters_are_computed_in_whole_numbers(name: str, real: str) -> None:
     assert not re.search(rf"= \({real}\)[a-z]", source)
 
 
+@pytest.mark.full
 def test_few_bits_are_unsigned_and_more_have_32_or_64() -> None:
     assert (
         len(step("fitzhugh_nagumo").layout.bits)

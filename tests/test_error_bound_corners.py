@@ -234,6 +234,7 @@ def test_what_is_no_step_is_refused(proof: Any, other: Any) -> None:
     assert f"given to {proof.__name__} is no step; make one by hg.sample" in str(error.value)
 
 
+@pytest.mark.full
 def test_a_short_chain_aligned_at_the_end_is_in_units_of_its_own() -> None:
     """The errors of its first state are over a power of theta, and so are those of its samples, or what one sample
     shows of a disturbance would seem to undo it."""

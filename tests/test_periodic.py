@@ -564,14 +564,14 @@ def test_a_state_that_grows_with_its_turns_is_named() -> None:
         observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=(1, 1), covariance=(1, 1))
         return hg.sample(observer, dt=0.01)
 
-    growing, kept, straight = hg.Signal("th", "rad"), angle("th"), hg.Signal("th", low=-1, high=1)
+    growing, circular, straight = hg.Signal("th", "rad"), angle("th"), hg.Signal("th", low=-1, high=1)
     with pytest.warns(GrowingAngle, match=r"th has no range.*declare period=pi/2 of it"):
         step = filtered(growing, [sp.cos(4 * growing), sp.sin(4 * growing)])
     with warnings.catch_warnings():
         warnings.simplefilter("error", GrowingAngle)
         pickle.loads(pickle.dumps(step))
         for th, rows in (
-            (kept, [sp.cos(kept), sp.sin(kept)]),
+            (circular, [sp.cos(circular), sp.sin(circular)]),
             (straight, [sp.cos(straight), sp.sin(straight)]),
             (growing, [sp.cos(growing), growing]),
         ):

@@ -474,6 +474,7 @@ def run(folder: Path, turn: str) -> dict[str, Any]:
     return printed
 
 
+@pytest.mark.full
 def test_a_run_over_a_hundred_turns_keeps_its_accuracy(heading: Path) -> None:
     report = run(heading, 'period = "2*pi"')
     assert report["hidden"]["th"] < 0.006

@@ -248,6 +248,7 @@ def test_copies_go_on_and_states_of_another_observer_do_not(compiler: str, tmp_p
 # --- the mark -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_a_mark_is_no_number_that_memory_is_likely_to_hold() -> None:
     marks = [mark(step(name), real) for name in NAMES for real in ("float", "double")]
     assert len(set(marks)) == len(marks)

@@ -74,6 +74,7 @@ ROWS = (
 SHARE = st.fractions(0, 1, max_denominator=40)
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=300)
 @given(st.sampled_from(ROWS), st.sampled_from(("v", "z")), *[st.tuples(SHARE, SHARE).map(sorted)] * 2, *[SHARE] * 3)
 def test_no_rise_of_a_row_is_beyond_what_is_shown_of_its_slope(

@@ -839,6 +839,7 @@ def test_an_argument_that_is_rounded_past_the_first_or_last_point_has_a_slope_wi
         assert float(pushed[0]) == pytest.approx((xs[1] - xs[0]) / 3, rel=1e-3)
 
 
+@pytest.mark.full
 def test_the_cells_that_a_program_may_take_are_counted() -> None:
     """At the end of a range the one above, of a signal by itself; else those on both sides."""
     v, w = hg.Signal("v", low=-1, high=1), hg.Signal("w", low=-1, high=1)

@@ -361,6 +361,7 @@ def test_corners_of_filters_are_tried() -> None:
     assert {numbers.corner for numbers, _ in made.best.tried} == {1.5, 3, 6}
 
 
+@pytest.mark.full
 def test_its_error_is_near_that_of_the_best_filter() -> None:
     """With the true noise: the innovations' deviation over that of one sample to the next, to 5 %."""
     record, states = log(5)
@@ -835,6 +836,7 @@ def test_each_reason_is_said_once() -> None:
     assert str(refused.value).count("the plant is in none of its forms") == 1
 
 
+@pytest.mark.full
 def test_the_command_says_what_to_do(tmp_path: Path) -> None:
     """A truth without a number, a horizon beyond the record, a tuning of the model's own that makes no step."""
     (tmp_path / "spring.toml").write_text(MODEL + '[observer]\nkind = "riccati"\nQ = {x = 1}\nR = 1\ndt = 0.05\n')

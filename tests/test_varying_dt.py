@@ -157,6 +157,7 @@ def jittered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return elapsed, u, np.array(y)
 
 
+@pytest.mark.full
 def test_an_irregular_log_of_a_linear_plant_has_the_exact_filter() -> None:
     """The same filter at the median spacing is ten times as far off."""
     elapsed, u, y = jittered(400, 3)
