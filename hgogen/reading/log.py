@@ -50,6 +50,7 @@ from hgogen.signal import Signal
 
 BYTES = 1 << 28  # of a log; its cells need about ten times as much memory
 DELIMITERS = (*";\t|, ", "  ")  # of those that serve equally the first; blanks: one or several, or two and more
+_LABEL, _NUMBERED = re.compile(r"^[A-Za-z]\w*:\s+"), re.compile(r"^\d+[:.)]\s*")  # of names in a comment
 HEAD, TAIL = 100, 20  # lines at the begin and the end of a file that tell its delimiter and its header
 MARKS = ("#", "%", "//")  # of a comment
 NEUTRAL = EMPTY | {"nan", "-nan", "inf", "-inf"}  # cells that are neither a value nor text
@@ -289,8 +290,7 @@ def _heads(lines: list[str], delimiter: str, wanted: set[str]) -> Iterator[_Head
         for k, (line, cells) in enumerate(zip(lines, split, strict=True))
         if _uncommented(line) and (balance := _value_balance(cells)) is not None
     ]
-    for k, cells in reversed(list(enumerate(split[:HEAD]))):
-        names = _trimmed(cells)
+    for k, names in _names_of(lines[:HEAD], delimiter):
         if not any(names) or any(signs_of(name) or is_stamp(name) for name in names):
             continue
         fitting = [
@@ -298,6 +298,18 @@ def _heads(lines: list[str], delimiter: str, wanted: set[str]) -> Iterator[_Head
         ]
         if fitting:
             yield _Head(k, delimiter, names, sum(fitting), len(wanted.intersection(names)))
+
+
+def _names_of(lines: list[str], delimiter: str) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Yield the number of each line and what would be its names, the last line first. A comment may have names by
+    another delimiter than the rows, a number before each, and a label before all."""
+    for k, line in reversed(list(enumerate(lines))):
+        if _uncommented(line):
+            yield k, _trimmed(_cells(line.lstrip(), delimiter))
+            continue
+        text = _LABEL.sub("", line.lstrip(" \t#%/"))
+        for each in (delimiter, *DELIMITERS):
+            yield k, _trimmed([_NUMBERED.sub("", cell).rstrip(",;") for cell in _cells(text, each)])
 
 
 def _aligned(path: str, header: tuple[str, ...], lines: list[str], delimiter: str, notes: list[str]) -> Table:
