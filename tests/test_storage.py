@@ -111,7 +111,7 @@ def test_a_bad_declaration_names_the_file(tmp_path: Path) -> None:
 @pytest.mark.full
 def test_check_prints_it_and_recheck_verifies_it(tmp_path: Path) -> None:
     file = tmp_path / "decay.json"
-    run = CliRunner().invoke(cli.app, ["check", str(plain(tmp_path)), "--certificate", str(file)])
+    run = CliRunner().invoke(cli.app, ["check", str(plain(tmp_path)), "--all", "--certificate", str(file)])
     assert run.exit_code == 0, run.output
     assert "dissipation.inequality" in run.stdout
     assert "the error stays in the box" in run.stderr

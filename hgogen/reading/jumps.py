@@ -62,7 +62,7 @@ def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tupl
     """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, one of the `widths` of
     declared ranges, a power of two, as of counts, or a round number that the course fills, as of 400 gon, with the
     number of the first sample after it; None without one."""
-    course = values[np.isfinite(values)]
+    course = values[np.isfinite(values) & (np.abs(values) < _LARGEST)]
     if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
         return None  # a jump is longer than half of a turn, which the course hardly leaves
     turns: list[float] = []
