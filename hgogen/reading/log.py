@@ -655,21 +655,30 @@ def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) 
     return key if key in names else None
 
 
-def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
-    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", or several with commas. Raises: `BadRecord`."""
-    shifts: dict[str, int] = {}
+def of_signals(
+    path: str, option: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the option with its text, the signal's name and what is said of it, of texts "SIGNAL=WHAT", or several with
+    commas, of an option. Raises: `BadRecord` for the name of no signal."""
     for text in (part for each in texts for part in each.split(",")):
-        key, _, number = (part.strip() for part in text.partition("="))
+        key, _, what = (part.strip() for part in text.partition("="))
         name = signal_named(key, inputs, outputs)
         if name is None:
             listed = ", ".join(s.name for s in (*inputs, *outputs))
-            raise BadRecord(path, f"--shift {text!r} names no signal; the signals are {listed}")
+            raise BadRecord(path, f"{option} {text!r} names no signal; the signals are {listed}")
+        yield f"{option} {text!r}", name, what
+
+
+def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
+    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", or several with commas. Raises: `BadRecord`."""
+    shifts: dict[str, int] = {}
+    for option, name, number in of_signals(path, "--shift", texts, inputs, outputs):
         if name in shifts:
             raise BadRecord(path, f"--shift gives {name} twice; leave one of them out")
         try:
             shifts[name] = int(number)
         except ValueError:
-            reason = f"--shift {text!r} must read SIGNAL=SAMPLES, a whole number, such as u=1 for one sample later"
+            reason = f"{option} must read SIGNAL=SAMPLES, a whole number, such as u=1 for one sample later"
             raise BadRecord(path, reason) from None
     return shifts
 

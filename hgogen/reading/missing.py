@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hgogen.reading.cells import BadRecord
-from hgogen.reading.log import signal_named
+from hgogen.reading.log import of_signals
 from hgogen.reading.measured import Record
 from hgogen.signal import Signal
 
@@ -23,21 +23,14 @@ _SAMPLES = re.compile(r"(\d+)\.\.(\d+)")
 def without(record: Record, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> Record:
     """Return the record with samples missing that `texts` "SIGNAL=WHAT" name. Raises: `BadRecord`."""
     values, notes, path = record.values.copy(), [], record.report.path
-    for text in (part for each in texts for part in each.split(",")):
-        key, _, what = (part.strip() for part in text.partition("="))
-        name = signal_named(key, inputs, outputs)
-        if name is None:
-            listed = ", ".join(s.name for s in (*inputs, *outputs))
-            raise BadRecord(path, f"--missing {text!r} names no signal; the signals are {listed}")
+    for option, name, what in of_signals(path, "--missing", texts, inputs, outputs):
         column = values[:, record.names.index(name)]
         lost = _lost(column, what)
         if lost is None:
             reason = "must read SIGNAL=VALUE, SIGNAL=repeats or SIGNAL=FIRST..LAST, such as y=-999 or y=150..199"
-            raise BadRecord(path, f"--missing {text!r} {reason}")
+            raise BadRecord(path, f"{option} {reason}")
         if not np.isfinite(column[~lost]).any():
-            raise BadRecord(
-                path, f"--missing {text!r} leaves no sample of {name}; give another value, or fewer samples"
-            )
+            raise BadRecord(path, f"{option} leaves no sample of {name}; give another value, or fewer samples")
         notes.append(f"{name}: samples taken as missing by {what}: {int((lost & np.isfinite(column)).sum())}")
         column[lost] = np.nan
     return replace(record, values=values, report=replace(record.report, notes=(*record.report.notes, *notes)))
