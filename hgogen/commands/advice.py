@@ -101,8 +101,8 @@ def advice(
     tuned = _Tuned(model, claims, deep, kinds)
     rows = dict(tuned.rows())
     n = len(survey.plant.states)
-    untuned = [kind for kind in observers.__all__ if kind in set(kinds).difference(rows)]
-    untuned = [kind for kind in untuned if deep or n <= _rule(kind).quick]
+    asked = (kind for kind in observers.__all__ if kind in kinds and kind not in rows)
+    untuned = [kind for kind in asked if deep or n <= _rule(kind).quick]
     proposed = {kind: first(kind, places(survey)) for kind in untuned}
     rows |= {
         kind: _admitted(kind, "", one.step, _line(one, model), one.row.name)
@@ -158,11 +158,10 @@ class _Tuned:
             yield kind, _admitted(kind, self.claims.tuning or "step", checked_step, self._line())
         for name, table in self.model.tuning.tables.items():
             kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
-            step = (
-                None
-                if kind in done or (kind in observers.__all__ and kind not in self.kinds)
-                else self._step(name, kind, table)
-            )
+            unasked = kind in observers.__all__ and kind not in self.kinds  # of no kind it is refused
+            if kind in done or unasked:
+                continue
+            step = self._step(name, kind, table)
             if step is not None:
                 done.add(kind)
                 yield kind, _admitted(kind, name, step, self._line(name))

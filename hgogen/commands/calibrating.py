@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -272,7 +273,40 @@ def tune_(
     ]
     courses = zip(measured[: logs.given], logs.cuts, strict=False)
     training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
-    on_truth, so_far, trials, stopped = tune_on == "truth", list[Calibration](), count(1), False
+    tuned = partial(
+        tune,
+        plant,
+        ahead=ahead,
+        segments=segments,
+        between=between,
+        method=setting.method or "continuous_discrete",
+        real=setting.real or "double",
+        gate=gates_of(gate or ()),
+        dt=limits,
+        jobs=jobs,
+    )
+    trained, given = (training_truth, measured[: logs.given]) if tune_on == "truth" else ((), ())
+    forms = requested_forms(loaded, deep)
+    first = partial(tuned, *logs.learned, observers=names or None, truth=trained, rows=forms)
+    again = partial(tuned, *logs.allowed, truth=given) if logs.parted else None
+    calibration, reason, stopped = _searched(first, again, len(names) or len(kinds.__all__), path)
+    own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
+    calibration = replace(calibration, rows=own, final=final)
+    changes = _change_of_gains(calibration, reason)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits)
+    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
+    saved = folder.save(report, "tuned.json")
+    if stopped:
+        raise KeyboardInterrupt
+    return saved
+
+
+def _searched(
+    first: Callable[..., Calibration], again: Callable[..., Calibration] | None, observers: int, path: Path
+) -> tuple[Calibration, str, bool]:
+    """Return the calibration by a search `first`, of which the best row is estimated `again` from all rows, the reason
+    where it is not, and whether Ctrl-C ended the search: the observers found until then go to the file `path`."""
+    so_far, trials = list[Calibration](), count(1)
 
     def ended(calibration: Calibration) -> None:
         before = {row.name for one in so_far[-1:] for row in one.rows}
@@ -285,47 +319,20 @@ def tune_(
         check()
         bar.tick(f"observers, {next(trials)} trials", 0)
 
-    tuned = partial(
-        tune,
-        plant,
-        ahead=ahead,
-        segments=segments,
-        between=between,
-        method=setting.method or "continuous_discrete",
-        real=setting.real or "double",
-        gate=gates_of(gate or ()),
-        dt=limits,
-        jobs=jobs,
-        each=tried,
-    )
     try:
-        with Bar("observers", (len(names) or len(kinds.__all__)) + 2 * logs.parted) as bar, interruptible() as check:
-            calibration = tuned(
-                *logs.learned,
-                observers=names or None,
-                truth=training_truth if on_truth else (),
-                rows=requested_forms(loaded, deep),
-                ended=ended,
-            )
-            again = {"truth": measured[: logs.given] if on_truth else (), "ended": lambda _: bar.tick()}
-            on_all_rows = partial(tuned, *logs.allowed, **again)
-            calibration, reason = tuned_again(calibration, on_all_rows) if logs.parted else (calibration, "")
+        with Bar("observers", observers + 2 * (again is not None)) as bar, interruptible() as check:
+            calibration = first(each=tried, ended=ended)
+            if again is None:
+                return calibration, "", False
+            return *tuned_again(calibration, partial(again, each=tried, ended=lambda _: bar.tick())), False
     except KeyboardInterrupt:
         if not any(one.rows for one in so_far[-1:]):
             raise
-        stopped, calibration, reason = True, so_far[-1], "the search was stopped" * logs.parted
+        calibration = so_far[-1]
         have = ", ".join(row.name for row in calibration.rows)
         missing = ", ".join(name for name, why in calibration.refused.items() if why == STOPPED) or "none"
         note(f"stopped; goes to {path}: {have}; missing: {missing}; another Ctrl-C leaves {path.name} as it was")
-    own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
-    calibration = replace(calibration, rows=own, final=final)
-    changes = _change_of_gains(calibration, reason)
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits)
-    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
-    saved = folder.save(report, "tuned.json")
-    if stopped:
-        raise KeyboardInterrupt
-    return saved
+        return calibration, "the search was stopped" if again else "", True
 
 
 def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibration]) -> tuple[Calibration, str]:
