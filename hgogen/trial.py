@@ -248,6 +248,17 @@ def elapsed(step: CallableStep, truth: Truth) -> np.ndarray | None:
     return np.diff(truth.t, prepend=0.0) if step.clock.varying else None
 
 
+def motion(step: CallableStep, trial: Trial, free: Sequence[Signal] = ()) -> ca.Function:
+    """Return the plant along a trial as a function (x, t, p) -> (x', y, u): its rate, or its next state if it is
+    discrete, the outputs without noise and the inputs of the step; p: values of the parameters `free`, the others are
+    nominal. Raises: `BadTrial`."""
+    system = step.observer.form.system
+    plant, signals = Plant(system.declared, trial, step.dt, free), driven(system, trial)
+    x, time, p = (plant.graph[name] for name in "xtp")
+    u = to_casadi([sp.sympify(signals[s.name]) for s in system.inputs], {t: time})
+    return ca.Function("truth", [x, time, p], [plant.graph["ode"], plant.measure(x, time, p), ca.vertcat(*u)])
+
+
 class Plant:
     """A plant along a trial, prepared once for several truths.
 
@@ -277,19 +288,19 @@ class Plant:
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
         flow = (limited(row, plant.box, TINY) for row in plant.flow)  # its slopes have to be finite, at powers of 0 too
         ode = attracted(ca.vertcat(*to_casadi(flow, symbols)), plant.constraints, plant.states, symbols, 1 / dt)
-        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ode}
-        self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self._ode["ode"])])
-        self._measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
+        self.graph: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ode}
+        self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self.graph["ode"])])
+        self.measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}
         moving = [one for one in self._segments if many and one.stops and not plant.discrete]
-        self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
+        self._marches = {one.begin: March(self.graph, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
         """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial`."""
         x, times = self.states(start, parameters), self.times[None, :]
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
-        y = np.array(self._measure.map(times.size)(x.T, times, values)).T
+        y = np.array(self.measure.map(times.size)(x.T, times, values)).T
         plant = self._plant
         x, y = in_turn(plant.states, x), in_turn(plant.outputs, y)
         return Truth(self.times, x, self.u, y, plant.states, plant.opposites)
@@ -341,7 +352,7 @@ class Plant:
         try:
             with deferred_interrupt():
                 if begin not in self._integrators:
-                    self._integrators[begin] = ca.integrator("truth", "cvodes", self._ode, begin, stops, options)
+                    self._integrators[begin] = ca.integrator("truth", "cvodes", self.graph, begin, stops, options)
                 reached = np.array(self._integrators[begin](x0=now, p=p)["xf"]).T
         except RuntimeError:
             reached = np.full((len(stops), len(now)), np.nan)
@@ -644,7 +655,7 @@ class March:
     """
 
     def __init__(self, ode: Mapping[str, Graph], times: Sequence[float]) -> None:
-        self._ode, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
+        self.graph, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
 
     def __call__(self, start: Array, p: Array) -> Array | None:
         """Return the states (k, n) at `times[1:]` from `start` (n) at `times[0]` with the parameters p; None where the
@@ -665,8 +676,8 @@ class March:
     def _step(self) -> Any:
         """The CasADi function (x, t, h, p) -> (x+, |e|) of one extrapolated integration step."""
         t, h = ca.SX.sym("t"), ca.SX.sym("h")
-        x, p = self._ode["x"], self._ode["p"]
-        rate = ca.Function("rate", [x, self._ode["t"], p], [ca.densify(self._ode["ode"])])
+        x, p = self.graph["x"], self.graph["p"]
+        rate = ca.Function("rate", [x, self.graph["t"], p], [ca.densify(self.graph["ode"])])
         first, rows = rate(x, t, p), [[x]]
         for i, n in enumerate(ORDERED):
             before, now = x, x + h / n * first

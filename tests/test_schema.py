@@ -64,6 +64,7 @@ CALLS = [
     "tune spring --segments 2 --truth v=v " + " ".join((*ONE, *LOG)),
     "cost spring",
     "doctor",
+    "report neuron --out neuron.html",
 ]
 
 

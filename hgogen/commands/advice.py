@@ -101,8 +101,8 @@ def advice(
     tuned = _Tuned(model, claims, deep, kinds)
     rows = dict(tuned.rows())
     n = len(survey.plant.states)
-    asked = (kind for kind in observers.__all__ if kind in kinds and kind not in rows)
-    untuned = [kind for kind in asked if deep or n <= _rule(kind).quick]
+    others = (kind for kind in observers.__all__ if kind in kinds and kind not in rows)
+    untuned = [kind for kind in others if deep or n <= _rule(kind).quick]
     proposed = {kind: first(kind, places(survey)) for kind in untuned}
     rows |= {
         kind: _admitted(kind, "", one.step, _line(one, model), one.row.name)

@@ -19,6 +19,7 @@ _FILES = {
     "check": "checking",
     "compare": "comparing",
     "cost": "building",
+    "report": "reporting",
     "design": "designing",
     "response": "designing",
     "recheck": "verifying",

@@ -105,7 +105,7 @@ def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where:
     """
     if ecosystems is None:
         return files
-    library = folder(step, files, chosen(ecosystems, step.name), real=real, costs=_costs(where))
+    library = folder(step, files, chosen(ecosystems, step.name), real=real, costs=costs_known(where))
     _demand_replaceable(where, library)
     return library
 
@@ -115,7 +115,8 @@ def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
-def _costs(where: Folder) -> Mapping[str, Any] | None:
+def costs_known(where: Folder) -> Mapping[str, Any] | None:
+    """Return the measured costs in a folder, as `hgogen cost` writes them; None without them."""
     (path,) = where.demand(COSTS)
     try:
         costs = json.loads(content_of(path, BYTES))
@@ -243,7 +244,8 @@ _SPOKEN = f"The language of the code: {_join_with_or(_languages())}."
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
-def _run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
+def run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
+    """Run each trial over its seeds, or the first `count` of them. Show a progress bar."""
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     with Bar(f"trials in {LANGUAGES[engine]}", sum(map(len, seeds.values()))) as bar:
         return [tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
@@ -328,8 +330,8 @@ def build_(
     files, library = _generate_code(loaded, step, claims.known, observer, target, ecosystems, name, folder)
     engine = engine_here()
     self_check = _run_self_check(files, engine)
-    done = _run_trials(step, trials, engine, seeds if engine == "c" else 1)
-    in_python = _run_trials(step, trials, "python", 1) if engine == "c" else []
+    done = run_trials(step, trials, engine, seeds if engine == "c" else 1)
+    in_python = run_trials(step, trials, "python", 1) if engine == "c" else []
     comparison = agreements(done, in_python, step.dt) if in_python else ()
     drawn = figures_by_path(rendered(trial_figures(step, done, claims.known)), ecosystems)
     rows = tuple(map(TrialRow, summaries(step, done, engine, note), done))
@@ -430,7 +432,7 @@ def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine:
     if not model.has("trial"):
         note(f"{model.path} has no trial, so there are no figures of it")
         return {}
-    done = _run_trials(step, model.trials(), engine, 1)
+    done = run_trials(step, model.trials(), engine, 1)
     note(*departures(done, step.time))
     return rendered(trial_figures(step, done, known))
 
@@ -510,7 +512,7 @@ def simulate_(
         return SimulatedCampaigns(loaded.path, {gain.name: values_by_name(gain) for gain in step.layout.gains}, rows)
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
-    done = _run_trials(step, chosen, engine, seeds)
+    done = run_trials(step, chosen, engine, seeds)
     summed = map(TrialRow, summaries(step, done, engine, note), done)
     known = proved_bound(step, loaded, note)
     errors = [bounded_errors(step.states, one.first, known) if known else () for one in done]

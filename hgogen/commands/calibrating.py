@@ -285,10 +285,10 @@ def tune_(
         dt=limits,
         jobs=jobs,
     )
-    trained, given = (training_truth, measured[: logs.given]) if tune_on == "truth" else ((), ())
+    trained, final_truth = (training_truth, measured[: logs.given]) if tune_on == "truth" else ((), ())
     forms = requested_forms(loaded, deep)
     first = partial(tuned, *logs.learned, observers=names or None, truth=trained, rows=forms)
-    again = partial(tuned, *logs.allowed, truth=given) if logs.parted else None
+    again = partial(tuned, *logs.allowed, truth=final_truth) if logs.parted else None
     calibration, reason, stopped = _searched(first, again, len(names) or len(kinds.__all__), path)
     own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
     calibration = replace(calibration, rows=own, final=final)

@@ -658,8 +658,8 @@ def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) 
 def of_signals(
     path: str, option: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
 ) -> Iterator[tuple[str, str, str]]:
-    """Yield the option with its text, the signal's name and what is said of it, of texts "SIGNAL=WHAT", or several with
-    commas, of an option. Raises: `BadRecord` for the name of no signal."""
+    """Yield the option with its text, the signal's name and WHAT, for each text "SIGNAL=WHAT" of an option, or several
+    with commas. Raises: `BadRecord` for the name of no signal."""
     for text in (part for each in texts for part in each.split(",")):
         key, _, what = (part.strip() for part in text.partition("="))
         name = signal_named(key, inputs, outputs)
