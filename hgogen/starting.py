@@ -29,7 +29,7 @@ from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, cached, positive
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
-from hgogen.system import System, demand_continuous
+from hgogen.system import System
 
 PER_SAMPLE = "R_per_sample"  # the argument of filters that is R over the period
 MANY = 6  # states: with more the search for a bound on a gain takes seconds
@@ -185,8 +185,8 @@ def starting_gains(
     if not callable(observer):
         raise BadGain(f"observer = {observer!r}", "must be one of hg.observers, such as hg.observers.high_gain")
     numbers = scale(form, dt, noise)
-    gains = gains_of(observer, numbers)
-    return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
+    gains, period = gains_of(observer, numbers), dt or numbers.dt
+    return Starting({}, period, gains) if isinstance(gains, str) else Starting(gains, period)
 
 
 def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
@@ -200,8 +200,8 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
     """Return the numbers T, theta, dt, S, .. from which the starting gains on a form are computed, with a fixed period
     `dt` and the noise by output where known. Raises: `BadGain`, as `starting_gains`."""
-    demand_continuous(form.system, "starting_gains", "; give Q and R of a sample, and the sampling period, yourself")
     dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
+    dt = 1.0 if form.system.discrete else dt
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     if dt is None:

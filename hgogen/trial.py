@@ -44,7 +44,7 @@ from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
-from hgogen.reading.given import names_of, requires_plant, scalar
+from hgogen.reading.given import names_of, requires_any_plant, scalar
 from hgogen.rigor.singular import TINY, limited
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times, with_elapsed
@@ -731,11 +731,13 @@ class NoTrial(BadArgument):
     """A plant whose ranges give no trial."""
 
 
-@requires_plant
+@requires_any_plant
 def proposed_trial(plant: System) -> Trial:
-    """Return the trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has
-    no range, no state moves, or every motion leaves the ranges at once."""
+    """Return the trial, without noise, of the plant as first declared. Raises: `NoTrial` where the plant is discrete, a
+    state or an input has no range, no state moves, or every motion leaves the ranges at once."""
     first = plant.declared
+    if plant.discrete:
+        raise NoTrial(f"plant {plant.name!r}", "is discrete in time, so that it has no time scale; declare a trial")
     if unknown := [s.name for s in (*first.states, *first.inputs) if not s.bounded]:
         raise NoTrial(f"plant {plant.name!r}", f"has no range of {', '.join(unknown)}, and no trial; declare either")
     try:

@@ -22,6 +22,7 @@ from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
 NOT_TRIED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
+_CONTINUOUS = because("for differential equations, and the plant is discrete")
 
 
 def asking(name: str) -> Asking:
@@ -116,14 +117,14 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
         case = asking(name)
         refusal = case.refusal(len(plant.outputs))
         if plant.discrete and not case.discrete:
-            rows.append(Row(name, None, (), because("for differential equations, and the plant is discrete")))
+            rows.append(Row(name, None, (), _CONTINUOUS))
         elif refusal:
             rows.append(Row(name, None, (), because("{refusal}", refusal=refusal)))
         elif case.costly and not deep and not plant.discrete:
             rows.append(Row(name, None, (), NOT_TRIED))
         else:
             rows += [_row(name, options, plant) for options in case.options]
-    return Survey(plant, tuple(rows) if plant.discrete else (*rows, _gauthier_bornard(plant)))
+    return Survey(plant, (*rows, _gauthier_bornard(plant)))
 
 
 def of(name: str, plant: System) -> Row:
@@ -152,6 +153,8 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
 
 
 def _gauthier_bornard(plant: System) -> Row:
+    if plant.discrete:
+        return Row("Gauthier-Bornard", None, (), _CONTINUOUS)
     answer = of_plant(plant)
     if not answer.applies:
         return Row("Gauthier-Bornard", None, (), because("does not apply: {reason}", reason=answer.reason))

@@ -1,6 +1,7 @@
 """Discrete plants x+ = f(x, u): declaration, observability, filters against an oracle in numpy, and refusals."""
 
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 import sympy as sp
 from oracle import discrete as oracle
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize
+from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.commands.app import app
 from hgogen.logs.problem import paced
 from hgogen.reading.text_model import from_table, read, to_text
 from hgogen.run import native
@@ -416,14 +419,102 @@ def test_a_fit_is_that_of_least_squares() -> None:
     assert [fitted.values["friction"], fitted.values["force"]] == pytest.approx([0.8, 0.5], rel=1e-2)
 
 
+def kalman_cost(
+    A: np.ndarray, B: np.ndarray, process: np.ndarray, r: float, x: np.ndarray, P: np.ndarray, log: Any
+) -> Any:
+    """-log of the likelihood of a log of x+ = A x + B u, y = x_1 by the Kalman filter, from the prediction x and P."""
+    cost = 0.0
+    for now, sample in zip(log.u, log.y[:, 0], strict=True):
+        s = P[0, 0] + r
+        cost += ((sample - x[0]) ** 2 / s + np.log(s)) / 2
+        x, P = x + P[:, 0] / s * (sample - x[0]), P - np.outer(P[:, 0], P[0]) / s
+        x, P = A @ x + B @ now, A @ P @ A.T + np.diag(process)
+    return cost
+
+
+def decaying() -> hg.System:
+    """x+ = A x, y = p."""
+    return cart(outputs=(y,), inputs=(), flow=[p * 0.9 + v * 0.2, 0.7 * v], output=[p])
+
+
+@pytest.mark.full
+def test_gains_from_a_log_are_the_most_likely_of_a_sample() -> None:
+    """By the likelihood in numpy; the period, 7 s, scales nothing."""
+    A, rng, x, rows = np.array([[0.9, 0.2], [0, 0.7]]), np.random.default_rng(4), np.zeros(2), []
+    for _ in range(150):
+        rows.append(x[0] + rng.normal(0, 0.3))
+        x = A @ x + rng.normal(size=2) * (0.1, 0.4)
+    log = hg.Log(np.empty((150, 0)), np.array(rows)[:, None], 7.0)
+    tuned = hg.tune(decaying(), log, observers=("riccati",))
+    noise, table = tuned.best.noise, tuned.best.table
+    assert noise
+    assert [*tuned.refused] == ["adaptive"]
+    assert "speeds up the correction of differential equations" in tuned.refused["adaptive"]
+    later = replace(log, y=log.y[1:], u=log.u[1:])  # the first sample corrects nothing
+
+    def cost(logs: Any) -> Any:
+        process, start = np.exp(logs[:2]), np.diag([2500, 6.25])
+        P = A @ start @ A.T + np.diag(process)
+        return kalman_cost(A, np.empty((2, 0)), process, np.exp(logs[2]), A @ [log.y[0, 0], 0], P, later)
+
+    least = minimize(cost, np.log([0.01, 0.1, 0.1]), method="Nelder-Mead", options={"fatol": 1e-9}).x
+    assert cost(np.log([*noise.process.values(), noise.sample["y"] ** 2])) == pytest.approx(cost(least), abs=1e-4)
+    assert table["R"] == pytest.approx(noise.sample["y"] ** 2, rel=0.06)
+    assert table["dt"] == 7
+
+
+def test_first_gains_are_those_of_a_sample() -> None:
+    """p moves by at most 11 in a sample, of a range of 200, and by 0.2 v; v by 1.5, of 10."""
+    plant, noise = decaying(), {"y": 0.3}
+    first = hg.starting_gains(hg.forms.original(plant), hg.observers.riccati, dt=DT, noise=noise)
+    assert (first.dt, first.gains["R"]) == (DT, 0.09)
+    crossing = 200 / 11
+    q = 5**2 / crossing
+    assert [*first.gains["Q"].values()] == pytest.approx([(0.2 * crossing) ** 2 * q, q], rel=0.15)
+    assert first.gains == hg.starting_gains(hg.forms.original(plant), hg.observers.ukf, dt=7, noise=noise).gains
+    advised, refused = hg.advise(plant, dt=DT, noise=noise)
+    assert {one.name: one.table["dt"] for one in advised} == dict.fromkeys(("riccati", "ukf", "iterated_ekf"), DT)
+    assert not refused
+    with pytest.raises(hg.HgogenError, match="declare a trial"):
+        hg.proposed_trial(plant)
+
+
+def test_the_short_answer_makes_its_filter(tmp_path: Path) -> None:
+    """`check` prints the entry that makes the extended Kalman filter, and with the entry the command."""
+    file = tmp_path / "decaying.toml"
+    file.write_text(to_text(decaying()))
+    answer = CliRunner().invoke(app, ["check", str(file)]).output
+    (entry,) = re.findall(r"tuning\.riccati = .*", answer)
+    assert "take        riccati, the extended Kalman filter, in original form, with first gains" in answer
+    file.write_text(entry.replace("tuning.riccati = {", 'observer = {kind = "riccati", ') + "\n" + file.read_text())
+    answer = CliRunner().invoke(app, ["check", str(file)]).output
+    assert "with the gains of the model:" in answer
+    assert f"hgogen generate {file}" in answer
+
+
+@pytest.mark.full
+def test_a_fit_by_prediction_is_at_the_least_cost() -> None:
+    """At its own R and first state, with Q that of a sample whatever the period."""
+    plant, log = pushed()
+    fitted, late = (hg.fit(plant, replace(log, dt=dt), by="prediction", starts=1, between="line") for dt in (DT, 7.0))
+    assert late.values == pytest.approx(fitted.values, rel=1e-6)
+    (process, sample), first = fitted.noise, np.array([*fitted.first[0].values()])
+
+    def cost(values: Any) -> Any:
+        A, B = np.array([[1, 0.1], [0, values[0]]]), np.array([[0.0], [values[1]]])
+        return kalman_cost(A, B, np.array([*process.values()]), sample["y"] ** 2, first, np.zeros((2, 2)), log)
+
+    least = minimize(cost, [0.75, 0.45], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9})
+    assert [*fitted.values.values()] == pytest.approx(least.x, rel=1e-3)
+
+
 def test_a_map_that_grows_has_segments_in_which_errors_stay() -> None:
     plant, log = pushed()
     assert paced(plant, DT) == (1, pytest.approx(0, abs=1e-9))
     steep = cart(outputs=(y,), flow=[1.5 * p, v], output=[p])
     assert paced(steep, DT) == (1, pytest.approx(np.log(1.5) / DT))
-    for options in ({"lag": ("y",)}, {"by": "prediction"}):
-        with pytest.raises(hg.HgogenError, match="is discrete in time, and"):
-            hg.fit(plant, log, **options)
+    with pytest.raises(hg.HgogenError, match="is discrete in time, and a lag"):
+        hg.fit(plant, log, lag=("y",))
     with pytest.raises(hg.HgogenError, match="is discrete in time; give one of one period"):
         hg.fit(plant, replace(log, times=np.arange(200) ** 1.01))
 
@@ -431,7 +522,7 @@ def test_a_map_that_grows_has_segments_in_which_errors_stay() -> None:
 # ---------------------------------------------------------------- what refuses a discrete plant
 
 
-OF_PLANTS = ("error_system", "observer_errors", "gramian", "proposed_trial", "recast", "with_disturbance")
+OF_PLANTS = ("error_system", "observer_errors", "gramian", "recast", "with_disturbance")
 
 
 @pytest.mark.parametrize("name", OF_PLANTS)
@@ -472,7 +563,6 @@ def test_no_proof_is_made_of_it() -> None:
         assert "constant injection" in str(nothing)
     for call in (
         lambda: hg.certificate(form, observer.checks),
-        lambda: hg.starting_gains(form, hg.observers.riccati),
         lambda: hg.reference(step, U, Y),
         lambda: hg.response(step, 1.0),
         lambda: hg.design.constant_gain(form),

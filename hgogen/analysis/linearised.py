@@ -220,6 +220,7 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
         known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
         if not known.any():
             raise NoLinearisation(f"the model has no value at any of {_POINTS} points of the box")
+        rates = rates - x if plant.discrete else rates  # in a sample
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
     finite = Linear(slopes.A[known], slopes.C[known], slopes.along[known])

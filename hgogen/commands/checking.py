@@ -241,7 +241,7 @@ def _checked(
     say(survey_table(forms, claims.checks))
     singular = _print_claims(say, claims, observability)
     take = None
-    if advised and not plant.discrete:  # about the file, without the options that are set
+    if advised:  # about the file, without the options that are set
         written = loaded.set(AS_WRITTEN)
         take = advice(
             written, observability, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep
@@ -274,9 +274,9 @@ def _short(loaded: Model, observer: str | None, bounds: Iterable[str], deep: boo
         say(short.line("weakest", short.weakest(least)))
     claims = checked(loaded, forms, observer)
     form, checks, name = claims.form, claims.checks, claims.observer
-    if claims.step is not None and (loaded.setting or plant.discrete):
+    if claims.step is not None and loaded.setting:
         say(short.line("observer", " ".join([f"{name} in {form.kind} form", *loaded.setting.words])))
-    elif not plant.discrete:
+    else:
         advised = advice(loaded, observability, forms, claims, deep=deep, kinds=(name, *short.KINDS))
         one = short.preferred(advised, name)
         say(*short.observer_lines(one, advised, forms))

@@ -425,7 +425,7 @@ def fit_tables(
         parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", *empty, Text(one.unit))
     for what, levels in zip(("process noise of", "noise of a sample of"), result.noise, strict=True):
         for name, level in levels.items():
-            unit = "density" if levels is result.noise[0] else ""
+            unit = ("variance of a sample" if result.plant.discrete else "density") * (levels is result.noise[0])
             parts.add_row(f"{what} {name}", f"{level:.3g}", "", "", *empty, unit)
     follows = headed(_ALONG[result.by], "output", "fitted", "before", "Ljung-Box", "limit", numbers=5)
     for name, error in result.error.items():

@@ -23,7 +23,7 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
 from hgogen.logs.tune import first_of, observers_named, reasons, thetas
 from hgogen.modelfiles.tuning import First, everywhere
-from hgogen.reading.given import positive, requires_plant, requires_switches
+from hgogen.reading.given import positive, requires_any_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
@@ -98,7 +98,7 @@ class NoneAdmitted(BadArgument):
     """The plant admits none of the requested observers."""
 
 
-@requires_plant
+@requires_any_plant
 @requires_switches
 def advise(
     plant: System,
@@ -123,7 +123,7 @@ def advise(
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
-    candidates, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
+    candidates, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers, plant)
     problem = _Problem(dt, noise, None if settling is None else positive("settling", settling), trial, candidates)
     done: dict[str, Advised | str] = {}
     for _, form in problem.usable[:1]:
@@ -162,7 +162,7 @@ class _Problem:
         for row, form in self.usable:
             base = self.scale(form)
             try:
-                first = _first(name, row, base)
+                first = _first(name, row, base, self.dt)
             except HgogenError as error:
                 refusals.append(str(error))
                 continue
@@ -176,7 +176,7 @@ class _Problem:
         every_theta = []
         for theta in values:
             try:
-                one = first if theta == base.theta else _first(first.observer, row, replace(base, theta=theta))
+                one = first if theta == base.theta else _first(first.observer, row, replace(base, theta=theta), self.dt)
             except HgogenError:
                 continue
             if isinstance(one, First) and self.trial is not None:
@@ -218,6 +218,6 @@ def tau(n: int) -> float:
     return high
 
 
-def _first(name: str, row: Row, numbers: Scale) -> First | str:
+def _first(name: str, row: Row, numbers: Scale, dt: float | None) -> First | str:
     gains = gains_of(getattr(every, name), numbers)
-    return gains if isinstance(gains, str) else first_of(name, row, gains, numbers.dt, {})
+    return gains if isinstance(gains, str) else first_of(name, row, gains, dt or numbers.dt, {})

@@ -100,9 +100,9 @@ class Fit(Encoded):
 
     `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `fitted`: the
     outputs (N, p) of each log, NaN for missing samples; `starts`: the result from each start, for a robust fit that of
-    the last pass; `noise`: of a fit by prediction, the density of process noise by state and the deviation of a sample
-    by output. They are Q, and R over the period, of a `riccati` in the plant's own coordinates. A state whose rate is
-    by definition another state has a negligible density.
+    the last pass; `noise`: of a fit by prediction, the density of process noise by state (of a discrete plant its
+    variance in a sample) and the deviation of a sample by output. They are Q, and R over the period, of a `riccati` in
+    the plant's own coordinates. A state whose rate is by definition another state has a negligible density.
     """
 
     json_keys = (
@@ -610,9 +610,8 @@ def fit(
     for name, value, ways in (("between", between, BETWEEN), ("by", by, BY)):
         if value not in ways:
             raise CannotFit(f"{name}={value!r}", f"is none of {', '.join(ways)}")
-    if plant.discrete and (lag or by == "prediction"):
-        what = "a lag is" if lag else "a prediction error with process noise is"
-        raise CannotFit(f"plant {plant.name!r}", f"is discrete in time, and {what} fitted to differential equations")
+    if plant.discrete and lag:
+        raise CannotFit(f"plant {plant.name!r}", "is discrete in time, and a lag is fitted to differential equations")
     starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
     chosen, logs = (
         _free(plant, free),

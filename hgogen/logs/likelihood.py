@@ -347,7 +347,7 @@ class Likelihood:
         model = open_loop(self.form, None if self._irregular else self.records[0].dt, self.between, self.steps)
         z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p + 1)
         now, then = (ca.SX.sym(name, len(self.form.system.inputs)) for name in ("now", "then"))
-        dt, order = g[-1], list(self._noisy)
+        dt, order = 1 if self.form.system.discrete else g[-1], list(self._noisy)
         process = [
             q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE) for name, q in self.scale.units.items()
         ]

@@ -412,10 +412,11 @@ class Predicting(_OnRecords):
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
         p, o, levels, dt = theta[:a], theta[a:b], theta[b:-1], theta[-1]
         samples = ca.DM(self.scale**2) * ca.exp(levels[len(self.noisy) :])
+        Q = ca.diag(self._density(levels))
         return Innovations(
             ca.Function("move", [x, u, then, theta], [self.step(x, p, u, then, dt)]),
             ca.Function("read", [x, u, theta], [self.reading(x, p, o, u)]),
-            ca.Function("process", [theta, Phi], [gathered(Phi, ca.diag(self._density(levels) * dt))]),
+            ca.Function("process", [theta, Phi], [Q if self.plant.discrete else gathered(Phi, Q * dt)]),
             ca.Function("sensor", [theta], [samples]),
             self.plant.outputs,
             np.array([x.limits for x in self.plant.states]).T,
@@ -425,7 +426,7 @@ class Predicting(_OnRecords):
     def _density(self, levels: Any) -> Any:
         """Return the process noise density Q (n) from the logarithms
         `levels`; negligible for a state without noise of its own."""
-        duration = max(record.duration for record in self.records)
+        duration = max(len(one.y) if self.plant.discrete else one.duration for one in self.records)
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
         return ca.vertcat(*each) * ca.DM(np.asarray(self.unit) ** 2 / duration)

@@ -30,7 +30,8 @@ from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
-from hgogen.reading.given import count, requires_plant, requires_switches
+from hgogen.observer import OF_MAPS
+from hgogen.reading.given import count, requires_any_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
@@ -204,14 +205,15 @@ class UnknownObserver(BadArgument):
     """The error for a name that no observer has."""
 
 
-def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
-    """Return the names, each once, by default all observers. Raises: `UnknownObserver`."""
+def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ...]:
+    """Return the names, each once, by default all observers of such plants. Raises: `UnknownObserver`."""
     known = tuple(every.__all__)
     for name in names or ():
         if name not in known:
             fix = nearest(name, known, f"there are {', '.join(known)}")
             raise UnknownObserver(f"observer {name[:60]!r}", f"is none; {fix}")
-    return known if names is None else tuple(dict.fromkeys(names))
+    usual = tuple(name for name in known if name in OF_MAPS or not plant.discrete)
+    return usual if names is None else tuple(dict.fromkeys(names))
 
 
 def reasons(refused: Mapping[str, object]) -> str:
@@ -384,7 +386,7 @@ class CannotTune(BadArgument):
     """The error for logs, or observers, that give no gains."""
 
 
-@requires_plant
+@requires_any_plant
 @requires_switches
 def tune(
     plant: System,
@@ -421,7 +423,7 @@ def tune(
     Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
-    names = observers_named(wanted)
+    names = observers_named(wanted, plant)
     limits = dt or _common_period(records)
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(readable(plant, record, k) for k, record in enumerate(records, 1))
