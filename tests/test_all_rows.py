@@ -1,6 +1,7 @@
 """The rows held out: they judge, then the chosen gains and parameters are estimated once more from all rows."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from test_fit import log as spring_log
 from typer import BadParameter
 
 import hgogen as hg
+from hgogen.commands import fitting
 from hgogen.commands.calibrating import GainChange, numbers_in
 from hgogen.commands.data import parts_of
 from hgogen.model import load
@@ -146,6 +148,27 @@ def test_a_fit_ends_on_all_rows(tmp_path: Path) -> None:
     assert file["parameters"] == whole["parameters"]
     assert {one["record"] for one in file["predictions"]} == {str(tmp_path / "other.csv")}
     assert file["changes"] == whole["changes"] == {}
+
+
+def test_of_a_search_that_did_not_settle_nothing_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here the second, on all rows: the parameters are those that the rows held out judged."""
+    fits = list[hg.Fit]()
+
+    def fit(*logs: object, **options: object) -> hg.Fit:
+        one = hg.fit(*logs, **options)  # type: ignore[arg-type]
+        fits.append(replace(one, starts=tuple(replace(each, settled=not fits) for each in one.starts)))
+        return fits[-1]
+
+    monkeypatch.setattr(fitting, "fit", fit)
+    (tmp_path / "spring.toml").write_text(SPRING)
+    record = spring_log(6)
+    columns = (0.05 * np.arange(len(record.y)), record.u, record.y, record.y)
+    data = csv_of(tmp_path / "log.csv", np.column_stack(columns))
+    words = ("fit", str(tmp_path / "spring.toml"), "--data", data, "--time", "t", "--starts", "1", "--free", "k")
+    report = json.loads(hgogen(*words, "-o", str(tmp_path), "--json")[0])
+    assert report["parameters"] == fits[0].values != fits[1].values
+    assert report["changes"] == {}
+    assert any("since the search on all rows did not settle" in note for note in report["notes"])
 
 
 def test_a_search_may_begin_at_other_values() -> None:

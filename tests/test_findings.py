@@ -253,3 +253,6 @@ def test_a_run_says_the_fault_in_place_of_its_effect(folder: Path) -> None:
     printed = " ".join(hgogen(*words)[0].split())
     assert "y stands still at samples 133 to 192" in printed
     assert "R, Q or both are too small" not in printed
+    printed = " ".join(hgogen(*words, "--map", "u=-u", "--missing", "y=133..192")[0].split())
+    assert "u looks like" in printed  # a fault of the input explains the innovations of all outputs
+    assert not [effect for effect in ("R, Q or both", "are not white", "worse than copying") if effect in printed]

@@ -74,6 +74,7 @@ def test_a_long_shift_is_found_and_both_readings_of_it_are_named(step: CallableS
     ages = 'say delays = {y = 8} in the table of the observer and --map y_age="8 + 0*tau"'
     assert f"samples of y come 8 late, {ages}" in one.sentence({}, {})[1]
     assert "or tau acts 8 late, say --shift tau=8" in one.sentence({}, {})[1]
+    assert one.sentence({}, {})[1].endswith("; hgogen fit --lag y tells whether a first-order lag fits instead")
 
 
 def test_an_input_in_another_unit_is_found(step: CallableStep) -> None:

@@ -416,7 +416,7 @@ def _judged(
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
-    judgements = verdicts(calibration, rows, HELD_OUT if logs.held_out else ALL)
+    judgements = verdicts(calibration, rows, HELD_OUT if logs.held_out else ALL, explained=any(logs.findings))
     far = too_far(aheads, rows[0].errors)
     shares = (f"left out as outliers: {share}" for share in calibration.gates)
     notes = (*logs.notes(), *difference_notes(rates), *shares, *changes, *far, *judgements)

@@ -129,7 +129,9 @@ class FitReport(ModelReport):
         return (*judgements, *_without_offset(self.result), *self.proposals)
 
     def _distance(self) -> Iterator[str]:
-        """Yield how far the parameters moved when all rows were learned from."""
+        """Yield how far the parameters moved when all rows were learned from, or why they did not."""
+        if self.logs.parted and self.judged is self.result:
+            yield "the parameters are those without the rows held out, since the search on all rows did not settle"
         deviations = {name: sigma for name, sigma in self.judged.deviation.items() if 0 < sigma < math.inf}
         errors = {
             name: abs(one.final - one.judged) / deviations.get(name, math.inf) for name, one in self.changes.items()
@@ -248,7 +250,8 @@ def fit_(
         judged = result = fitted(*logs.learned, starts=starts, each=each, resume=begun)
         if logs.parted:
             bar.reach((starts + again) * ITERATIONS)
-            result = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
+            whole = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
+            result = whole if whole.settled else judged  # the last iterate may be anywhere
     errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
     proposals = proposed_options(result, logs.allowed, robust, names["--offset"])
     report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, tuple(proposals))
@@ -390,7 +393,8 @@ def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Ite
     if outlying := [name for name, part in result.outlying.items() if part > OUTLYING and not robust]:
         yield f"{', '.join(outlying)} has outliers: with --robust they count by their distance, not by its square"
     for j, y in enumerate(result.plant.outputs):
-        e = np.concatenate([y.difference(log.y[:, j], f[:, j]) for log, f in zip(logs, result.fitted, strict=True)])
+        pairs = zip(logs, result.fitted, strict=True)
+        e = np.concatenate([y.difference(log.y[: len(f), j], f[:, j]) for log, f in pairs])
         e = e[np.isfinite(e)]
         if y.name in fitted or not e.std() > FINE * result.spread[y.name]:
             continue

@@ -132,8 +132,8 @@ class RecordRun(ModelReport):
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = coarse(self.from_double, self.step.time)
         known, more = self.doubts
-        faulty = {name for one in self.findings for name in one.signal.split(", ")}
-        doubtful = *no_better(self.predictions), *self.sure.sentences(faulty)
+        explained = bool(self.findings)  # by a cause with its fix, in whose place symptoms would name another
+        doubtful = *(() if explained else no_better(self.predictions)), *self.sure.sentences(explained)
         return (*known, *doubtful, *differing, *acted, *self.acted.excessive, *more)
 
     @property

@@ -108,13 +108,14 @@ class Better:
         delays = ", ".join(f"{y} = {age}" for y in self.late)
         clock = operands.get(self.names[0], self.names[0])
         ages = " ".join(f'--map {y}_age="{age} + 0*{clock}"' for y in self.late)
+        lag = f"hgogen fit --lag {','.join(self.late)} tells whether a first-order lag fits instead"
         sensor = f"say delays = {{{delays}}} in the table of the observer and {ages}, by which the estimate is of now"
         if self.signal in self.late:
-            return finding, f"{sensor}, or {fix} for this log alone"
+            return finding, f"{sensor}, or {fix} for this log alone; {lag}"
         return finding, (
             f"two readings fit equally: samples of {names} come {age} late, {sensor}; or {' and '.join(self.names)} "
             f"acts {age} late, say {fix}, and delay it in the firmware too. Another output without delay, --truth, or "
-            "a look at the hardware decides"
+            f"a look at the hardware decides; {lag}"
         )
 
     @property

@@ -174,6 +174,12 @@ class Fit(Encoded):
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     @property
+    def settled(self) -> bool:
+        """Whether a search settled at the least cost, up to rounding."""
+        best = min(one.cost for one in self.starts)
+        return any(one.settled and above(self.by, one.cost, best) <= SAME for one in self.starts)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for each parameter at the end of its range, and for a result that is above its start."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
@@ -256,7 +262,7 @@ class Fit(Encoded):
         if self.rivals:
             values = ", ".join(f"{name} = {value:.5g}" for name, value in self.rivals[0].items())
             yield f"{values} fit as well, within 1 %: the records do not tell which; narrow a range so that one is left"
-        if not any(one.settled and more <= SAME for one, more in zip(self.starts, excess, strict=True)):
+        if not self.settled:
             yield f"the search did not settle; take more starts, {_UNSETTLED[self.by]}"
 
 

@@ -156,14 +156,17 @@ def _rms(parts: Sequence[Array]) -> list[float]:
     return [rms(column) if len(column) else math.nan for column in finite]
 
 
-def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
+def verdicts(
+    calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT, explained: bool = False
+) -> tuple[str, ...]:
     """Return sentences that judge a calibration by its validation errors `rows`; `where`: the words for the rows of the
-    logs, by default the validation rows."""
+    logs, by default the validation rows; `explained`: whether a fault of the logs explains the innovations."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
         *_selection(calibration),
-        *_doubts(calibration.best, best, where),
+        *(() if explained else _innovation_doubts(calibration.best, best, where)),
+        *_doubts(calibration.best),
         *_disagreements(calibration, best, judged, where),
     )
 
@@ -236,7 +239,7 @@ def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], tuned_on: Sequ
         yield from _rival(error, others, f"estimates {state}", measure)
 
 
-def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
+def _innovation_doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
     for output, nis in judged.nis.items():
         if not 1 / CONSISTENT <= nis <= CONSISTENT:
             more = "more" if nis > 1 else "less"
@@ -250,6 +253,9 @@ def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
                 f"innovations of {output} are not white, {count} of the first {LAGS} correlations, {where}: the plant "
                 "does more than the model, a sensor or an input is late, or the noise is slow; see longer horizons too"
             )
+
+
+def _doubts(best: Tuned) -> Iterator[str]:
     thetas = sorted({numbers.theta for numbers, _ in best.tried})
     if len(thetas) > 1 and best.numbers.theta in (thetas[0], thetas[-1]):
         end = "least" if best.numbers.theta == thetas[0] else "largest that a step of this period takes"

@@ -36,7 +36,7 @@ the mean alone, the threshold of Boizot, Busvelle, Gauthier 2010, four times in 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -181,11 +181,11 @@ class Consistency:
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
     joint: Annotated[OfOutputs | None, "those of several outputs together; null without a covariance"] = None
 
-    def sentences(self, explained: Iterable[str] = ()) -> tuple[str, ...]:
-        """Return a sentence for each statistic that contradicts the observer's covariance, without those of the outputs
-        `explained` by faults of the log."""
+    def sentences(self, explained: bool = False) -> tuple[str, ...]:
+        """Return a sentence for each statistic that contradicts the observer's covariance; of the errors alone where
+        the innovations are `explained` by a fault of the log."""
         sentences = []
-        for one in (each for each in self.outputs if each.output not in explained):
+        for one in () if explained else self.outputs:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
                 factor = math.sqrt(one.nis)
                 sentences.append(
@@ -198,7 +198,7 @@ class Consistency:
                     f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of "
                     "an input or sensor is off"
                 )
-        joint, marginal = self.joint, not sentences
+        joint, marginal = self.joint, not sentences and not explained
         if joint is not None and marginal and not joint.band[0] <= joint.nis <= joint.band[1]:
             sentences.append(
                 f"innovations of {', '.join(joint.outputs)} together are {math.sqrt(joint.nis):.3g} times as large as "
