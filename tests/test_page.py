@@ -8,8 +8,10 @@ import subprocess
 import tempfile
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -121,12 +123,31 @@ def page_parts(name: str) -> int:
     return page.parts(truth, course, [each.value for each in made.plant], step.dt)
 
 
+def test_a_stiff_plant_has_more_steps_of_the_page() -> None:
+    x, t, p = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("p", 0)
+    course = SimpleNamespace(truth=SimpleNamespace(x=np.ones((50, 1)), t=np.linspace(0, 1, 50)))
+
+    def steps(rate: float) -> int:
+        return page.parts(ca.Function("truth", [x, t, p], [-rate * (x - ca.sin(t)), x, t]), course, [], 0.01)
+
+    assert [steps(1), steps(100)] == [1, 16]  # of exp(-1) off by exp(-1)/(120 n^4)
+
+
+def test_two_figures_share_no_id() -> None:
+    figure = b'<?xml?>\n<svg><defs><path id="a" d="M 0 0 \nL 1.26 2 \n"/></defs><use xlink:href="#a"/></svg>'
+    text = page.svg_figures({"one.svg": figure, "one.png": b"", "two.svg": figure})
+    assert re.findall(r'id="([^"]*)"', text)[1:] == ["f0a", "f2a"]
+    assert re.findall(r'href="#([^"]*)"', text) == ["f0a", "f2a"]
+    assert 'd="m0 0l1.3 2"' in text
+
+
 @needs_webassembly
 def test_gains_are_tuned_and_limited_in_the_page() -> None:
     _, _, made = compiled("van_der_pol")
     page = Page(made)
     page.call("begin")
     (theta,) = made.gains
+    assert (theta.low, theta.high) == (1, 5)
     assert (theta.name, theta.value) == ("theta", 5)
     page.cells("gains")[0] = 3
     assert page.call("tune") == 0
@@ -185,7 +206,7 @@ def test_an_equation_leads_to_its_row_of_c() -> None:
     [
         (r"\dot{x_{1}} &= \frac{a}{b}", ["<mfrac>", "<mover>"]),
         (r"\sqrt{x^{2} + 1}", ["<msup>", "<mn>2</mn>"]),
-        (r"\left[\begin{matrix}0 & 1\\0 & 0\end{matrix}\right]", ["<mtable>", "<mtd"]),
+        (r"\left[\begin{matrix}0 & 1\\0 & 0\end{matrix}\right]", ["<mtable>", "<mtd><mn>1</mn></mtd>"]),
         (r"\begin{cases} 1 & \text{for}\: x > 0 \\0 & \text{otherwise} \end{cases}", ["<mtable>", "otherwise"]),
     ],
 )

@@ -61,7 +61,7 @@ def page(
     first = list(parts).index("Plant")  # the mathematics, which the document has after the manual
     names = [*list(parts)[first:], *list(parts)[:first]]
     linked = Linked(step, code)
-    body = [_figures(figures)]
+    body = [svg_figures(figures)]
     for name in names:
         more = f"\n{costs}\n" if name == "Cost" else ""
         body += [f'<h2 id="{_id(name)}">{_inline(name)}</h2>', *linked.html(name, parts[name] + more)]
@@ -95,7 +95,7 @@ def _id(name: str) -> str:
     return re.sub(r"\W+", "-", name.lower()).strip("-")
 
 
-def _figures(files: Mapping[str, bytes]) -> str:
+def svg_figures(files: Mapping[str, bytes]) -> str:
     """Return the SVG files as figures, their lines rounded to a tenth of a point."""
     drawn = []
     for k, (name, content) in enumerate(files.items()):
