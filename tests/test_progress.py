@@ -75,7 +75,7 @@ OTHERS: dict[str, tuple[Callable[[], Any], dict[str, Any], str]] = {
 def test_it_does_not_go_on_with_something_else(what: str) -> None:
     made, options, sentence = OTHERS[what]
     progress = stopped((0, 1), starts=1)
-    with pytest.raises(CannotGoOn, match=f"{sentence}; give it what it was begun with, or fit anew"):
+    with pytest.raises(CannotGoOn, match=f"{sentence}; give it what it was begun with, or begin anew"):
         hg.fit(*made(), starts=1, resume=progress, **options)
 
 

@@ -32,6 +32,7 @@ from hgogen.logs import judged as judged_module
 from hgogen.logs import tune as tune_module
 from hgogen.logs.judged import DIFFERENCING, Judged, ValidationLog, _rival, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
+from hgogen.logs.problem import CannotGoOn
 from hgogen.logs.records import Ahead, BadLog, Hidden, Judge, as_good, chosen, readable
 from hgogen.logs.tune import STOPPED, Calibration, CannotTune, Task, Tuned
 from hgogen.model import load
@@ -801,8 +802,8 @@ def test_ctrl_c_keeps_the_observers_that_are_tuned(
     words = (*words, "--observers", observers, "--jobs", "1", "-o", str(tmp_path))
     said = " ".join(hgogen(*words, status=output.INTERRUPTED)[1].split())
     assert (tmp_path / "tuned.json").exists() == bool(written)
+    assert "the same command with --resume goes on from the last trial" in said
     if not written:
-        assert "stopped" not in said
         return
     assert "hgogen: high_gain: cross-validated " in said
     assert f"tuned.json: {written}; missing: {missing}; another" in said
@@ -811,6 +812,42 @@ def test_ctrl_c_keeps_the_observers_that_are_tuned(
     assert result["refused"] == ({} if missing == "none" else {missing: STOPPED})
     assert any(note.endswith("the search was stopped") for note in result["notes"])
     assert load(str(tmp_path / "spring.toml")).set(Setting(tuning=tmp_path / "tuned.json")).step("high_gain")
+    monkeypatch.undo()
+    _, said = hgogen(*words, "--resume", "--ahead", "2", status=2)
+    assert "the stopped tuning is of other options; give it what it was begun with" in " ".join(said.split())
+    trials = len((tmp_path / "tune_begun.jsonl").read_text().splitlines())
+    assert trials > 10
+    hgogen(*words, "--resume")
+    assert not (tmp_path / "tune_begun.jsonl").exists()
+    resumed = json.loads((tmp_path / "tuned.json").read_text())
+    hgogen(*words)
+    assert {**resumed, "files": []} == {**json.loads((tmp_path / "tuned.json").read_text()), "files": []}
+    assert "there is no tuning to go on with" in " ".join(
+        hgogen(*words, "--resume", status=2)[1].replace("│", " ").split()
+    )
+
+
+def test_a_stopped_tuning_goes_on() -> None:
+    """Its trials are not repeated, that during which it was stopped excepted, and the gains are the same ones."""
+    record, results = log(8, 100)[0], dict[str, Any]()
+
+    def stop(what: str) -> None:
+        if len(results) == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        hg.tune(PLANT, record, observers=["hamilton_jacobi"], done=results, each=stop)
+    assert len(results) == 5
+    results, again = json.loads(json.dumps(results)), list[str]()
+    resumed = hg.tune(PLANT, record, observers=["hamilton_jacobi"], done=results, each=again.append)
+    whole = hg.tune(PLANT, record, observers=["hamilton_jacobi"])
+    assert len(again) == len(results) - 5
+    assert resumed.best.table == whole.best.table
+    assert resumed.best.errors.tolist() == whole.best.errors.tolist()
+    with pytest.raises(CannotGoOn, match="the stopped tuning is of other records; give it what it was begun with"):
+        hg.tune(PLANT, log(9, 100)[0], observers=["hamilton_jacobi"], done=results)
+    with pytest.raises(CannotGoOn, match="is of another plant"):
+        hg.tune(replace(PLANT, flow=(V, -3 * X + U)), record, observers=["hamilton_jacobi"], done=results)
 
 
 def test_a_bar_has_the_remaining_time() -> None:

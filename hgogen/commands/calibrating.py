@@ -1,8 +1,10 @@
 """The commands `tune` and `advise`: observer gains from measured logs, or from a plant's ranges alone."""
 
+import json
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -42,6 +44,7 @@ from hgogen.commands.command import (
 from hgogen.commands.data import Logs, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.output import (
     Bar,
+    Folder,
     Written,
     cell,
     filled,
@@ -111,6 +114,8 @@ class TunedRow:
     gains: TunedGains | None
 
 
+BEGUN = "tune_begun.jsonl"  # the results of an unfinished tuning
+GO_ON = "the same command with --resume goes on from the last trial"
 FAR = 10.0  # factor by which a gain moves only if the rows held out are unlike the others
 
 
@@ -239,6 +244,9 @@ def tune_(
     horizon: Annotated[str, typer.Option(help="Samples ahead of the errors held out, such as 1,5,25.")] = "1,5,25",
     deep: Deep = False,
     jobs: Jobs = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the same command, which was stopped, from its last trial.")
+    ] = False,
     out: Out = None,
 ) -> TuneReport:
     """Tune the observers that a plant admits to measured records, and say which to take. The file `tuned.json` that it
@@ -247,7 +255,9 @@ def tune_(
     aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
-    (path,) = folder.demand("tuned.json")
+    path, _ = folder.demand("tuned.json", BEGUN)
+    if resume:
+        folder.begun(BEGUN, "tuning")
     true = truth_of(plant, truth or ())
     if tune_on == "truth" and not true:
         raise typer.BadParameter(
@@ -289,7 +299,9 @@ def tune_(
     forms = requested_forms(loaded, deep)
     first = partial(tuned, *logs.learned, observers=names or None, truth=trained, rows=forms)
     again = partial(tuned, *logs.allowed, truth=final_truth) if logs.parted else None
-    calibration, reason, stopped = _searched(first, again, len(names) or len(kinds.__all__), path)
+    with _kept_results(folder, resume) as done:
+        searches, number = (partial(first, done=done), again), len(names) or len(kinds.__all__)
+        calibration, reason, stopped = _searched(*searches, number, path)
     own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
     calibration = replace(calibration, rows=own, final=final)
     changes = _change_of_gains(calibration, reason)
@@ -298,7 +310,32 @@ def tune_(
     saved = folder.save(report, "tuned.json")
     if stopped:
         raise KeyboardInterrupt
+    folder.remove(BEGUN)
     return saved
+
+
+class _Results(dict[str, Any]):
+    """Results by trial, each a line of a file; lines that hold none are left out."""
+
+    def __init__(self, lines: Iterable[str], add: Callable[[str], None]) -> None:
+        self._add = add
+        for line in lines:
+            with suppress(ValueError, TypeError, RecursionError):
+                trial, result = json.loads(line)
+                super().__setitem__(trial, result)
+
+    def __setitem__(self, trial: str, result: Any) -> None:
+        super().__setitem__(trial, result)
+        self._add(json.dumps([trial, result]) + "\n")
+
+
+@contextmanager
+def _kept_results(folder: Folder, resume: bool) -> Iterator[_Results]:
+    """Yield the results of the trials of a tuning, which a file of the folder takes as they come."""
+    if not resume:
+        folder.remove(BEGUN)
+    with folder.lines(BEGUN) as (lines, add):
+        yield _Results(lines, add)
 
 
 def _searched(
@@ -327,11 +364,13 @@ def _searched(
             return *tuned_again(calibration, partial(again, each=tried, ended=lambda _: bar.tick())), False
     except KeyboardInterrupt:
         if not any(one.rows for one in so_far[-1:]):
+            note(f"the tuning was stopped; {GO_ON}")
             raise
         calibration = so_far[-1]
         have = ", ".join(row.name for row in calibration.rows)
         missing = ", ".join(name for name, why in calibration.refused.items() if why == STOPPED) or "none"
         note(f"stopped; goes to {path}: {have}; missing: {missing}; another Ctrl-C leaves {path.name} as it was")
+        note(GO_ON)
         return calibration, "the search was stopped" if again else "", True
 
 

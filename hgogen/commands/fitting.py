@@ -270,10 +270,7 @@ class _Stopped:
     folder: Folder
 
     def progress(self) -> Progress:
-        (path,) = self.folder.demand(BEGUN)
-        if not path.exists():
-            raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
-        return progress_of(table_of(path, "hgogen fit"))
+        return progress_of(table_of(self.folder.begun(BEGUN, "fit"), "hgogen fit"))
 
     @contextmanager
     def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:

@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import AbstractContextManager, contextmanager, redirect_stdout
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +17,14 @@ from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
+import typer
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from hgogen.sentence import Encoded, encoded
-from hgogen.target import demand, remove, write
+from hgogen.target import demand, lines_of, remove, write
 
 if TYPE_CHECKING:  # which takes a second to import
     from hgogen.model import Model
@@ -125,6 +126,17 @@ class Folder:
     def remove(self, name: str) -> None:
         """Remove a file if it exists. Raises: `CannotWrite`."""
         remove(self._within(name), self.root)
+
+    def lines(self, name: str) -> AbstractContextManager[tuple[Iterator[str], Callable[[str], None]]]:
+        """Return the lines of a file, and a function that appends one, as `target.lines_of`. Raises: `CannotWrite`."""
+        return lines_of(self._within(name), self.root)
+
+    def begun(self, name: str, what: str) -> Path:
+        """Return the path of the file with the begun work `what`. Raises: `BadParameter` without such a file."""
+        (path,) = self.demand(name)
+        if not path.exists():
+            raise typer.BadParameter(f"there is no {what} to go on with, {path}; leave it out", param_hint="--resume")
+        return path
 
     def save(
         self,

@@ -37,6 +37,7 @@ from hgogen.logs.likelihood import SURE, Innovations, states_with_noise
 from hgogen.logs.records import BadLog, Log, quantum_of
 from hgogen.part import on_line
 from hgogen.program import column
+from hgogen.registry import version
 from hgogen.rigor.singular import TINY, limited
 from hgogen.run.consistency import influence
 from hgogen.sentence import Encoded
@@ -449,7 +450,12 @@ ITERATIONS = 200
 TOLERANCE = 1e-8
 _OPTIONS = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANCE}
 _CONTINUED = {"bound_push": 1e-8, "bound_frac": 1e-8}  # to continue from an iterate close to a bound
-_OTHER = {"plant": "another plant", "records": "other records", "options": "other options"}
+_OTHER = {
+    "plant": "another plant",
+    "records": "other records",
+    "options": "other options",
+    "version": "another version of hgogen",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -550,7 +556,7 @@ class _Watch(ca.Callback):
 
 
 class CannotGoOn(BadLog):
-    """The saved progress belongs to another fit, or is invalid."""
+    """The saved progress belongs to another fit or tuning, or is invalid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -584,14 +590,21 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 
 
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
-    """Return the digests that identify a fit: of the plant, the logs and the options."""
+    """Return the digests that identify a fit or a tuning: of the plant, the logs, the options, and the version."""
     signals = [(s.name, s.nominal, s.interval, *([s.period] if s.period else [])) for s in plant.signals]
     arrays = [part for log in records for part in (log.u.tobytes(), log.y.tobytes(), log.ahead.tobytes())]
     return {
         "plant": _digest(signals, plant.flow, plant.output, plant.time),
         "records": _digest(*arrays),
         "options": _digest(*sorted(options.items())),
+        "version": version(),
     }
+
+
+def demand_same(what: str, stopped: Mapping[str, str], task: Mapping[str, str]) -> None:
+    """Raise `CannotGoOn` for a `stopped` fit or tuning whose digests are not those of the `task`."""
+    if others := [_OTHER[part] for part, digest in task.items() if stopped.get(part) != digest]:
+        raise CannotGoOn(what, f"is of {' and '.join(others)}; give it what it was begun with, or begin anew")
 
 
 def _digest(*parts: Any) -> str:
@@ -611,11 +624,8 @@ class Searches:
     resumed: Progress | None
 
     def __post_init__(self) -> None:
-        if self.resumed is None:
-            return
-        if others := [_OTHER[what] for what, digest in self.task.items() if self.resumed.task.get(what) != digest]:
-            reason = f"is of {' and '.join(others)}"
-            raise CannotGoOn("the stopped fit", f"{reason}; give it what it was begun with, or fit anew")
+        if self.resumed is not None:
+            demand_same("the stopped fit", self.resumed.task, self.task)
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:
         """Return the searches `ended`, and one more, which `solver` begins from the unknowns `begin`."""

@@ -8,7 +8,7 @@ segments (cross-validation).
 
 import os
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from inspect import signature
@@ -27,7 +27,7 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.form import Form
 from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
-from hgogen.logs.problem import paced
+from hgogen.logs.problem import demand_same, digests, paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
 from hgogen.observer import OF_MAPS
@@ -162,6 +162,11 @@ class Start:
         """Return where the search for a maximum of the likelihood ended."""
         return task.likelihood(self.row).ended(self.number)
 
+    def read(self, stored: Any) -> Ended:
+        """Return the result from its numbers in lists."""
+        likelihood, logs, settled = stored
+        return likelihood, np.array(logs, dtype=float), settled
+
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
@@ -175,6 +180,10 @@ class Attempt:
         """Return the squared errors E_s of the step by segment s of the logs, or the reason why there is no step."""
         first = task.first(self.label, self.row, self.numbers)
         return first if isinstance(first, str) else task.judge.errors(first.step)
+
+    def read(self, stored: Any) -> Array | str:
+        """Return the result from its numbers in a list."""
+        return stored if isinstance(stored, str) else np.array(stored, dtype=float)
 
 
 Piece = Start | Attempt
@@ -375,6 +384,7 @@ class Calibration:
 SEGMENTS = 5
 SAME = 1e-3  # relative difference of periods that count as one
 STOPPED = "the search was stopped before it had gains"
+TASK = "task"  # the key of the digests that identify a tuning
 FILTER, ADAPTIVE = "riccati", "adaptive"  # the second adapts theta of the first
 HUGE = 1e12  # factor of a threshold that no innovation reaches, or each exceeds
 PREDICTORS = 4
@@ -403,6 +413,7 @@ def tune(
     gate: Gates | None = None,
     dt: tuple[float, float] | None = None,
     jobs: int | None = 1,
+    done: MutableMapping[str, Any] | None = None,
     each: Callable[[str], None] = lambda what: None,
     ended: Callable[[Calibration], None] = lambda calibration: None,
 ) -> Calibration:
@@ -416,11 +427,13 @@ def tune(
     `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation
     gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
     for all observers (`logs.likelihood`); `dt`: the shortest and the longest of steps for logs at their own times, by
-    default those of the logs; `jobs`: processes that try gains, None for one for each core; `each(what)` is
-    called after every trial, `ended(calibration)` with the result so far after every observer, those to come refused as
-    `STOPPED`.
+    default those of the logs; `jobs`: processes that try gains, None for one for each core; `done`: the results by
+    trial of an equal call that was stopped, as lists of numbers, which are not computed again, and to which new ones
+    are added; `each(what)` is called after every trial, `ended(calibration)` with the result so far after every
+    observer, those to come refused as `STOPPED`.
 
-    Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
+    Raises: `CannotTune`; `CannotGoOn` for `done` of another call; `BadGain` for invalid counts; `UnknownObserver`;
+    `BadLog`, `BadShape` for invalid records.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
     names = observers_named(wanted, plant)
@@ -441,20 +454,27 @@ def tune(
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
     count("segments", segments, 2, judge.most)
     task = Task(logs, judge, limits, sampling, candidates, gates)
-    work = partial(_results, Workers(task, jobs), each)
-    done: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
+    if done is not None:
+        true_values = [{name: course.tobytes() for name, course in each.items()} for each in true]
+        form_equations = [(row.name, row.form and (row.form.flow, row.form.to_form)) for row in candidates]
+        options = {"judged": (ahead, segments, true_values), "sampled": (limits, sampling, gates)}
+        identity = digests(plant, logs, {**options, "forms": form_equations})
+        demand_same("the stopped tuning", done.get(TASK, identity), identity)
+        done[TASK] = identity
+    work = partial(_results, Workers(task, jobs), {} if done is None else done, each)
+    gains: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
     best: list[Tuned] = []
     searches = {name: tuned(task, name) for name in sorted(names, key=FILTER.__ne__)}  # the filter first
     for name, one in together(searches, work, jobs or os.cpu_count() or 1):
-        done[name] = one
+        gains[name] = one
         if name == FILTER and isinstance(one, Tuned):
-            done[ADAPTIVE] = adaptive(task, one, each)
-        best = sorted((row for row in done.values() if isinstance(row, Tuned)), key=lambda row: row.error)
-        refused = {name: why for name, why in done.items() if isinstance(why, str)}
+            gains[ADAPTIVE] = adaptive(task, one, each)
+        best = sorted((row for row in gains.values() if isinstance(row, Tuned)), key=lambda row: row.error)
+        refused = {name: why for name, why in gains.items() if isinstance(why, str)}
         calibration = Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else (), shares)
         ended(calibration)
     if not best:
-        raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
+        raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(gains)}")
     return calibration
 
 
@@ -499,11 +519,17 @@ def _common_period(records: Sequence[Log]) -> float | tuple[float, float]:
     return dts[0]
 
 
-def _results(workers: Workers[Task], each: Callable[[str], None], pieces: Iterable[Piece]) -> dict[Piece, Any]:
-    listed, results = list(pieces), {}
-    for number, result in workers.results(_worked, enumerate(listed)):
-        results[listed[number]] = result
-        each(listed[number].label)
+def _results(
+    workers: Workers[Task], done: MutableMapping[str, Any], each: Callable[[str], None], pieces: Iterable[Piece]
+) -> dict[Piece, Any]:
+    listed = list(pieces)
+    results = {piece: piece.read(done[repr(piece)]) for piece in listed if repr(piece) in done}
+    missing = [piece for piece in listed if piece not in results]
+    for number, result in workers.results(_worked, enumerate(missing)):
+        piece = missing[number]
+        each(piece.label)  # before the result is kept, since a search that Ctrl-C ends has one, too
+        results[piece] = result
+        done[repr(piece)] = result if isinstance(result, str) else [np.asarray(part).tolist() for part in result]
     return results
 
 
@@ -543,7 +569,7 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
     so that theta stays at 1 along the log, and returns to it after an alarm. Q and R are those of the filter with theta
     = 1.
     """
-    refusals: list[str] = []
+    refusals, gamma_0 = list[str](), 0.0
     crossing = 2 * plain.numbers.n / plain.numbers.theta  # T
     d = PREDICTORS * max(1, round(crossing / 4 / task.dt / PREDICTORS)) * task.dt
     for theta_1 in PEAKS:
@@ -555,7 +581,8 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
             "innovation": {"kind": "staggered", "d": d, "predictors": PREDICTORS},
         }
         try:
-            gamma_0 = two(ABOVE * float(_innovations(task, _first(task, plain, table, HUGE)).max()))
+            largest = gamma_0 or ABOVE * float(_innovations(task, _first(task, plain, table, HUGE)).max())
+            gamma_0 = two(largest)  # of every theta_1, since theta stays at 1
             ratio = float(_innovations(task, _first(task, plain, table, gamma_0 / HUGE)).mean()) / gamma_0
             if ratio >= 1:
                 refusals.append(
