@@ -17,6 +17,7 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 
 import hgogen as hg
 from hgogen.commands import fitting
+from hgogen.commands.output import json_text
 from hgogen.logs.likelihood import SURE
 from hgogen.logs.problem import ITERATIONS, CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
 from hgogen.run.prediction import predictions
@@ -62,6 +63,19 @@ def test_it_ends_where_it_would_have(at: tuple[int, int], options: dict[str, Any
     for one, other in zip(resumed.parameters, whole.parameters, strict=True):
         assert one.value == pytest.approx(other.value, rel=1e-5)
         assert one.deviation == pytest.approx(other.deviation, rel=1e-3)
+
+
+@pytest.mark.full
+def test_processes_find_the_same_fit() -> None:
+    """From any number of processes, also where one of the starts is known."""
+    whole, progress = hg.fit(PLANT, log(1, count=60)), list[Progress]()
+    apart = hg.fit(PLANT, log(1, count=60), jobs=2, each=progress.append)
+    first = next(one for one in progress if one.start == 1)
+    resumed = hg.fit(PLANT, log(1, count=60), jobs=2, resume=progress_of(json.loads(json_text(first))))
+    for one in (apart, resumed):
+        assert one.values == whole.values
+        assert one.ends == whole.ends
+    assert len(progress) == 3
 
 
 OTHERS: dict[str, tuple[Callable[[], Any], dict[str, Any], str]] = {

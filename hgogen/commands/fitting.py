@@ -207,6 +207,7 @@ def fit_(
     robust: Annotated[
         bool, typer.Option("--robust", help="A sample far off counts by its distance, not by its square.")
     ] = False,
+    jobs: Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Processes for the starts.")] = 1,
     write: Annotated[
         Path | None, typer.Option("--write", metavar="FILE.toml", help="A new plain-text model with the fitted values.")
     ] = None,
@@ -247,7 +248,7 @@ def fit_(
     again = AGAIN * robust
     total = (starts + again + (1 + again) * logs.parted) * ITERATIONS
     with Bar("iterations", total) as bar, stopped.kept(bar) as each:
-        judged = result = fitted(*logs.learned, starts=starts, each=each, resume=begun)
+        judged = result = fitted(*logs.learned, starts=starts, jobs=jobs, each=each, resume=begun)
         if logs.parted:
             bar.reach((starts + again) * ITERATIONS)
             whole = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())

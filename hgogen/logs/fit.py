@@ -32,6 +32,7 @@ from hgogen.logs.records import BadLog, Log, demanded, middle_of
 from hgogen.reading.given import count, requires_any_plant, requires_switches, signals_named
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
+from hgogen.run.campaign import Workers
 from hgogen.run.consistency import CORNER, WRONG, Whiteness, alike, corner, deviation, whiteness
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, in_turn, resting
@@ -592,6 +593,7 @@ def fit(
     starts: int = 3,
     seed: int = 0,
     robust: bool = False,
+    jobs: int | None = 1,
     each: Callable[[Progress], None] = lambda progress: None,
     resume: Progress | None = None,
     begin: Mapping[str, float] | None = None,
@@ -604,9 +606,11 @@ def fit(
     first-order lag; `between`: inputs between samples; `by`: the error to minimise, that of a "simulation", by multiple
     shooting, or the "prediction" error of a Kalman filter whose noise is fitted too, for a plant with process noise or
     an unstable one; `starts`: the first at the nominal values, the others random within the ranges, by `seed`;
-    `robust`: an outlier, as of a failed sensor, costs its distance, not its square; `each(progress)` is called after
-    every iteration; `resume`: the progress of the same fit, stopped earlier, from which it continues; `begin`: values
-    of parameters at which the first start begins, such as those of an earlier fit, by default the nominal ones.
+    `robust`: an outlier, as of a failed sensor, costs its distance, not its square; `jobs`: processes for the
+    starts, None for one for each core, of which the result does not depend; `each(progress)` is called after every
+    iteration, with several processes after every start; `resume`: the progress of the same fit, stopped earlier, from
+    which it continues; `begin`: values of parameters at which the first start begins, such as those of an earlier fit,
+    by default the nominal ones.
 
     Raises: `Misfit` if `plant` is no plant; `CannotFit`; `CannotGoOn`; `BadGain` for invalid counts and names;
     `BadShape`, `BadNames` for logs of another shape.
@@ -638,7 +642,7 @@ def fit(
         "seed": seed,
     }
     searches = Searches(digests(plant, logs, {**options, "robust": robust}), each, resume)
-    return _best(task, searches, starts, np.random.default_rng(seed), AGAIN if robust else 0)
+    return _best(task, searches, starts, np.random.default_rng(seed), AGAIN if robust else 0, jobs)
 
 
 def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: float) -> tuple[System, list[Signal]]:
@@ -672,11 +676,12 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
     return slow, lags
 
 
-def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
+def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int, jobs: int | None) -> Fit:
     """Return the fit from the best of `starts` starts. A robust fit continues from there with
     `passes` passes, since the residuals of least squares include those of outliers."""
-    ended: tuple[Solution, ...] = ()
-    for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
+    begins = [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]
+    ended = _apart(task, searches, begins, jobs) if jobs != 1 else ()
+    for begin in begins[len(ended) :]:
         ended = searches.solved(task.solver, begin, ended)
     best = best_of(task.by, ended)
     if best is None:
@@ -689,6 +694,23 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
         ended = searches.solved(task.solver, best.unknowns, ended)
         best = ended[-1]
     return task.result(best, (best,) if passes else ended)
+
+
+def _apart(task: Task, searches: Searches, begins: Sequence[Array], jobs: int | None) -> tuple[Solution, ...]:
+    """Return the searches from `begins` by `jobs` processes, after those that are known; a stopped one is repeated."""
+    ended = searches.resumed.ended[: len(begins)] if searches.resumed else ()
+    found, known = dict(enumerate(ended)), len(ended)
+    for number, solution in Workers(replace(task), jobs).results(_searched, list(enumerate(begins))[known:]):
+        found[number] = solution
+        while len(ended) in found:
+            ended = (*ended, found[len(ended)])
+        searches.each(Progress(searches.task, ended, 0, begins[min(len(ended), len(begins) - 1)]))
+    return ended
+
+
+def _searched(task: Task, numbered: tuple[int, Array]) -> tuple[int, Solution]:
+    number, begin = numbered
+    return number, task.solver.solve(begin)
 
 
 def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterator[tuple[Signal, float, float]]:

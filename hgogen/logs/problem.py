@@ -632,7 +632,7 @@ class Searches:
         resumed = self.resumed
         if resumed is not None and len(ended) < resumed.start:
             return (*ended, resumed.ended[len(ended)])
-        here = resumed is not None and len(ended) == resumed.start
+        here = resumed is not None and len(ended) == resumed.start and resumed.iteration
         at = resumed.at if resumed is not None and here else None
         if at is not None and len(at) != len(begin):
             raise CannotGoOn("the stopped fit", "has another number of unknowns; fit anew")

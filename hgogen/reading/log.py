@@ -201,10 +201,10 @@ class _Head:
     values: int
     known: int
 
-    def rank(self) -> tuple[bool, float, int, bool]:
-        """Return what a header has most of, and a row of units least."""
-        several = len(self.names) > 1
-        return several, round(self.values / len(self.names), 6), self.known, not all(map(is_unit, self.names))
+    @property
+    def rank(self) -> tuple[bool, float, int]:
+        """What a header has most of."""
+        return len(self.names) > 1, round(self.values / len(self.names), 6), self.known
 
 
 def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] = ()) -> Table:
@@ -272,7 +272,11 @@ def _head(path: str, lines: list[str], wanted: set[str]) -> _Head:
     sample = [*lines[:HEAD], *lines[HEAD:][-TAIL:]]
     heads = [head for delimiter in DELIMITERS for head in _heads(sample, delimiter, wanted)]
     if heads:
-        return max(heads, key=_Head.rank)
+        most = max(head.rank for head in heads)
+        best = [head for head in heads if head.rank == most]
+        if len(best) == 1:  # to parse units takes a second
+            return best[0]
+        return next((head for head in best if not all(map(is_unit, head.names))), best[0])
     first = next(k for k, line in enumerate(lines) if _uncommented(line))
     plain = re.sub(r'"[^"]*"', "", lines[first])
     delimiter = max(",;\t|", key=plain.count)
