@@ -13,6 +13,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.reading.cells import BadRecord, Rows
+from hgogen.reading.log import table
 from hgogen.reading.measured import read
 
 N = 60
@@ -333,3 +334,8 @@ def test_one_run_of_a_logger_that_was_started_again_is_read(tmp_path: Path) -> N
     for rows, first in ((Rows(end="row:30"), 0), (Rows("row:31"), 30)):
         one = got(tmp_path, Variant(text, {"rows": rows}, columns={"y": "y"}))
         assert one.values[:, 0].tolist() == list(range(first, first + 30))
+
+
+def test_a_row_of_units_is_no_header() -> None:
+    """Nor where no names are wanted by which the header could be told."""
+    assert table("log.csv", b"t,speed,force\ns,m/s,N\n" + b"0.5,1.5,2.5\n" * 20).header == ("t", "speed", "force")

@@ -69,10 +69,10 @@ def test_it_ends_where_it_would_have(at: tuple[int, int], options: dict[str, Any
 def test_processes_find_the_same_fit() -> None:
     """From any number of processes, also where one of the starts is known."""
     whole, progress = hg.fit(PLANT, log(1, count=60)), list[Progress]()
-    apart = hg.fit(PLANT, log(1, count=60), jobs=2, each=progress.append)
+    by_two = hg.fit(PLANT, log(1, count=60), jobs=2, each=progress.append)
     first = next(one for one in progress if one.start == 1)
     resumed = hg.fit(PLANT, log(1, count=60), jobs=2, resume=progress_of(json.loads(json_text(first))))
-    for one in (apart, resumed):
+    for one in (by_two, resumed):
         assert one.values == whole.values
         assert one.ends == whole.ends
     assert len(progress) == 3

@@ -680,7 +680,7 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
     """Return the fit from the best of `starts` starts. A robust fit continues from there with
     `passes` passes, since the residuals of least squares include those of outliers."""
     begins = [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]
-    ended = _apart(task, searches, begins, jobs) if jobs != 1 else ()
+    ended = _from_starts(task, searches, begins, jobs) if jobs != 1 else ()
     for begin in begins[len(ended) :]:
         ended = searches.solved(task.solver, begin, ended)
     best = best_of(task.by, ended)
@@ -696,14 +696,14 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
     return task.result(best, (best,) if passes else ended)
 
 
-def _apart(task: Task, searches: Searches, begins: Sequence[Array], jobs: int | None) -> tuple[Solution, ...]:
+def _from_starts(task: Task, searches: Searches, begins: Sequence[Array], jobs: int | None) -> tuple[Solution, ...]:
     """Return the searches from `begins` by `jobs` processes, after those that are known; a stopped one is repeated."""
     ended = searches.resumed.ended[: len(begins)] if searches.resumed else ()
-    found, known = dict(enumerate(ended)), len(ended)
+    solutions, known = dict(enumerate(ended)), len(ended)
     for number, solution in Workers(replace(task), jobs).results(_searched, list(enumerate(begins))[known:]):
-        found[number] = solution
-        while len(ended) in found:
-            ended = (*ended, found[len(ended)])
+        solutions[number] = solution
+        while len(ended) in solutions:
+            ended = (*ended, solutions[len(ended)])
         searches.each(Progress(searches.task, ended, 0, begins[min(len(ended), len(begins) - 1)]))
     return ended
 

@@ -203,7 +203,7 @@ class _Head:
 
     @property
     def rank(self) -> tuple[bool, float, int]:
-        """What a header has most of."""
+        """The sort key of a header, which is largest."""
         return len(self.names) > 1, round(self.values / len(self.names), 6), self.known
 
 
