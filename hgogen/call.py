@@ -21,6 +21,7 @@ from hgogen.part import First, Guards, Prefer
 from hgogen.program import Place, dangling
 from hgogen.reading.given import in_order
 from hgogen.reading.jumps import Course, JumpsByTurn, jumps_by_turns, unwrapped_outputs
+from hgogen.registry import Displayed, display
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
@@ -51,7 +52,7 @@ from hgogen.system import System
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CallableStep(Step):
+class CallableStep(Step, Displayed):
     """A step of an observer that Python can call, with its memory; the program itself is a `Step`.
 
     `engine`: "c" for the compiled step or "python" for its program as Python; None: C where there is a compiler. Both
@@ -196,6 +197,15 @@ class CallableStep(Step):
             states=self.states,
             times=begins,
         )
+
+    def plot_response(self, omega: Any = None) -> Sequence[Any]:
+        """Return the matplotlib axes of a figure with a panel for each state: the amplitude of its error over that of
+        sinusoidal noise of each output, in continuous time and by this step, over the frequencies `omega` (K, rad per
+        unit of time), by default around the poles of the error.
+
+        Raises: `NoResponse` for an observer without a linear error core; `BadFrequency`, `BadGain`."""
+        axes: Sequence[Any] = display("response_plot")(self, omega)
+        return axes
 
     def run_many(
         self,

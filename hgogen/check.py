@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Self
 
 from hgogen.errors import HgogenError, nearest
+from hgogen.registry import Displayed
 from hgogen.sentence import Encoded, Reason, Sentence, because
 
 ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
@@ -62,7 +63,7 @@ class Claims:
 
 
 @dataclass(frozen=True)
-class Check(Encoded):
+class Check(Encoded, Displayed):
     """A claim with its verdict.
 
     `fix`: the user's remedy; `consequence`: what follows where a refuted claim is accepted; `proofs`: the proofs, and

@@ -6,7 +6,7 @@ argument clamped to the declared box, because a proof about the plant holds on t
 it peaks.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from typing import Annotated, Any, TypeVar, cast
@@ -16,6 +16,7 @@ import sympy as sp
 from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
+from hgogen.registry import Displayed, display
 from hgogen.rigor.box import End
 from hgogen.rigor.periodic import advance, exact_turn
 from hgogen.sentence import Sentence, equations
@@ -74,7 +75,7 @@ class Asking:
 
 
 @dataclass(frozen=True)
-class Form:
+class Form(Displayed):
     """The plant in an observability form, proved or not.
 
     `states`: n Signals z_1..z_n with the ranges of the plant's states; `to_form`: z as expressions of the plant's
@@ -221,6 +222,14 @@ class Form:
             *(Sentence.of("  {z}{mark} = {rate}", z=z, mark=self.system.next_mark, rate=rate) for z, rate in flow),
             *(Sentence.of("  {y} = {value}", y=y, value=value) for y, value in output),
         )
+
+    def plot_observability(self, trial: Any = None) -> Sequence[Any]:
+        """Return the matplotlib axes of a figure of the plant's observability measure: the least observable direction
+        by state, along a trial (`hgogen.trial.Trial`), or at fixed points of the declared ranges.
+
+        Raises: `NoLinearisation` where a state has no range; `BadTrial`; `NoGraph`."""
+        axes: Sequence[Any] = display("observability_plot")(self.system.declared, trial)
+        return axes
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])

@@ -28,6 +28,7 @@ from hgogen.reading.expression import Fold
 from hgogen.reading.files import BYTES, READERS, Unread, content_of
 from hgogen.reading.given import Misfit
 from hgogen.reading.text_model import BadModelFile, read
+from hgogen.registry import Displayed
 from hgogen.rigor.box import box
 from hgogen.starting import per_sample
 from hgogen.system import System
@@ -68,7 +69,7 @@ class MissingPart(BadArgument):
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(Displayed):
     """A loaded model file.
 
     `module` has its parts, such as `plant` and `tuning`; `fixes`: for a part that is missing, the definition to add;

@@ -21,6 +21,7 @@ from hgogen.part import Part
 from hgogen.program import INF, Block, Field
 from hgogen.prove.inclusion import Nothing
 from hgogen.reading.given import BadGain, Values, in_order, names, names_of, positive, real, reals, requires
+from hgogen.registry import Displayed
 from hgogen.rigor.definite import one_thread
 from hgogen.sentence import Reason, because
 from hgogen.signal import Signal, resting
@@ -42,7 +43,7 @@ def age_of(name: str) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Observer:
+class Observer(Displayed):
     """An estimator on a form.
 
     `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state

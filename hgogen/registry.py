@@ -103,3 +103,17 @@ def library(name: str, what: str, extra: str = "logs") -> Any:
 def version() -> str:
     """Return the version of pyproject.toml, as it was installed."""
     return metadata.version("hgogen")
+
+
+class Displayed:
+    """A value that notebooks show as Markdown with equations in LaTeX, and that has figures."""
+
+    def _repr_markdown_(self) -> str:
+        return str(display("markdown_of")(self))
+
+
+def display(name: str) -> Callable[..., Any]:
+    """Return a function of `hgogen.extras.display`, which is imported when a notebook needs it: it depends on the
+    values that it displays."""
+    function: Callable[..., Any] = getattr(import_module("hgogen.extras.display"), name)
+    return function

@@ -13,6 +13,7 @@ from hgogen.analysis.manifold import fault
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
+from hgogen.registry import Displayed
 from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
@@ -52,7 +53,7 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class System:
+class System(Displayed):
     """A plant, x' = flow(x, u; p), y = output(x, u; p); with `discrete`, x+ = flow(x, u; p).
 
     Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and

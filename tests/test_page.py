@@ -270,7 +270,8 @@ def test_a_browser_runs_the_observer_of_a_page(name: str, tmp_path: Path) -> Non
 def test_a_browser_runs_the_observer_on_a_log(tmp_path: Path) -> None:
     step, trial, _ = compiled("pendulum")
     rows = rows_given(step, trial, 50)
-    log = "\\n".join(["tau,q", *(f"{u!r},{y!r}" for u, y in rows.tolist())])
+    names = ",".join(signal.name for signal in (*step.given, *step.samples))
+    log = "\\n".join([names, *(f"{u!r},{y!r}" for u, y in rows.tolist())])
     shown = browsed("pendulum", f'window.hgogen.replay("log.csv", "{log}");', tmp_path)
     replayed = re.search(r'data-replayed="(\d+) ([^"]*)"', shown)
     run = load("pendulum").step(None).rebuilt(real="float").run(rows[:, :1], rows[:, 1:], "python")
@@ -278,4 +279,4 @@ def test_a_browser_runs_the_observer_on_a_log(tmp_path: Path) -> None:
     assert replayed[1] == "50"
     assert [float(v) for v in replayed[2].split()] == pytest.approx(run.x[-1].tolist(), rel=1e-3)
     refused = browsed("pendulum", 'window.hgogen.replay("log.csv", "a,b\\n1,2");', tmp_path)
-    assert "log.csv has no column tau, q; it has a, b" in refused
+    assert f"log.csv has no column {names.replace(',', ', ')}; it has a, b" in refused

@@ -139,9 +139,7 @@ class RecordRun(ModelReport):
     @property
     def status(self) -> dict[str, int]:
         """The number of samples with each status bit; only those that were raised."""
-        bits, word, status = self.step.layout.bits, self.step.layout.word.type, self.run.status
-        counts = {bit.name: int(np.count_nonzero(status & word(1 << k))) for k, bit in enumerate(bits)}
-        return {name: count for name, count in counts.items() if count}
+        return self.run.raised
 
     def written(self, name: str) -> dict[str, str | bytes]:
         """Return the estimates and innovations as CSV, and the figures, by file name; `name` is that of the log."""

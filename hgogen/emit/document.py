@@ -3,13 +3,13 @@
 The mathematics are equations as LaTeX, gains, claims, hypotheses and references.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Verdict
+from hgogen.check import Check, Verdict
 from hgogen.emit import pystep
 from hgogen.emit.code import indented
 from hgogen.emit.cost import cost
@@ -50,7 +50,9 @@ from hgogen.emit.manual import (
 from hgogen.emit.naming import c_name
 from hgogen.emit.structs import ONE_TURN, described
 from hgogen.emit.syntax import Real, shortest
+from hgogen.form import Form
 from hgogen.method import equations
+from hgogen.observer import Observer
 from hgogen.program import INF, Field, Place, Section, lines_of
 from hgogen.program import address as place_of
 from hgogen.registry import version
@@ -60,17 +62,27 @@ from hgogen.step import Step
 from hgogen.stepping.guards import MARK, OF_PARAMETERS
 from hgogen.stepping.machine import Reading
 from hgogen.stepping.sections import ROUND
+from hgogen.system import System
 from hgogen.theorem import rows
 
 
 def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
     """Return the lines of a step's Markdown document; `manual`: those on calls, below the title."""
     first, *others = title(step, "")
-    parts_ = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
+    observer = step.observer
+    parts_ = [
+        plant_equations(observer.form.system.declared),
+        form_equations(observer.form),
+        observer_equations(observer),
+        gains_table(step),
+        method_equations(step),
+        ["## Claims", "", *claims_table(observer.checks, observer.accepted)],
+        *(part(step) for part in (_as_it_runs, _hypotheses, _references)),
+    ]
     lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
     lines += ["", *manual] if manual else []
     for part in parts_:
-        lines += ["", *part(step)]
+        lines += ["", *part]
         while lines[-1] == "":
             lines.pop()
     return lines
@@ -339,8 +351,8 @@ def _aligned(equations: Sequence[str]) -> list[str]:
     return ["$$", r"\begin{aligned}", *rows, r"\end{aligned}", "$$", ""]
 
 
-def _plant(step: Step) -> list[str]:
-    plant = step.observer.form.system.declared
+def plant_equations(plant: System) -> list[str]:
+    """Return the Markdown lines of a plant: its equations as LaTeX and its signals."""
     kinds = {"state": plant.states, "input": plant.inputs, "output": plant.outputs, "parameter": plant.parameters}
     left, rows = "{}^+" if plant.discrete else r"\dot{{{}}}", zip(plant.states, plant.flow, strict=True)
     lines = list[list[str]]()
@@ -359,8 +371,9 @@ def _plant(step: Step) -> list[str]:
     ]
 
 
-def _form(step: Step) -> list[str]:
-    form, origin = step.observer.form, step.observer.form.system.origin
+def form_equations(form: Form) -> list[str]:
+    """Return the Markdown lines of a form: its coordinates and its equations as LaTeX."""
+    origin = form.system.origin
     recast = zip(form.system.states, origin.forward, strict=True) if origin else ()
     new = [f"{sp.latex(w)} &= {sp.latex(e)}" for w, e in recast]
     behind = form.b if form.behind is None else form.behind
@@ -385,12 +398,13 @@ def _form(step: Step) -> list[str]:
     ]
 
 
-def _observer(step: Step) -> list[str]:
-    observer = step.observer
+def observer_equations(observer: Observer) -> list[str]:
+    """Return the Markdown lines of an observer: its equations as LaTeX."""
     return [f"## Observer: {plain(observer.name)}", "", *_displayed(observer.equations)]
 
 
-def _gains(step: Step) -> list[str]:
+def gains_table(step: Step) -> list[str]:
+    """Return the Markdown lines of a step's gains, with their ranges, units and meanings."""
     lines = list[list[str]]()
     for field in step.layout.gains:
         for k, (low, high) in enumerate(field.box):
@@ -407,7 +421,8 @@ def _gains(step: Step) -> list[str]:
     ]
 
 
-def _method(step: Step) -> list[str]:
+def method_equations(step: Step) -> list[str]:
+    """Return the Markdown lines of a step's method: its period and its equations as LaTeX."""
     between, h = between_calls(step), "" if step.observer.form.system.discrete else ", which is h"
     period = f"A step every {step.pace}{h}.{f' {between}.' * bool(between)}"
     purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
@@ -416,15 +431,15 @@ def _method(step: Step) -> list[str]:
     return [f"## Method: {plain(step.code.rule)}", "", period, "", *preference, *equations_]
 
 
-def _claims(step: Step) -> list[str]:
-    observer = step.observer
+def claims_table(checks: Iterable[Check], accepted: Collection[str] = ()) -> list[str]:
+    """Return the Markdown lines of claims with their verdicts and evidence; `accepted`: ids that the user accepts."""
     lines = []
-    for check in observer.checks:
+    for check in checks:
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-        follows = f"so {consequence(check)}" if refuted_and_accepted(check, observer.accepted) else ""
+        follows = f"so {consequence(check)}" if refuted_and_accepted(check, accepted) else ""
         evidence = "; ".join(filter(None, (str(check.reason), f"at {at}" if at else "", follows)))
-        lines.append([verdict(check, observer.accepted), f"`{check.id}`", *map(plain, (str(check.claim), evidence))])
-    return ["## Claims", "", *table(("verdict", "claim", "what it says", "evidence"), lines)]
+        lines.append([verdict(check, accepted), f"`{check.id}`", *map(plain, (str(check.claim), evidence))])
+    return table(("verdict", "claim", "what it says", "evidence"), lines)
 
 
 def _as_it_runs(step: Step) -> list[str]:

@@ -241,6 +241,13 @@ def pace(observer: Observer) -> tuple[float, float]:
     return float(sizes.min()), float(sizes.max())
 
 
+def around_poles(observer: Observer, count: int = 200) -> np.ndarray:
+    """Return `count` frequencies (rad/s), from a tenth of the slowest pole of the observer's linear error core to ten
+    times the fastest. Raises: `NoResponse`."""
+    slow, fast = pace(observer)
+    return np.geomspace(max(slow, fast / 1e4) / 10, 10 * fast, count)
+
+
 def _linear_core(observer: Observer) -> tuple[Ode, Core]:
     """Return the part of an observer whose error obeys e' = N e with a constant N, and N."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]

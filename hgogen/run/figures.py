@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from hgogen.run.continuous import Response
+from hgogen.run.gramian import Sight, as_share
 from hgogen.run.samples import Run
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -171,6 +172,24 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
     return _named_on_the_right(figure, axes[1].get_lines(), list(noise))
 
 
+@rc_context(STYLE)
+def least_direction(measure: Sight) -> Figure:
+    """Return a figure of the least observable direction: a bar for each state, in half its range, under the
+    observability measure there."""
+    names, shares = list(measure.direction), list(map(abs, measure.direction.values()))
+    height = BOTTOM + 0.3 + 0.25 * len(names)
+    figure = Figure(figsize=(WIDTH, height))
+    axis = figure.subplots()
+    figure.subplots_adjust(left=0.105, right=0.955, top=1 - 0.25 / height, bottom=BOTTOM / height)
+    axis.barh([_symbol(name) for name in names], shares, color=ESTIMATE)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1)
+    axis.set_xlabel("share in the least observable direction, of half the range of each state")
+    over = f"along trial {measure.trial}" if measure.trial else "over points of the ranges"
+    axis.set_title(f"outputs move by {as_share(measure.median)} of their ranges (median {over})", loc="left", pad=3)
+    return figure
+
+
 def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
     at = (figure.axes[0].get_position().x1 + 0.01, 1.0)
     figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
@@ -314,12 +333,26 @@ def png(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-@rc_context(STYLE)
-def files(name: str, figure: Figure) -> dict[str, bytes]:
-    """Return the figure as NAME.svg and NAME.png, bytes by file name, with room on the left for long labels."""
+def make_room(figure: Figure) -> None:
+    """Move the panels of a figure to the right where a label would be cut off."""
     beyond = -float(figure.get_tightbbox().x0)
     if beyond > 0:
         figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
+
+
+def plotted(figure: Figure) -> Sequence[Axes]:
+    """Return the axes of a figure after handing it to pyplot, as a notebook and `pyplot.show` need it."""
+    from matplotlib import pyplot  # it chooses a backend
+
+    make_room(figure)
+    pyplot.figure(figure)
+    return figure.axes
+
+
+@rc_context(STYLE)
+def files(name: str, figure: Figure) -> dict[str, bytes]:
+    """Return the figure as NAME.svg and NAME.png, bytes by file name, with room on the left for long labels."""
+    make_room(figure)
     return {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
 
 

@@ -7,6 +7,7 @@ be late (N, p + ages).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from hgogen.errors import BadArgument
 from hgogen.program import lines_of
 from hgogen.reading.given import count, in_order, names_of, unmasked
-from hgogen.registry import library
+from hgogen.registry import Displayed, display, library
 from hgogen.run.gates import GateShare
 from hgogen.signal import Signal, plural
 from hgogen.step import Step
@@ -116,13 +117,23 @@ class Replayed(Protocol):
         """The innovations of the whole run: `e`, `variances`, `joint` and `covariance`."""
         ...
 
+    @property
+    def step(self) -> Step:
+        """The step that ran."""
+        ...
+
+    @property
+    def y(self) -> np.ndarray:
+        """The samples of the whole run, in the order of arrival."""
+        ...
+
     def gates(self, status: np.ndarray) -> tuple[GateShare, ...]:
         """Return the share of the samples beyond each gate in calls with this status (N)."""
         ...
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Displayed):
     """The results of a step over a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and
     the engine, "c", "python" or another.
 
@@ -173,6 +184,31 @@ class Run:
     def gates(self) -> tuple[GateShare, ...]:
         """The share of the samples beyond each innovation gate, with the expected share; none without gates."""
         return () if self.replay is None else self.replay.gates(self.status)
+
+    @property
+    def raised(self) -> dict[str, int]:
+        """The number of samples with each status bit, of the bits that were raised; none for a run without a step."""
+        layout = None if self.replay is None else self.replay.step.layout
+        bits = layout.bits if layout else ()
+        counts = {
+            bit.name: int(np.count_nonzero(self.status >> np.uint64(k) & np.uint64(1))) for k, bit in enumerate(bits)
+        }
+        return {name: count for name, count in counts.items() if count}
+
+    def plot(self, truth: Mapping[str, Any] = MappingProxyType({})) -> Sequence[Any]:
+        """Return the matplotlib axes of a figure with a panel for each state: the estimate with 2 sigma where the
+        observer has a covariance, its measurement, and the `truth` (N) by state.
+
+        Raises: `BadShape` for a run without a step, or a truth that is no column of a state."""
+        if self.replay is None:
+            raise BadShape("a run without a step", "has no samples to draw; draw its x over t")
+        courses = {name: np.asarray(values, dtype=float) for name, values in truth.items()}
+        for name, values in courses.items():
+            _position(name, self.names)
+            if values.shape != self.t.shape:
+                raise BadShape(f"truth of {name} of shape {values.shape}", f"must have shape {self.t.shape}")
+        axes: Sequence[Any] = display("run_plot")(self, in_time(self.replay.step, self.replay.y)[self.first :], courses)
+        return axes
 
     def frame(self) -> Any:
         """A pandas DataFrame by the time t, a row for each sample: estimates, traces and status; the innovations of an

@@ -1,0 +1,111 @@
+"""Values of the pipeline for notebooks: as Markdown with equations in LaTeX, and as figures."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hgogen.call import CallableStep
+from hgogen.check import Check
+from hgogen.emit.document import (
+    claims_table,
+    form_equations,
+    gains_table,
+    method_equations,
+    observer_equations,
+    plant_equations,
+)
+from hgogen.emit.formula import plain, table
+from hgogen.form import Form
+from hgogen.model import Model
+from hgogen.observer import Observer
+from hgogen.run import continuous, figures, gramian
+from hgogen.run.samples import Run
+from hgogen.system import System
+from hgogen.trial import Trial
+
+
+def markdown_of(value: Any) -> str:
+    """Return a value as Markdown with equations in LaTeX, as notebooks show it."""
+    return "\n".join(f"**{line[3:]}**" if line.startswith("## ") else line for line in _lines(value))
+
+
+@singledispatch
+def _lines(value: Any) -> Iterable[str]:
+    raise NotImplementedError(type(value).__name__)
+
+
+@_lines.register
+def _(plant: System) -> Iterable[str]:
+    return [f"**{plain(plant.name)}**", *plant_equations(plant)[1:]]
+
+
+@_lines.register
+def _(form: Form) -> Iterable[str]:
+    return [f"**{plain(form.system.name)}**", "", *form_equations(form), "", *claims_table(form.checks)]
+
+
+@_lines.register
+def _(check: Check) -> Iterable[str]:
+    return [*claims_table([check]), *(f"\n{plain(line)}" for line in (check.advice,) if line)]
+
+
+@_lines.register
+def _(observer: Observer) -> Iterable[str]:
+    return [*observer_equations(observer), "", *claims_table(observer.checks, observer.accepted)]
+
+
+@_lines.register
+def _(step: CallableStep) -> Iterable[str]:
+    head = f"**{plain(step.name)}**: {step.observer.name} observer, one call every {step.pace}"
+    return [head, "", *observer_equations(step.observer), "", *gains_table(step), "", *method_equations(step)]
+
+
+@_lines.register
+def _(run: Run) -> Iterable[str]:
+    bits = run.raised
+    ends = (
+        (
+            (f"`{name}`", *(f"{x:.4g}" for x in (column[0], column.min(), column.max(), column[-1])))
+            for name, column in zip(run.names, run.x.T, strict=True)
+        )
+        if len(run.t)
+        else ()
+    )
+    raised = ", ".join(f"{name} in {count}" for name, count in bits.items())
+    return [
+        f"{len(run.t)} samples, computed by {run.engine}; status bits: {raised or 'none'}",
+        "",
+        *table(("state", "first", "least", "largest", "last"), ends),
+    ]
+
+
+@_lines.register
+def _(model: Model) -> Iterable[str]:
+    known = ", ".join(f"`{name}`" for name in model.tuning.tables)
+    return [*_lines(model.plant), "", f"Model {plain(model.path)}; tunings: {known or 'none'}"]
+
+
+# --- figures, which methods of the values return
+
+
+def run_plot(run: Run, y: np.ndarray, truth: Mapping[str, np.ndarray]) -> Sequence[Axes]:
+    """Return the axes of `Run.plot`; `y` (N, p): the samples in the order of time."""
+    assert run.replay is not None  # which the method demands
+    return figures.plotted(figures.record_states(run.replay.step, run.t, run, y, truth))
+
+
+def response_plot(step: CallableStep, omega: Any) -> Sequence[Axes]:
+    """Return the axes of `CallableStep.plot_response`."""
+    span = continuous.around_poles(step.observer) if omega is None else np.asarray(omega, dtype=float)
+    below = span[span < math.pi / step.dt]
+    pair = continuous.response(step.observer, span), continuous.response(step, below)
+    return figures.plotted(figures.response(*pair, step.time))
+
+
+def observability_plot(plant: System, trial: Trial | None) -> Sequence[Axes]:
+    """Return the axes of `Form.plot_observability`."""
+    return figures.plotted(figures.least_direction(gramian.sight(plant, trial)))
