@@ -1,6 +1,8 @@
 """Parts of tuning and advising by themselves: two outputs, the refinement, the rows held out, and files."""
 
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -209,3 +211,6 @@ def test_noise_of_a_sample_is_not_below_that_of_its_steps() -> None:
     quiet = likelihood(1.0 + 0.95 * q / np.sqrt(12) * draw.normal(size=N))
     best = quiet.maxima(map(quiet.ended, (0, 1, 4)))[0]
     assert quiet.below_quantum(best) == {}
+    slow = replace(quiet, scale=replace(quiet.scale, longest=1e4))
+    least = math.exp(slow._least[0]) * slow.scale.units["x"] * 0.1  # of Q, in a sample: what float rounds
+    assert least == pytest.approx((2.0**-24 * slow.scale.states["x"]) ** 2 / 12, rel=1e-9, abs=0)

@@ -242,6 +242,18 @@ def test_sentences_say_what_is_off() -> None:
     assert any("not white" in said for said in hg.consistency(drifting).sentences())
 
 
+def test_a_nis_of_few_samples_is_one_of_outliers() -> None:
+    """One innovation in 20 is 30 deviations: NIS is 46, by the median 1.1, by that of |e|; of all twice as large 4."""
+    normed = np.random.default_rng(7).normal(size=2000)
+    wild = np.where(np.arange(2000) % 20, normed, 30.0)
+    few, many = (consistency_module._output_consistency("y", e, np.ones(2000)) for e in (wild, 2 * normed))
+    assert (few.median, many.median) == (pytest.approx(1.1, abs=0.1), pytest.approx(4, abs=0.3))
+    said = [consistency_module.Consistency((one,), None).sentences()[0] for one in (few, many)]
+    assert "by few samples, since by the median they are 1.0" in said[0]
+    assert "gate = {y = 0.999}" in said[0]
+    assert said[1].endswith("R, Q or both are too small, or the model is wrong")
+
+
 def test_a_bad_truth_is_a_sentence() -> None:
     run = filtering(plant()).run(y=np.zeros((5, 2)))
     with pytest.raises(BadShape, match="names no state; the states are q, w"):

@@ -113,6 +113,21 @@ def test_tuned_filters_have_the_gate_and_are_judged_without_outliers() -> None:
     assert np.mean(e**2) == pytest.approx(1, abs=0.15)
 
 
+@pytest.mark.full
+def test_outliers_of_30_deviations_leave_q_and_r_as_they_are() -> None:
+    """Without a gate in the filter: with --robust its gains are those of the log without outliers."""
+    y, wrong = measured()
+    outliers = 30 * SIGMA * wrong * np.where(np.arange(N) % 2, 1, -1)[:, None]
+    logs = {name: hg.Log(np.zeros((N, 0)), y + added, DT) for name, added in {"clean": 0, "dirty": outliers}.items()}
+    noises = {}
+    for name, log in logs.items():
+        tuned = hg.tune(body(), log, observers=["riccati"], robust=name == "dirty")["riccati"]
+        assert tuned.noise is not None
+        assert "gate" not in tuned.table
+        noises[name] = (tuned.noise.process["rate"], tuned.noise.sample["y"] ** 2)
+    assert noises["dirty"] == pytest.approx(noises["clean"], rel=0.15)
+
+
 def test_gates_of_the_command_line() -> None:
     assert gates_of(["y=0.999", "px, py=.99"]) == {"y": 0.999, "px, py": 0.99}
     assert not gates_of(())

@@ -1,15 +1,16 @@
 """The filter whose innovations have derivatives, against the textbook's with all outputs of a sample at once."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.stats import norm
 
 import hgogen as hg
-from hgogen.logs.likelihood import Innovations
+from hgogen.logs.likelihood import Innovations, log_odds, softplus, spans_of
 from hgogen.logs.problem import Predicting
 
 F, G, THEN = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([0.3, -0.5]), np.array([0.7, 0.4])
@@ -30,7 +31,7 @@ def record() -> hg.Log:
     return hg.Log(u, y, 0.1)
 
 
-def innovations(corner: float = math.inf, columns: slice = slice(0, 2)) -> Innovations:
+def innovations(span: float | None = None, columns: slice = slice(0, 2)) -> Innovations:
     x, now, then, theta, Phi = (ca.SX.sym("a", *size) for size in ((2, 1), (1, 1), (1, 1), (2, 1), (2, 2)))
     return Innovations(
         ca.Function("move", [x, now, then, theta], [ca.mtimes(F, x) + ca.DM(G) * now + ca.DM(THEN) * then]),
@@ -39,7 +40,7 @@ def innovations(corner: float = math.inf, columns: slice = slice(0, 2)) -> Innov
         ca.Function("sensor", [theta], [ca.DM(R[columns])]),
         (hg.Signal("y1"), hg.Signal("y2"))[columns],
         np.array([[-np.inf] * 2, [np.inf] * 2]),
-        corner,
+        None if span is None else np.full(2, span)[columns],
     )
 
 
@@ -65,20 +66,36 @@ def test_two_outputs_are_as_likely_as_all_at_once() -> None:
     assert (np.isfinite(log.y).T * (e**2 / s + np.log(s)) / 2).sum() == pytest.approx(total, rel=1e-10)
 
 
-@pytest.mark.parametrize("corner", [0.5, 2.0])
-def test_a_corner_bounds_what_an_innovation_costs_and_moves(corner: float) -> None:
-    """psi(r) = r/sqrt(1 + (r/c)^2) corrects; its integral is the cost of r."""
-    far = hg.Log(np.zeros((2, 1)), np.array([[9.0], [0.0]]), 0.1)
-    cost, e, s = along(innovations(corner, slice(0, 1)), far)
-    first, variance = 9.0 - H[0] @ FIRST, H[0] @ H[0] + R[0]
-    r = first / np.sqrt(variance)
-    psi = r / np.sqrt(1 + (r / corner) ** 2)
-    moved = F @ (FIRST + H[0] / variance * psi * np.sqrt(variance))
+@pytest.mark.parametrize("y", [0.6, 3.0, 1e6])
+def test_an_outlier_is_weighed_by_its_probability(y: float) -> None:
+    """The density of an innovation is 19 of 20 parts of a normal and one of a uniform distribution over the span 40,
+    and a correction is the mean over both cases, as its covariance is."""
+    cost, e, s = along(innovations(40.0, slice(0, 1)), hg.Log(np.zeros((2, 1)), np.array([[y], [0.0]]), 0.1))
+    first, variance = y - H[0] @ FIRST, H[0] @ H[0] + R[0]
     assert (e[0, 0], s[0, 0]) == (pytest.approx(first), pytest.approx(variance))
-    assert e[0, 1] == pytest.approx(-H[0] @ moved)
-    assert abs(psi) < corner
-    integral, _ = quad(lambda one: one / np.sqrt(1 + (one / corner) ** 2), 0, r)
-    assert cost[0, 0] == pytest.approx(integral + np.log(variance) / 2)
+    good, bad = 0.95 * norm.pdf(first, scale=np.sqrt(variance)), 0.05 / 40
+    sure = -np.log(0.95 / np.sqrt(2 * np.pi))  # of a sample that is no outlier for sure the cost is (e^2/s + log s)/2
+    assert cost[0, 0] == pytest.approx(-np.log(good + bad) - sure)
+    w, K = good / (good + bad), H[0] / variance
+    assert e[0, 1] == pytest.approx(-H[0] @ F @ (FIRST + w * K * first))
+    cases = np.array([K * first, 0 * K]) - w * K * first  # of the two about their mean
+    P = np.eye(2) - w * np.outer(K, H[0]) + cases.T @ np.diag([w, 1 - w]) @ cases
+    assert s[0, 1] == pytest.approx(H[0] @ (F @ P @ F.T + Q) @ H[0] + R[0])
+
+
+def test_outliers_lie_in_the_range_of_their_output() -> None:
+    outputs = hg.Signal("y1"), hg.Signal("y2", period=6.0), hg.Signal("y3")
+    logs = [hg.Log(np.zeros((3, 0)), np.array(rows).T, 0.1) for rows in ([[1, 2, np.nan], [1] * 3, [5] * 3],) * 2]
+    logs[1] = replace(logs[1], y=logs[1].y + 10)
+    assert spans_of(outputs, logs[:1]).tolist() == [1.0, 6.0, 1.0]  # 1 for a sensor that stands still
+    assert spans_of(outputs, logs).tolist() == [11.0, 6.0, 10.0]
+
+
+def test_an_outlier_has_a_gradient_however_far_it_is() -> None:
+    e, s = ca.SX.sym("e"), ca.SX.sym("s")
+    odds = log_odds(e * e / s, ca.log(s), 1.0)
+    slope = ca.Function("slope", [e, s], [ca.jacobian(softplus(odds) + ca.exp(-softplus(-odds)), ca.vertcat(e, s))])
+    assert slope(1e6, 1e-9).full() == pytest.approx(np.zeros((1, 2)))
 
 
 def test_the_information_of_a_mean_and_of_the_logarithm_of_a_variance() -> None:

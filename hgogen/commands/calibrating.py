@@ -238,6 +238,9 @@ def tune_(
     held_out: HeldOut = None,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
     gate: Gating = None,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Leave outliers out when gains are learned, without a gate.")
+    ] = False,
     segments: Annotated[
         int, typer.Option(min=2, help="Of each record, by which gains that others chose are judged.")
     ] = 5,
@@ -292,6 +295,7 @@ def tune_(
         method=setting.method or "continuous_discrete",
         real=setting.real or "double",
         gate=gates_of(gate or ()),
+        robust=robust,
         dt=limits,
         jobs=jobs,
     )

@@ -627,12 +627,12 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
     """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes`: below."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
-    sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
+    sure = ("NIS", "by the median", "its 95 % band", "beyond 2 sigma") if known else ()
     title = f"innovations: {says}Ljung-Box tests whiteness"
     table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))
     for one in whole.outputs:
         share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
-        size = (cell(one.nis), _band(one.band), share) if known else ()
+        size = (cell(one.nis), cell(one.median), _band(one.band), share) if known else ()
         test = one.whiteness
         white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
         table.add_row(one.output, f"{one.count}", cell(one.rms), *size, *white)

@@ -288,7 +288,7 @@ def pulses(course: Course) -> Iterator[Finding]:
         f"{len(at)} samples of {name}, {100 * len(at) / len(there):.2g} % of them, are off both of their neighbours, "
         f"by {typical:.3g} where {usual:.2g} is usual, first {course.stretch(first, first)}"
     )
-    fix = f"outliers: take them out, or let a gate reject them, gate = {{{name} = 0.999}}"
+    fix = f"outliers: fit and tune leave them out by --robust, and a gate rejects them, gate = {{{name} = 0.999}}"
     yield Finding(name, "outliers", longest(at, at), len(at), typical / (_BEYOND * usual), text, fix)
 
 

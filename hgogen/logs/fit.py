@@ -33,7 +33,7 @@ from hgogen.reading.given import count, requires_any_plant, requires_switches, s
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.campaign import Workers
-from hgogen.run.consistency import CORNER, WRONG, Whiteness, alike, corner, deviation, whiteness
+from hgogen.run.consistency import WRONG, Whiteness, alike, corner, deviation, whiteness
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, in_turn, resting
 from hgogen.system import System, valued
@@ -385,7 +385,7 @@ class Task:
             return self.shooting(scale, samples, steps, growing * period)
         parts = (self.plant, self.free, self.records, scale, samples, steps, self.between, self.offset)
         unit = np.array([_unit(x) for x in self.plant.states])
-        return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
+        return Predicting(*parts, unit=unit, robust=self.corner is not None)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
         """Return the multiple-shooting problem in segments in which errors grow by at most exp(GROWN); `growing`: their

@@ -9,20 +9,26 @@ all: the mean of d = r' S^-1 r over those with d <= gamma is k kappa instead of 
 
     kappa = F_(k+2)(gamma)/F_k(gamma),   F_k: the distribution function of chi-square with k degrees of freedom
 
-so that e^2 is divided by kappa. Outliers are sought by a fit with a corner (below), then by gates and fits in turn,
-until they repeat. So no fit decides what is an outlier: with a cost for each, Q and R -> 0 would make all samples
+so that e^2 is divided by kappa. Outliers are sought by a fit with outliers (below), then by gates and fits in turn,
+until they repeat. No fit by gates alone decides: with a cost for each outlier, Q and R -> 0 would make all samples
 outliers, or none, as the units of y decide.
 
 An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
-log, but for a constant. With a corner c the innovation is reduced to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 +
-(r/c)^2), before it corrects, and costs the integral of psi instead of r^2/2: an outlier then moves the estimate little.
+log, but for a constant. With outliers a sample is one with the probability pi = .05, anywhere in a span W, that of the
+output's samples: the filter is that of probabilistic data association, with the density
+
+    p(e) = (1 - pi) N(e; 0, s) + pi/W,   w = (1 - pi) N(e; 0, s)/p(e):   the probability that it is none
+    x = x- + w K e,   P = P- - w K s K' + w (1 - w) e^2 K K',   cost -log p(e)
+
+A Student t is no such density: with 4 degrees of freedom R grows by a half and more for outliers of 30 standard
+deviations in 5 % of the samples, with this density by some per cent.
 
 Here F is by classical Runge-Kutta, and Q diagonal. The variance of a sample is at least q^2/12, that of rounding to the
 quantum q of its column. The likelihood is maximised over log Q_i and log sigma_j^2 by IPOPT
 with exact gradients, from several starts, since it has several maxima.
 
-Sources: F. C. Schweppe, IEEE Transactions on Information Theory 11 (1965); C. J. Masreliez, R. D. Martin, IEEE
-Transactions on Automatic Control 22 (1977).
+Sources: F. C. Schweppe, IEEE Transactions on Information Theory 11 (1965); Y. Bar-Shalom, T. E. Fortmann, Tracking and
+Data Association (1988).
 """
 
 import math
@@ -45,11 +51,12 @@ from hgogen.form import Form
 from hgogen.graph import wrapped
 from hgogen.logs.records import Log, quantum_of, reading_of
 from hgogen.program import column
-from hgogen.run.consistency import CORNER
 from hgogen.signal import Signal, resting
 from hgogen.starting import Scale
 
 Array = np.ndarray
+OUTLIERS = 0.05  # pi, of samples with outliers
+ROUNDING = 2.0**-24  # of a range: the steps of float
 SURE = 1e-10  # units of process noise for a coordinate without any
 AT_ONCE = 50  # samples between checkpoints of CasADi's reverse mode
 
@@ -67,7 +74,7 @@ class Innovations:
     """An extended Kalman filter as CasADi functions of its parameters theta (q), of which the last is the time to the
     next sample: `move` (x, u now, u then, theta) -> x at the next sample, `read` (x, u, theta) -> y, `process` (theta,
     Phi) -> q (n, n), `sensor` theta -> r (p) of the `outputs`. A correction is clamped to `ends` (2, n), maybe
-    infinite; `corner`: c, infinite for squares; `gates`: of the innovations."""
+    infinite; `spans` (p): W of the outliers of each output, None without outliers; `gates`: of the innovations."""
 
     move: Any
     read: Any
@@ -75,7 +82,7 @@ class Innovations:
     sensor: Any
     outputs: tuple[Signal, ...]
     ends: Array
-    corner: float = math.inf
+    spans: Array | None = None
     gates: tuple[GatedGroup, ...] = ()
 
     @property
@@ -175,16 +182,34 @@ class Innovations:
             s = row @ P @ row.T + r[j]
             e = wrapped(y[j] - predicted[j] - row @ (x - before), self.outputs[j].period)
             gain = valid[j] * P @ row.T / s
-            pulled, loss, c = e, e * e / (kappa[j] * s) / 2, self.corner
-            if c < math.inf:
-                pulled = e / ca.sqrt(1 + e * e / (s * c**2))
-                loss = c**2 * (ca.sqrt(1 + e * e / (s * c**2)) - 1)
-            x, P = x + gain * pulled, P - gain @ (row @ P)
-            cost += valid[j] * (loss + ca.log(s) / 2)
+            loss, w, between = (e * e / (kappa[j] * s) + ca.log(s)) / 2, 1, 0  # between both cases: of P
+            if self.spans is not None:
+                odds = log_odds(e * e / s, ca.log(s), self.spans[j])
+                loss, w = log_odds(0, 0, self.spans[j]) - softplus(odds), ca.exp(-softplus(-odds))
+                between = w * (1 - w) * e * e * gain @ gain.T
+            x, P = x + w * gain * e, P - w * gain @ (row @ P) + between
+            cost += valid[j] * loss
             errors.append(e)
             variances.append(s)
         x = column(clamp(x[i], *ends) for i, ends in enumerate(self.ends.T))
         return x, (P + P.T) / 2, cost, ca.vertcat(*errors), ca.vertcat(*variances)
+
+
+def log_odds(square: Any, log_s: Any, span: float) -> Any:
+    """Return log((1 - pi) N(e; 0, s)/(pi/W)), the logarithm of the odds that a sample is no outlier, by the `square`
+    e^2/s of its innovation and log s; `span`: W."""
+    return math.log((1 - OUTLIERS) / OUTLIERS * span / math.sqrt(2 * math.pi)) - (square + log_s) / 2
+
+
+def softplus(x: Any) -> Any:
+    """Return log(1 + exp(x)) of a graph without overflow."""
+    return ca.fmax(x, 0) + ca.log1p(ca.exp(-ca.fabs(x)))
+
+
+def spans_of(outputs: Sequence[Signal], logs: Iterable[Log]) -> Array:
+    """Return the span W of outliers of each output (p): its period, else the range of its samples."""
+    pairs = zip(outputs, np.concatenate([log.y for log in logs]).T, strict=True)
+    return np.array([y.period or float(np.nanmax(column) - np.nanmin(column)) or 1.0 for y, column in pairs])
 
 
 def truncated_mean(limit: float, k: int) -> float:
@@ -229,7 +254,7 @@ class Noise:
 class Likelihood:
     """The likelihood of logs on a form, as a function of process and sensor noise; `scale`: the units; `between`:
     inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample; `gates`: of the innovations, of which
-    the `records` have no outliers (`without_outliers`); `corner`: of the loss."""
+    the `records` have no outliers (`without_outliers`); `robust`: whether samples may be outliers."""
 
     form: Form
     records: Sequence[Log]
@@ -237,7 +262,7 @@ class Likelihood:
     between: str
     steps: int
     gates: tuple[GatedGroup, ...] = ()
-    corner: float = math.inf
+    robust: bool = False
 
     def ended(self, number: int) -> Ended:
         """Return where the search for a maximum ended that began from start `number` of `STARTS`."""
@@ -248,7 +273,7 @@ class Likelihood:
         """Return the logs without the samples that the gates reject at the most likely noise of those that are left."""
         if not self.gates:
             return tuple(self.records)
-        robust = replace(self, gates=(), corner=CORNER)
+        robust = replace(self, gates=(), robust=True)
         ends = [end for end in map(robust.ended, range(len(STARTS))) if np.isfinite(end[0])]
         if not ends:
             return tuple(self.records)
@@ -317,11 +342,14 @@ class Likelihood:
     @cached_property
     def _least(self) -> Array:
         """The least logarithms: of R_j the variance q^2/12 of rounding to multiples of the quantum q of output j, and
-        5 % more, by which two digits of it may be below it."""
+        5 % more, by which two digits of it may be below it; of Q_i what rounding to float adds at each sample, with
+        steps of 2^-24 of the range."""
+        duration = 1 if self.form.system.discrete else self.scale.dt
+        process = math.log((ROUNDING**2 / 12) * self.scale.longest / duration)
         quanta = map(quantum_of, np.concatenate([record.y for record in self.records]).T)
         pairs = zip(quanta, self.scale.outputs.values(), strict=True)
         samples = [math.log(1.05 * q**2 / (12 * unit**2)) if q else -BOUND for q, unit in pairs]
-        return np.clip([*[-BOUND] * len(self._noisy), *samples], -BOUND, BOUND - 1)
+        return np.clip([*[process] * len(self._noisy), *samples], -BOUND, BOUND - 1)
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
         count = len(self._noisy)
@@ -359,7 +387,7 @@ class Likelihood:
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
             self.form.system.outputs,
             np.array([[-np.inf] * n, [np.inf] * n]),  # the form clamps the argument of its dynamics itself
-            self.corner,
+            spans_of(self.form.system.outputs, self.records) if self.robust else None,
             self.gates,
         )
 

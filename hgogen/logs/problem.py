@@ -33,7 +33,7 @@ import numpy as np
 
 from hgogen.discretisation.runge_kutta import advance, motion, repeated
 from hgogen.graph import Graph, to_casadi
-from hgogen.logs.likelihood import SURE, Innovations, states_with_noise
+from hgogen.logs.likelihood import SURE, Innovations, log_odds, spans_of, states_with_noise
 from hgogen.logs.records import BadLog, Log, quantum_of
 from hgogen.part import on_line
 from hgogen.program import column
@@ -327,14 +327,14 @@ class Predicting(_OnRecords):
         integral over a sample of  Phi(t) Q Phi(t)',   Phi(1/2) = I + D/2 - D^2/8,   D = Phi(1) - I
 
     The Fisher information is the sum over k and j of de de'/s + ds ds'/(2 s^2). `unit` (n): the sizes of the states;
-    `corner`: of the innovations over their deviations, infinite for squares.
+    `robust`: whether samples may be outliers, as in `logs.likelihood`.
 
     Sources: K. J. Astroem, "Maximum likelihood and prediction error methods", Automatica 16 (1980); N. R. Kristensen,
     H. Madsen, S. B. Joergensen, "Parameter estimation in stochastic grey-box models", Automatica 40 (2004).
     """
 
     unit: Array | None = None
-    corner: float = math.inf
+    robust: bool = False
 
     @property
     def noisy(self) -> tuple[str, ...]:
@@ -375,11 +375,13 @@ class Predicting(_OnRecords):
         levels are optimal for each p."""
         v, _, e, s = self._series
         F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
-        tell = self.residuals(unknowns)
-        if self.corner < math.inf:
-            tell = tuple(influence(each, self.corner) for each in tell)
-        units = self.by_output(self._at(unknowns)[0])
-        return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, units), tell)
+        tell, (errors, deviations) = self.residuals(unknowns), map(self.by_output, self._at(unknowns))
+        if self._spans is not None:
+            each = zip(tell, deviations, self._spans, strict=True)
+            odds = [log_odds(r * r, 2 * np.log(deviation), span) for r, deviation, span in each]
+            weights = [np.exp(-np.logaddexp(0, -of_output)) for of_output in odds]
+            tell = tuple(r * w / w.mean() for r, w in zip(tell, weights, strict=True))
+        return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, errors), tell)
 
     def _fisher(self, v: Any, e: Any, s: Any) -> Any:
         J = ca.jacobian(ca.vertcat(e, s), v)  # in one pass
@@ -421,8 +423,12 @@ class Predicting(_OnRecords):
             ca.Function("sensor", [theta], [samples]),
             self.plant.outputs,
             np.array([x.limits for x in self.plant.states]).T,
-            self.corner,
+            self._spans,
         )
+
+    @cached_property
+    def _spans(self) -> Array | None:
+        return spans_of(self.plant.outputs, self.records) if self.robust else None
 
     def _density(self, levels: Any) -> Any:
         """Return the process noise density Q (n) from the logarithms

@@ -44,6 +44,7 @@ from hgogen.which_forms import Row
 Array = np.ndarray
 Result = TypeVar("Result")
 STEEPEST = 2.0  # least 1/(theta dt)
+GOOD_SHARE = 0.999  # share of the good samples of an output that a robust search keeps
 GATE = "gate"  # the argument of filters that have gates
 GRID = 9  # values of theta, or of the longest time
 LONG = np.geomspace(1e-2, 1e2, GRID)  # factors of the longest time
@@ -411,6 +412,7 @@ def tune(
     rows: Iterable[Row] | None = None,
     deep: bool = False,
     gate: Gates | None = None,
+    robust: bool = False,
     dt: tuple[float, float] | None = None,
     jobs: int | None = 1,
     done: MutableMapping[str, Any] | None = None,
@@ -426,11 +428,12 @@ def tune(
     least; `truth`: the courses (N) of hidden states by name, a mapping for each record, which then replace predictions;
     `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation
     gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
-    for all observers (`logs.likelihood`); `dt`: the shortest and the longest of steps for logs at their own times, by
-    default those of the logs; `jobs`: processes that try gains, None for one for each core; `done`: the results by
-    trial of an equal call that was stopped, as lists of numbers, which are not computed again, and to which new ones
-    are added; `each(what)` is called after every trial, `ended(calibration)` with the result so far after every
-    observer, those to come refused as `STOPPED`.
+    for all observers (`logs.likelihood`); `robust`: whether such outliers are left out without gates in the filters, as
+    by gates of all outputs that a share of `GOOD_SHARE` of the good samples pass; `dt`: the shortest and the longest of
+    steps for logs at their own times, by default those of the logs; `jobs`: processes that try gains, None for one for
+    each core; `done`: the results by trial of an equal call that was stopped, as lists of numbers, which are not
+    computed again, and to which new ones are added; `each(what)` is called after every trial, `ended(calibration)` with
+    the result so far after every observer, those to come refused as `STOPPED`.
 
     Raises: `CannotTune`; `CannotGoOn` for `done` of another call; `BadGain` for invalid counts; `UnknownObserver`;
     `BadLog`, `BadShape` for invalid records.
@@ -443,7 +446,9 @@ def tune(
     logs = tuple(log if isinstance(limits, tuple) else replace(log, dt=limits) for log in logs)
     gates, candidates = gated_groups(gate, plant.outputs), tuple(everywhere(plant, deep=deep) if rows is None else rows)
     sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
-    logs, shares = _without_outliers(logs, longest(limits), gates, candidates, sampling)
+    every_output = {y.name: GOOD_SHARE for y in plant.outputs} if robust else None
+    sought = gates or gated_groups(every_output, plant.outputs)
+    logs, shares = _without_outliers(logs, longest(limits), sought, candidates, sampling)
     true = _truth(plant, truth, logs)
     named = {x.name: x for x in plant.declared.states}
     hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None

@@ -17,6 +17,7 @@ Statistics (1981), chapters 5 and 7.
 An observer is consistent if its errors agree with its covariance and its innovations are white:
 
     NIS  = mean of e_k^2/s_k over the N samples of an output:  N NIS is chi-square with N degrees of freedom
+           by the median: (1.4826 median |e_k|/sqrt(s_k))^2, for the samples that are no outliers
            sum of e' S^-1 e over N, of N samples of all outputs together: so is N NIS
     NEES = mean of x~' P^-1 x~ over samples with a truth:      N NEES/tau is so with n N/tau
 
@@ -55,6 +56,7 @@ NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantil
 OF_MEDIAN = 1.4826  # sigma over the median of |e|
 CORNER = 1.345  # c over sigma, with an efficiency of 95 % for normal residuals
 ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding
+FEW = 4.0  # NIS over that by the median, above which few samples make it
 WRONG = 5.0  # in units of sigma: larger residuals are outliers
 
 
@@ -149,6 +151,19 @@ class OfOutput:
     band: Annotated[tuple[float, float] | None, "ends of its 95 % band"]
     outside: Annotated[float | None, "share beyond 2 sigma"]
     whiteness: Annotated[Whiteness | None, "test of whiteness; null for too few"]
+    median: Annotated[float | None, "NIS by the median of e^2/s, which outliers hardly move; null without it"] = None
+
+    @property
+    def cause(self) -> str:
+        """The cause of a NIS outside of its band."""
+        if self.nis is None or self.nis <= 1:
+            return "R or Q is too large"
+        if self.median is None or self.nis <= FEW * self.median:
+            return "R, Q or both are too small, or the model is wrong"
+        return (
+            f"by few samples, since by the median they are {math.sqrt(self.median):.3g} times as large: outliers, "
+            f"which hgogen tune --robust leaves out, and a gate rejects, gate = {{{self.output} = 0.999}}"
+        )
 
 
 @dataclass(frozen=True)
@@ -190,7 +205,7 @@ class Consistency:
                 factor = math.sqrt(one.nis)
                 sentences.append(
                     f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
-                    f"{'R, Q or both are too small, or the model is wrong' if one.nis > 1 else 'R or Q is too large'}"
+                    f"{one.cause}"
                 )
             if one.whiteness is not None and not one.whiteness.white:
                 sentences.append(
@@ -238,7 +253,8 @@ def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
     band = (quantile(0.025, count) / count, quantile(0.975, count) / count)
     root = rms(normed)
     nis = root * root  # infinite, and not an error, on overflow
-    return OfOutput(name, count, size, nis, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
+    outside, middle = float(np.mean(abs(normed) > 2)), float(np.median(abs(normed))) * OF_MEDIAN
+    return OfOutput(name, count, size, nis, band, outside, whiteness(normed), middle * middle)
 
 
 def _joint_consistency(outputs: tuple[str, ...], e: Array, S: Array | None) -> OfOutputs | None:
