@@ -47,7 +47,7 @@ from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
 from hgogen.stepping.substeps import ELAPSED
-from hgogen.stepping.times import COUNT, count_at, next_times
+from hgogen.stepping.times import COUNT, REMAINDER, count_at, next_times
 from hgogen.system import System
 
 
@@ -180,7 +180,7 @@ class CallableStep(Step, Displayed):
         for jump in jumps_by_turns(self._courses, y, self.dt, self.time):
             warnings.warn(jump, JumpsByTurn, stacklevel=2)
         engine = self._kept.ready(engine, self.engine)
-        memory, begins = bytes(self._kept.whole), self._next_times
+        memory, begins = bytes(self._kept.whole), self._next_times(spent)
         x, traces, status = self._kept.run(engine, u, y)
         for share in gate_shares(self, status):
             if share.excessive:
@@ -249,7 +249,10 @@ class CallableStep(Step, Displayed):
         self._kept.reset()
         self._clock[:] = [0, 0.0, begin]
         if times := self._plant_times:
-            self._kept.places[COUNT][:] = count_at(times, self.dt, begin)
+            counts, remainders = zip(*count_at(times, self.clock, begin), strict=True)
+            self._kept.places[COUNT][:] = counts
+            if self.clock.varying:
+                self._kept.places[REMAINDER][:] = remainders
 
     def tune(self, **values: Any) -> int:
         """Set gains or tunable plant parameters by name, limit them to their ranges, and return the status. A gain of
@@ -363,13 +366,14 @@ class CallableStep(Step, Displayed):
     def _plant_times(self) -> tuple[Time, ...]:
         return self.observer.form.system.times
 
-    @property
-    def _next_times(self) -> tuple[float, ...]:
-        """Each time of the plant at the next call."""
+    def _next_times(self, elapsed: np.ndarray) -> tuple[float, ...]:
+        """Return each time of the plant at the next call, the first of a run; `elapsed` (N): the time before each."""
         if not self._plant_times:
             return ()
-        count, calls = (self._kept.places[place] for place in (COUNT, Place("state", "calls")))
-        return next_times(self._plant_times, self.dt, count, bool(calls[0]))
+        places, varies = self._kept.places, self.clock.varying
+        count = places[COUNT] + places[REMAINDER] if varies else places[COUNT]
+        ahead = float(elapsed[:1].sum()) if varies else self.dt
+        return next_times(self._plant_times, self.clock, count, ahead * bool(places[Place("state", "calls")][0]))
 
     def _alike(self, other: "CallableStep") -> "CallableStep":
         """Return another step, reset to the time at which this one began."""

@@ -119,13 +119,16 @@ class Clock:
         """Return the input (m) at the fraction c of the step: on the line from the last value, or constant."""
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
-    def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
-        """Return the input (m) at the fraction c of a step between two samples; a time is exact."""
+    def between_samples(self, c: float | Graph, last: Graph, now: Graph, h: Any = None) -> Graph:
+        """Return the input (m) at the fraction c of a step between two samples, `h` apart, by default as long as a
+        prediction; a time is exact."""
         u = now if self.between == "hold" else on_line(c, last, now, self.turns)
         if not self.times or (not isinstance(c, ca.SX) and c == 1.0):
             return u
         first, values = self.inputs - self.times, list[Graph](ca.vertsplit(now))
-        return ca.vertcat(*ca.vertsplit(u)[:first], *(each - (1 - c) * self.dt for each in values[first:]))
+        return ca.vertcat(
+            *ca.vertsplit(u)[:first], *(each - (1 - c) * (self.h if h is None else h) for each in values[first:])
+        )
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
         """Return the arguments of an equation at the fraction c of the step: input, measurement, and its validity."""

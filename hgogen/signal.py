@@ -317,9 +317,9 @@ def supplied(inputs: Iterable[Signal]) -> tuple[Signal, ...]:
     return tuple(u for u in inputs if not isinstance(u, Time))
 
 
-def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], dt: float) -> np.ndarray:
-    """Return the inputs (N, m) from those that a caller supplies, u (N, ..); `first`: each time at the first sample."""
-    passed = dt * np.arange(len(u))
+def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], passed: np.ndarray) -> np.ndarray:
+    """Return the inputs (N, m) from those that a caller supplies, u (N, ..); `first`: each time at the first sample,
+    `passed` (N): the time since then."""
     return np.column_stack([u, *(start + passed for start, _ in zip(first, times(inputs), strict=True))])
 
 

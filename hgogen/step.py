@@ -384,8 +384,6 @@ def plan(
     if guards == "all":
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
         _demand_room(system.name, certain_bits(system.outputs, system.supplied, dated))
-    if varying and system.times:
-        raise BadStep("dt", f"varies, and {system.name} reads t, which is counted by a fixed dt; give one")
     length, sampling = (1.0, dt) if system.discrete else (dt, None)
     options = {"every": every, "guards": guards, "prefer": prefer, "report": demand_reports(report)}
     clock = clock_of(system, length, between, **options, sampling=sampling, first=first, varying=varying)
@@ -513,7 +511,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
         sections=assembly.sections,
         estimate=assembly.estimate,
         timed=assembly.timed,
-        time=(set_time(system.times, clock.longest),) if system.times else (),
+        time=(set_time(system.times, clock),) if system.times else (),
         inner=assembly.inner,
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         choice=next((piece.choice for piece in pieces if piece.choice), ""),

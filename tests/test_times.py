@@ -7,6 +7,7 @@ import tomllib
 from copy import copy
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,6 +30,7 @@ from hgogen.stepping.times import BadTime, T, parts, ratio
 from hgogen.trial import Trial, simulate
 
 t, COUNT, LARGEST = hg.t, Place("state", "count"), 20 * ((1 << 24) // 20)
+REMAINDER = Place("state", "remainder")
 q, v = hg.Signal("q", low=-2, high=2), hg.Signal("v", low=-20, high=20)
 u, w, y = hg.Signal("u", low=-1, high=1), hg.Signal("w", low=-1, high=1), hg.Signal("y", low=-3, high=3)
 f = hg.Signal("f", "1/s", "frequency", 50)
@@ -327,6 +329,96 @@ def test_every_reader_has_its_bits() -> None:
     assert np.array_equal(c.x, python.x)
     many = step.run_many(u=np.tile(inputs[None, :, None], (3, 1, 1)), y=samples[:, :, None])
     assert np.array_equal(many.x[0], c.x)
+
+
+# --- a dt that varies -----------------------------------------------------------------------------------------
+
+DTS = (0.002, 0.012)
+
+
+def varying(force: sp.Expr, inputs: tuple[hg.Signal, ...] = (), **options: Any) -> Any:
+    observer = hg.observers.riccati(hg.forms.triangular(oscillator(force, inputs)), Q=NOISE["Q"], noise={"y": 0.01})
+    return hg.sample(observer, dt=DTS, engine="python", **options)
+
+
+def time_of(step: Any) -> float:
+    """The time of the last call modulo its turn."""
+    (turn,), places = (time.turn for time in step.observer.form.system.times), step._kept.places
+    (field,) = (each for each in step.layout.state if each.name == "count")
+    return float((places[COUNT] + places[REMAINDER])[0] * float(turn) / (field.high[0] + 1))
+
+
+@pytest.mark.parametrize(("real", "digits"), [("float", 3e-7), ("double", 1e-14)])
+def test_a_varying_dt_loses_no_more_than_its_own_digits(real: str, digits: float) -> None:
+    """In a turn of an hour a sum of such times in float would lose 2e-4 s in each."""
+    step, elapsed = varying(sp.cos(2 * sp.pi * t / 3600), real=real), np.random.default_rng(0).uniform(*DTS, 4000)
+    elapsed = elapsed.astype(DTYPE[real])
+    step.reset(3599.5)
+    step.run(y=np.full(4000, np.nan), dt=elapsed)
+    passed = math.fsum(map(float, elapsed[1:]))
+    assert time_of(step) - (passed - 0.5) == pytest.approx(0, abs=digits * passed)
+    assert not step.run(y=np.full(3, np.nan), dt=0.01).status.max() & (1 << step.flags(2**30 - 1).index("TIME_LOST"))
+
+
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_sub_steps_have_the_time_of_calls(between: str) -> None:
+    """A call over 5 dt is five calls without samples; at a constant dt it is the fixed step, and time goes on by all of
+    a dt of which the prediction does not reach the end."""
+    step = varying(sp.cos(2 * sp.pi * 5 * t), (u,), between=between)
+    samples, inputs = 0.1 * np.cos(np.arange(60) * 0.02), np.sin(np.arange(60) * 0.03)
+    observer = hg.observers.riccati(step.observer.form, Q=NOISE["Q"], noise={"y": 0.01})
+    fixed = hg.sample(observer, dt=0.01, between=between, engine="python")
+    for each in (step, fixed):
+        each.reset(3.21)
+    assert step.run(u=inputs, y=samples, dt=0.01).x == pytest.approx(fixed.run(u=inputs, y=samples).x, abs=1e-12)
+    parts = copy(step)
+    ends = inputs[-1] + np.linspace(0.2, 1, 5) * (0.3 - inputs[-1]) if between == "line" else np.full(5, 0.3)
+    for now, sample in zip(ends, [math.nan] * 4 + [0.2], strict=True):
+        last = parts(now, sample, dt=0.01)
+    assert step(0.3, 0.2, dt=0.05).x == pytest.approx(last.x, abs=1e-12)
+    before = time_of(step)
+    assert step(0.3, 0.2, dt=0.31).flags == ("DT_LIMITED",)
+    assert (time_of(step) - before - 0.31 + 0.1) % 0.2 == pytest.approx(0.1, abs=1e-12)
+    before = time_of(step)
+    for off in (0.0, -1.0, math.nan):
+        step(0.3, 0.2, dt=off)
+    assert time_of(step) == before
+    assert step(0.3, 0.2, dt=math.inf).flags == ("DT_LIMITED",)
+    assert "TIME_LOST" not in step(0.3, 0.2, dt=0.01).flags
+
+
+@pytest.mark.full
+def test_every_reader_has_its_bits_at_varying_times() -> None:
+    step, elapsed = varying(sp.cos(10 * sp.pi * t) + sp.sin(t), (u,)), np.random.default_rng(0).uniform(0, 0.02, 80)
+    elapsed[30:34] = 0, 0.5, -1, math.nan
+    samples, inputs = np.random.default_rng(0).normal(size=80) / 9, np.linspace(0, 1, 80)
+    step.reset(1.25)
+    c, python = (copy(step).run(u=inputs, y=samples, dt=elapsed, engine=engine) for engine in ("c", "python"))
+    assert np.array_equal(c.x, python.x)
+    assert np.array_equal(c.status, python.status)
+    many = step.run_many(u=inputs, y=np.stack([samples, samples])[..., None], dt=elapsed, engine="c")
+    assert np.array_equal(many.x[1], c.x)
+    made = hg.targets.casadi(step)
+    rows = np.column_stack([inputs, elapsed])[:30]
+    _, x, _ = made.step.mapaccum(30)(made.begin(1.25), rows.T, samples[None, :30], made.p.initial)
+    assert python.x[:30] == pytest.approx(np.array(x).T, abs=1e-9)
+
+
+@pytest.mark.full
+def test_an_irregular_log_has_its_times() -> None:
+    """The stiffness of an oscillator under a known force, from rows at random times; a force of a wrong phase tells
+    nothing of it."""
+    k = hg.Signal("k", "", "stiffness", 30, low=10, high=80)
+    flow = [v, -k * q - v / 2 + 9 * sp.cos(10 * sp.pi * t)]
+    plant = hg.System("osc", states=(q, v), outputs=(y,), parameters=(k,), flow=flow, output=[q])
+    times = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.06, 300))
+    true = Trial("forced", 12, {"q": 1, "v": 0}, seeds=(0,))
+    x = simulate(hg.system.valued(plant, {"k": 40}), true, 0.01, np.concatenate([[0], times])).x[1:, :1]
+    log = hg.Log(np.zeros((300, 0)), x, 0.035, start=times[0], times=times)
+    assert hg.fit(plant, log, starts=1).values["k"] == pytest.approx(40, rel=1e-3)
+    tuned = hg.tune(hg.system.valued(plant, {"k": 40}), log, observers=("riccati",))
+    assert tuned.best.first.step.clock.varying
+    assert tuned.best.error < 0.01
 
 
 # --- what is proved -------------------------------------------------------------------------------------------

@@ -332,14 +332,15 @@ def open_loop(form: Form, dt: float | None, between: str, steps: int = 1) -> Ope
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 
-    tableau, clock, h = motion(form.system), clock_of(form.system, dt or 1.0, between), ca.SX.sym("dt")
-    varies = [h] if dt is None else []
+    tableau, clock = motion(form.system), clock_of(form.system, dt or 1.0, between)
+    varies = [ca.SX.sym("dt")] if dt is None else []
+    h = varies[0] if dt is None else dt
 
     def rate(values: Any, c: float) -> dict[str, Graph]:
-        return {"z": dynamics.flow(values["z"], clock.between_samples(c, now, then))}
+        return {"z": dynamics.flow(values["z"], clock.between_samples(c, now, then, h))}
 
     tableau = repeated(tableau, steps) if steps > 1 else tableau
-    after = advance(tableau, rate, {"z": z}, h if dt is None else dt).result["z"]
+    after = advance(tableau, rate, {"z": z}, h).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(

@@ -33,7 +33,7 @@ MEANINGS = {  # of the parameters of functions
     "measurement": "the measurement now",
     "x": "the estimate of the plant's state",
     "at": "the number of the period in which the sample was taken",
-    "t": "the time of the next call",
+    "t": "the time of the next call, or where dt varies of the last one",
     "sigma": "the standard deviations of the estimate",
     "age": "the samples since the last used one of each output",
     "innovation": "the joint innovations of all samples",

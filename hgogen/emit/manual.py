@@ -261,6 +261,8 @@ def _elapsed(step: Step) -> list[str]:
         "negative time, or one that is not a number, counts as 0, and DT_REFUSED is set.",
         f"A time below {same(step.shortest)} {step.time} is used as it is: that end is for the checks of the step "
         "length, and for the resolution of fault counts, which count times in place of calls.",
+        *["The time t of the equations goes on by all of dt, also by what the prediction does not reach."]
+        * bool(step.observer.form.system.times),
     ]
 
 
@@ -295,6 +297,8 @@ def recovery(step: Step) -> list[str]:
     return [
         f"The step counts {counts}. Other samples count down, and so does each change of sign of the error, so that "
         "noise does not add up.",
+        *[f"A sample counts by the time since the last call over {pace(step.dt, step.time)}, at most as 1."]
+        * bool(step.clock.varying),
         f"A guard acts when a count reaches its limit, after {times} of such samples at the least.",
         "At a sample with such a sign, counts and limits that are out of their ranges, or whose sum differs from "
         "`s.fault_checksum`, are set as after a reset. Other changes of them in memory are not noticed.",

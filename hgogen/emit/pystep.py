@@ -306,7 +306,7 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     times = step.observer.form.system.times
-    begins, y = _motion(step, with_times(times, u, [begun(step, real)] * len(times), step.dt))
+    begins, y = _motion(step, with_times(times, u, [begun(step, real)] * len(times), step.dt * np.arange(SAMPLES)))
     u = np.hstack([u, _elapsed(step)])
     if step.clock.guarded:
         sensors = zip(step.outputs, readings(step.observer.form), strict=True)

@@ -88,7 +88,8 @@ class Log:
         elapsed = self.dt if self.times is None else self.elapsed
         rates = [difference(columns[name], order, elapsed) for name, order in names]
         begins = [self.start] * len(times(inputs))
-        return replace(self, u=with_times(inputs, np.column_stack([self.u, *rates]), begins, self.dt))
+        passed = self.dt * np.arange(len(self.y)) if self.times is None else self.times - self.times[0]
+        return replace(self, u=with_times(inputs, np.column_stack([self.u, *rates]), begins, passed))
 
 
 def step_limits(logs: Iterable[Log]) -> tuple[float, float] | None:
@@ -122,8 +123,9 @@ def demanded(plant: System, record: Log, number: int) -> Log:
         if at.shape != (len(y),) or not np.isfinite(at).all() or np.any(np.diff(at) <= 0):
             raise BadLog(name, f"has times of shape {at.shape}; give {len(y)} that ascend, one for each sample")
         record = replace(record, times=at)
-        if plant.discrete or plant.times:
-            raise BadLog(name, f"has samples at times of its own, and {_of_one_period(plant)}; give one of one period")
+        if plant.discrete:
+            reason = f"has samples at times of its own, and {plant.name} is discrete in time; give one of one period"
+            raise BadLog(name, reason)
     return replace(record, u=np.where(np.isfinite(filled), filled, list(map(resting, plant.supplied))), y=y)
 
 
@@ -203,19 +205,16 @@ def log_of(record: Record, plant: System | None = None, rows: int | None = None)
     return Log(u, y, record.report.dt, float(record.t[0]), t if record.report.spacing else None)
 
 
-def _of_one_period(plant: System) -> str:
-    return f"{plant.name} is discrete in time" if plant.discrete else f"{plant.name} counts its functions of t by dt"
-
-
 def demand_regular(plant: System, report: Report) -> None:
-    """Raise `BadRecord` for a plant with functions of t, of which the time is counted by one period, and a log without
-    one; and for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times. Rows that are
-    missing in the grid are missing samples."""
-    if report.spacing and (plant.times or plant.discrete):
+    """Raise `BadRecord` for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times.
+    Rows that are missing in the grid are missing samples."""
+    if not plant.discrete:
+        return
+    if report.spacing:
         rows = f"rows {report.spacing[0]:g} to {report.spacing[1]:g} {report.unit} apart"
-        raise BadRecord(report.path, f"has {rows}, and {_of_one_period(plant)}; resample it, by --dt (dt=)")
+        raise BadRecord(report.path, f"has {rows}, and {plant.name} is discrete in time; resample it, by --dt (dt=)")
     uneven = report.shift > JITTER * report.dt or report.surplus or abs(report.period - report.dt) > JITTER * report.dt
-    if plant.discrete and uneven:
+    if uneven:
         rows = f"rows every {report.period:g} {report.unit}, up to {report.shift:.3g} off the grid of {report.dt:g}"
         fix = "resample it, or write the plant as differential equations"
         raise BadRecord(report.path, f"has {rows}, and {plant.name} is discrete in time; {fix}")

@@ -300,7 +300,7 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     step.restore(first_memory(step, noiseless))
     run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine, dt=elapsed(step, truth))
     form = step.observer.form
-    P, e = _in_form(form, run, truth.x, with_times(form.system.inputs, fed.u, run.times, step.dt))
+    P, e = _in_form(form, run, truth.x, with_times(form.system.inputs, fed.u, run.times, run.t))
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)
     P, e = P[there], e[there]
     scaling, peak = known.part.scaling, known.part.theta.peak

@@ -49,7 +49,12 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
         raise BadGain(
             f"d = {d:g} {form.system.time} on {len(samples)} samples", "must be shorter than the record of u and y"
         )
-    inputs = with_times(plant.inputs, inputs if m else np.zeros((len(samples), 0)), [0.0] * len(plant.times), dt)
+    inputs = with_times(
+        plant.inputs,
+        inputs if m else np.zeros((len(samples), 0)),
+        [0.0] * len(plant.times),
+        dt * np.arange(len(samples)),
+    )
     A, C = _numbers(dynamics, inputs, samples)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     steps = _pieces(A * half / half[:, None], C * half, variances, dt)

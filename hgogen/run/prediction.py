@@ -91,7 +91,7 @@ def forecasts(
     model = open_loop(step.observer.form, None if limits else step.clock.dt, step.clock.between, steps)
     u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
     plant = step.observer.form.system
-    u = with_times(plant.inputs, u, run.times or [0.0] * len(plant.times), step.dt)
+    u = with_times(plant.inputs, u, run.times or [0.0] * len(plant.times), run.t - run.t[:1])
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated

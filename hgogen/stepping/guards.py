@@ -51,7 +51,7 @@ LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "no
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
 # fields of the state that remember signals and what a call made of them, not estimates
-SIGNALS = ("u", "y", "y_valid", "innovation_e", "innovation_S", times.COUNT.name)
+SIGNALS = ("u", "y", "y_valid", "innovation_e", "innovation_S", times.COUNT.name, times.REMAINDER.name)
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
     "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
@@ -192,7 +192,7 @@ def guard_inputs(observer: Observer, clock: Clock) -> Block:
         if low > -INF:
             writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
-    values += times.now(plant.times, clock.longest)
+    values += times.now(plant.times, clock)
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 

@@ -298,7 +298,7 @@ class Assembly:
         fields += verdict_fields(self.combined.verdicts)
         fields += age_fields(self._aging)
         fields += innovation_fields(system.outputs) if self._innovates else ()
-        fields += [times.count_field(system.times, self.clock.longest)] if system.times else []
+        fields += times.count_fields(system.times, self.clock)
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
             low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -383,7 +383,7 @@ class Assembly:
         observer, clock, plant = self.observer, self.clock, self.observer.form.system
         follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
-        program: list[Statement] = [times.counted(plant.times, clock.longest)] if plant.times else []
+        program: list[Statement] = [times.counted(plant.times, clock)] if plant.times else []
         program += self._remembered
         program += [guard_input(observer, clock)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
@@ -395,8 +395,8 @@ class Assembly:
         program.append(Block(known, running))
         advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
         if clock.varying:
-            program.append(since_last_call(clock))
-            advance = in_substeps(advance, clock, self.uses_output, tuple(map(Call, self._keep)))
+            program += since_last_call(clock, plant.times)
+            advance = in_substeps(advance, clock, plant.times, self.uses_output, tuple(map(Call, self._keep)))
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)
@@ -511,7 +511,7 @@ def plain_inputs(observer: Observer, clock: Clock) -> Block:
     """Return the block that reads the current input, unchecked, as the work value u."""
     plant = observer.form.system
     values = [sym("input", signal.name) for signal in plant.supplied]
-    return Block("the input", {Place("work", "u"): column([*values, *times.now(plant.times, clock.longest)])})
+    return Block("the input", {Place("work", "u"): column([*values, *times.now(plant.times, clock)])})
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:

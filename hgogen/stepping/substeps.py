@@ -8,7 +8,8 @@ With the time t since the last call, dt the longest step and K the number of sub
     t > K dt                K steps of the length dt, and the status bit DT_LIMITED: the estimate lags by t - K dt
 
 An input that is taken to vary on a line between two calls does so from sub-step to sub-step, and so does a sample that
-is integrated. The first call advances no time, whatever t it is given.
+is integrated. A time of the plant's equations goes on by all of t, at first by what the sub-steps do not reach. The
+first call advances no time, whatever t it is given.
 """
 
 from collections.abc import Iterable
@@ -17,11 +18,14 @@ import casadi as ca
 
 from hgogen.graph import Graph
 from hgogen.part import Clock, on_line
-from hgogen.program import Bit, Block, Field, Place, Program, Repeat, When, scalar, sym
-from hgogen.signal import Signal, pace
+from hgogen.program import Bit, Block, Field, Place, Program, Repeat, When, column, scalar, sym
+from hgogen.signal import Signal, Time, pace
+from hgogen.stepping import times
 
 ELAPSED = "dt"  # the name of the argument
-_STEP, _COUNT, _MORE, _PASSED = (Place("work", name) for name in ("substep", "substeps", "more", "passed"))
+_STEP, _COUNT, _MORE, _PASSED, _LAGS = (
+    Place("work", name) for name in ("substep", "substeps", "more", "passed", "lags")
+)
 
 
 def elapsed_signal(clock: Clock, time: str) -> tuple[Signal, ...]:
@@ -61,14 +65,15 @@ def elapsed_bits(clock: Clock, time: str) -> tuple[Bit, ...]:
     )
 
 
-def since_last_call(clock: Clock) -> Block:
-    """Return the block that reads the time since the last call, and computes the number and the length of sub-steps."""
+def since_last_call(clock: Clock, plant_times: tuple[Time, ...]) -> Program:
+    """Return the statements that read the time since the last call, and compute the number and the length of
+    sub-steps."""
     assert clock.varying
     running, raw, most = sym("work", "running"), sym("input", ELAPSED), clock.varying.substeps
     ends = [k * clock.longest for k in range(1, most + 1)]
     accepted = ca.if_else(ca.logic_and(running, raw > 0), ca.fmin(raw, ends[-1]), 0)
     count = sum((accepted > end for end in ends[:-1]), ca.SX(1))
-    return Block(
+    known = Block(
         "the time since the last call, in equal steps",
         {
             Place("state", "elapsed"): accepted,
@@ -79,14 +84,22 @@ def since_last_call(clock: Clock) -> Block:
         },
         {"accepted": accepted},
     )
+    if not plant_times:
+        return (known,)
+    lags = Block("does the estimate lag?", {_LAGS: ca.logic_and(running, raw > ends[-1])})
+    unreached = ca.fmin(raw, times.LARGEST * clock.longest) - ends[-1]
+    return (known, lags, When(_LAGS, (times.passed(plant_times, clock, unreached),)))
 
 
-def in_substeps(predict: Program, clock: Clock, uses_output: bool, keep: Program) -> Program:
+def in_substeps(
+    predict: Program, clock: Clock, plant_times: tuple[Time, ...], uses_output: bool, keep: Program
+) -> Program:
     """Return the program that runs `predict`, the advance by one step, for each sub-step of a call, or `keep`, which
-    clamps the state to its box, where no time has passed; `uses_output`: whether it integrates with the sample."""
+    clamps the state to its box, where no time has passed; `uses_output`: whether it integrates with the sample;
+    `plant_times`: those in the plant's equations, the last ones of the inputs."""
     assert clock.varying
     pairs = []
-    if clock.inputs and clock.between == "line":
+    if clock.inputs and (clock.between == "line" or plant_times):
         pairs.append((Place("state", "u"), Place("work", "u"), clock.inputs, clock.turns))
     if uses_output:
         pairs.append((Place("work", "y_last"), Place("work", "y"), clock.outputs, ()))
@@ -98,7 +111,13 @@ def in_substeps(predict: Program, clock: Clock, uses_output: bool, keep: Program
         advanced[now] = ca.if_else(
             left <= 1, sym(*end, size), on_line(1 / left, sym(*last, size), sym(*end, size), turns)
         )
+    if plant_times:
+        u = Place("work", "u")
+        course = advanced[u] if clock.between == "line" else sym(*u, clock.inputs)
+        known = list[Graph](ca.vertsplit(course))[: -len(plant_times)]
+        advanced[u] = column([*known, *times.now(plant_times, clock)])
     step: Program = (
+        *((times.passed(plant_times, clock, sym("work", "h")),) if plant_times else ()),
         *_named("the signals at the end of the sub-step", advanced),
         *predict,
         *_named("the next sub-step begins where this one ends", begins),

@@ -7,6 +7,13 @@ A time modulo its turn T is a whole number of parts of T, so that it keeps its d
 M and N are exact where dt/T is a ratio of whole numbers up to 2^24, which a float holds exactly; else they are the
 nearest ones. N is the largest such number, so that a start lies within T/2^24 of a part. At the fraction c of a step
 the time is t - (1 - c) dt.
+
+Where dt varies, r is the remainder of a part, and N the least power of two with T/N at most the shortest dt, up to
+2^24, so that rounding r + dt N/T loses no more than rounding dt does:
+
+    t = T (count + r)/N,    r + dt N/T = k + r',  k whole, |r'| <= 1/2,    count <- count + k modulo N,  r <- r'
+
+The time goes on by all of a dt that the sub-steps do not reach.
 """
 
 from collections.abc import Iterable
@@ -19,11 +26,13 @@ import sympy as sp
 
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
+from hgogen.part import Clock
 from hgogen.program import Block, Field, Place, Section, column, sym
 from hgogen.signal import Time
 
 LARGEST = 1 << 24  # N: every whole number up to it is a float
 COUNT, LOST, T = Place("state", "count"), Place("status", "TIME_LOST"), Place("time", "t")
+REMAINDER = Place("state", "remainder")
 _DIGITS = 40
 _FINE = 2.0**-10  # of a turn: a time that its precision cannot place so well is none
 
@@ -55,18 +64,37 @@ def parts(time: Time, dt: float) -> tuple[int, int]:
     return finer * share.numerator, finer * share.denominator
 
 
-def count_field(times: tuple[Time, ...], dt: float) -> Field:
-    """Return the state's field with the count of each time. Raises: `BadTime`."""
-    counts, meanings = [], []
-    for time in times:
-        (share, exact), (_, N) = ratio(time, dt), parts(time, dt)
-        drift = "" if exact else f", off by one part in 10^{_size(time, dt, share)}"
+def divisor(time: Time, clock: Clock) -> int:
+    """Return N. Raises: `BadTime`."""
+    _, fixed = parts(time, clock.longest)
+    if not clock.varying:
+        return fixed
+    return min(LARGEST, 1 << int(sp.ceiling(sp.log(time.turn / sp.Rational(repr(clock.varying.shortest)), 2)).evalf()))
+
+
+def count_fields(times: tuple[Time, ...], clock: Clock) -> tuple[Field, ...]:
+    """Return the state's fields with the count of each time, and its remainder where dt varies. Raises: `BadTime`."""
+    if not times:
+        return ()
+    counts, meanings, labels = [divisor(time, clock) for time in times], [], tuple(map(str, times))
+    for time, N in zip(times, counts, strict=True):
+        share, exact = ratio(time, clock.longest)
+        drift = "" if exact or clock.varying else f", off by one part in 10^{_size(time, clock.longest, share)}"
         meanings.append(f"{time} = {time.turn / N} {time.unit} times it{drift}")
-        counts.append(N)
     meaning = f"whole numbers that count the time, {'; '.join(meanings)}"
     low, high = (0.0,) * len(times), tuple(float(n - 1) for n in counts)
-    labels = tuple(map(str, times))
-    return Field(COUNT.name, low, low=low, high=high, lasting=True, labels=labels, meaning=meaning)
+    count = Field(COUNT.name, low, low=low, high=high, lasting=True, labels=labels, meaning=meaning)
+    half = (0.5,) * len(times)
+    remainder = Field(
+        REMAINDER.name,
+        low,
+        low=(-0.5,) * len(times),
+        high=half,
+        lasting=True,
+        labels=labels,
+        meaning="to add to the count",
+    )
+    return (count, *([remainder] if clock.varying else []))
 
 
 def _size(time: Time, dt: float, share: Fraction) -> int:
@@ -74,59 +102,89 @@ def _size(time: Time, dt: float, share: Fraction) -> int:
     return int(-log10(float(off.evalf(_DIGITS))))
 
 
-def now(times: tuple[Time, ...], dt: float) -> list[Graph]:
+def now(times: tuple[Time, ...], clock: Clock) -> list[Graph]:
     """Return each time from its count, SX."""
-    return [sym(*COUNT, len(times))[i] * float(time.turn / parts(time, dt)[1]) for i, time in enumerate(times)]
+    count = sym(*COUNT, len(times)) + (sym(*REMAINDER, len(times)) if clock.varying else 0)
+    return [count[i] * float(time.turn / divisor(time, clock)) for i, time in enumerate(times)]
 
 
-def counted(times: tuple[Time, ...], dt: float) -> Block:
-    """Return the block that counts the time on by dt, not in the first call; a count that is none begins anew at 0."""
+def counted(times: tuple[Time, ...], clock: Clock) -> Block:
+    """Return the block that counts the time on by dt, not in the first call, where dt is fixed; a count that is none
+    begins anew at 0."""
     count, calls = sym(*COUNT, len(times)), sym("state", "calls")
     after, lost = [], []
     for i, time in enumerate(times):
-        M, N = parts(time, dt)
+        N = divisor(time, clock)
         whole = ca.logic_and(ca.logic_and(count[i] >= 0, count[i] <= N - 1), ca.floor(count[i]) >= count[i])
         k = ca.if_else(whole, count[i], 0)
-        on = ca.if_else(k >= N - M, k - (N - M), k + M)
-        after.append(ca.if_else(calls >= 1, on, k))
+        after.append(k if clock.varying else ca.if_else(calls >= 1, _later(k, *parts(time, clock.longest)), k))
         lost.append(ca.logic_not(whole))
-    return Block("the time", {COUNT: column(after), LOST: reduce(ca.logic_or, lost)})
+    writes = {COUNT: column(after), LOST: reduce(ca.logic_or, lost)}
+    if clock.varying:
+        remainder = sym(*REMAINDER, len(times))
+        writes[REMAINDER] = column(ca.if_else(ca.fabs(remainder[i]) <= 0.5, remainder[i], 0) for i in range(len(times)))
+    return Block("the time", writes)
 
 
-def set_time(times: tuple[Time, ...], dt: float) -> Section:
-    """Return the section that sets the counts to the time t of the next call. Of a time that is no number, or has so
-    many turns that its precision cannot place it, the counts are -1, which the next call reports as lost."""
+def _later(k: Graph, M: int, N: int) -> Graph:
+    return ca.if_else(k >= N - M, k - (N - M), k + M)
+
+
+def passed(times: tuple[Time, ...], clock: Clock, dt: Graph) -> Block:
+    """Return the block that counts the time on by `dt`, of a step in which it varies."""
+    counts, remainders = [], []
+    for i, time in enumerate(times):
+        N = divisor(time, clock)
+        sum_ = sym(*REMAINDER, len(times))[i] + dt * float(N / time.turn)
+        whole = ca.floor(sum_ + 0.5)
+        after = sym(*COUNT, len(times))[i] + whole
+        counts.append(after - N * ca.floor(after * (1 / N)))
+        remainders.append(sum_ - whole)
+    return Block("the time goes on", {COUNT: column(counts), REMAINDER: column(remainders)})
+
+
+def set_time(times: tuple[Time, ...], clock: Clock) -> Section:
+    """Return the section that sets the counts to the time t of the next call, or where dt varies of the last one. Of a
+    time that is no number, or has so many turns that its precision cannot place it, the counts are -1, which the next
+    call reports as lost."""
     t, calls, size = sym(*T), sym("state", "calls"), len(times)
     turns, above = (sym("work", name, size) for name in ("turns", "above"))
     measured = {Place("work", "turns"): column(t / float(time.turn) for time in times)}
     rounded = {Place("work", "above"): turns + _FINE}  # in a block of its own, or no rounding is left to compare
-    counts = []
+    counts, remainders = [], []
     for i, time in enumerate(times):
-        M, N = parts(time, dt)
+        N = divisor(time, clock)
         placed = above[i] > turns[i]
         turn = ca.if_else(placed, turns[i], 0)
-        k = ca.floor((turn - ca.floor(turn)) * N + 0.5)
+        share = (turn - ca.floor(turn)) * N
+        k = ca.floor(share + 0.5)
+        remainders.append(share - k)
         k = ca.if_else(k >= N, 0, k)
-        k = ca.if_else(calls >= 1, ca.if_else(k >= M, k - M, k + (N - M)), k)
+        if not clock.varying:
+            M, _ = parts(time, clock.longest)
+            k = ca.if_else(calls >= 1, _later(k, N - M, N), k)
         counts.append(ca.if_else(placed, k, -1))
+    remainder = {REMAINDER: column(remainders)} if clock.varying else {}
     program = (
         Block("turns of the time", measured),
         Block("the same, a little later", rounded),
-        Block("its count", {COUNT: column(counts)}),
+        Block("its count", {COUNT: column(counts), **remainder}),
     )
-    return Section("set_time", "set the time t of the next call", program)
+    when = "the last call, to which the next one adds its dt" if clock.varying else "the next call"
+    return Section("set_time", f"set the time t of {when}", program)
 
 
-def next_times(times: tuple[Time, ...], dt: float, count: Iterable[float], running: bool) -> tuple[float, ...]:
-    """Return each time at the next call from its present count; `running`: whether there was a call."""
+def next_times(times: tuple[Time, ...], clock: Clock, count: Iterable[float], passed: float) -> tuple[float, ...]:
+    """Return each time at the next call from its present count, and remainder; `passed`: the time until then."""
     pairs = zip(times, count, strict=True)
-    return tuple(float(k * w.turn / parts(w, dt)[1]) + dt * running for w, k in pairs)
+    return tuple(float(k * w.turn / divisor(w, clock)) + passed for w, k in pairs)
 
 
-def count_at(times: tuple[Time, ...], dt: float, t: float) -> list[float]:
-    """Return the counts of the time t, each the nearest one."""
+def count_at(times: tuple[Time, ...], clock: Clock, t: float) -> list[tuple[float, float]]:
+    """Return the counts of the time t, each the nearest one, and their remainders."""
     counts = []
     for time in times:
-        n = parts(time, dt)[1]
-        counts.append(float(round(Fraction(str((sp.Rational(repr(t)) / time.turn % 1).evalf(_DIGITS))) * n) % n))
+        n = divisor(time, clock)
+        share = Fraction(str((sp.Rational(repr(t)) / time.turn % 1).evalf(_DIGITS))) * n
+        counts.append((float(round(share) % n), float(share - round(share))))
     return counts
