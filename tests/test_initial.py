@@ -68,3 +68,46 @@ def test_a_log_far_from_the_model_keeps_the_ranges() -> None:
     y = (1e3 * np.arange(60.0) ** 2)[:, None]
     begins = first_states(PENDULUM, np.zeros((60, 1)), y, None, {"q": 9.0})
     assert all(-20 <= value <= 20 for value in begins.values())
+
+
+def heat(u: np.ndarray, x: tuple[float, ...], sigma: float = 0.02) -> np.ndarray:
+    """The first of three masses in a row (N, 1), of which the last is heated by u and all lose to 20 degrees."""
+    at, rows = np.array(x), []
+    for power in u[:, 0]:
+        rows.append(at[0])
+        for _ in range(20):
+            a, b, c = at
+            at = at + DT / 20 * np.array([(b - a) - (a - 20) / 2, (a - b) + (c - b), (b - c) + power])
+    return (np.array(rows) + sigma * np.random.default_rng(0).normal(size=len(u)))[:, None]
+
+
+A, B2, C = (hg.Signal(name, low=0, high=200) for name in "abc")
+MASSES = step_of([(B2 - A) - (A - 20) / 2, (A - B2) + (C - B2), (B2 - C) + U], (A, B2, C), A)
+
+
+def test_first_samples_at_rest_tell_what_lies_behind_them() -> None:
+    """Of constant ones: a = 20 + 2 u, b = a + u, c = b + u; ten samples tell c by their noise, five degrees off."""
+    u = np.where(np.arange(100) < 50, 5.0, 8.0)[:, None]
+    y = heat(u, (30.0, 35.0, 40.0))
+    measured = {"a": float(y[0, 0])}
+    begins = first_states(MASSES, u, y, None, measured, steady=True)
+    assert begins == {"b": pytest.approx(35.0, abs=0.1), "c": pytest.approx(40.0, abs=0.1)}
+    assert first_states(PENDULUM, np.zeros((60, 1)), swing((0.5, 4.0), 60, 0.0), None, {"q": 0.5}, steady=True) == {}
+    changing = np.where(np.arange(100) < 5, 5.0, 8.0)[:, None]
+    assert first_states(MASSES, changing, y, None, measured, steady=True) == {}
+
+
+@pytest.mark.parametrize("level", [60.0, 195.0])
+def test_where_no_rest_gives_the_samples_nothing_is_taken(level: float) -> None:
+    """At u = 5 the rest of a is 30: c of a = 60 falls by 15 a second, and that of 195 is beyond its range."""
+    y = level + 0.02 * np.random.default_rng(1).normal(size=(100, 1))
+    assert first_states(MASSES, np.full((100, 1), 5.0), y, None, {"a": level}, steady=True) == {}
+
+
+def test_a_constant_has_no_rest() -> None:
+    """Of two states that stay where they are only the sum is measured."""
+    both = step_of([W, U, 0 * B], (Q, W, B), Q + B)
+    y = 0.2 + 1e-3 * np.random.default_rng(2).normal(size=(60, 1))
+    begins = first_states(both, np.zeros((60, 1)), y, None, {}, steady=True)
+    assert "b" not in begins
+    assert begins["w"] == pytest.approx(0.0, abs=0.02)

@@ -82,6 +82,8 @@ def test_the_estimate_starts_from_the_first_sample(tmp_path: Path) -> None:
     out = ("-o", str(tmp_path))
     own = json.loads(hgogen("run", "pendulum", "--data", record(tmp_path), *RUN, *out)[0])
     assert own["initial"]["q"] == pytest.approx(1.0)
+    whys = {name: one["why"] for name, one in own["begins"].items()}
+    assert whys == {"q": "its first sample", "w": "what the first samples imply"}  # it moves
     assert own["record"]["columns"]["y"] == "pi/180*[angle (deg)]"
     rows = (tmp_path / "log_estimates.csv").read_text().splitlines()
     assert float(rows[1].split(",")[2]) == pytest.approx(1.0, abs=0.02)  # q after the first sample

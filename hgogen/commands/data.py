@@ -242,10 +242,21 @@ def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[st
         yield f"no sample is there to compare with predictions {far} samples ahead"
 
 
-def log_summary(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
+@dataclass(frozen=True)
+class Begin:
+    """The value at which the estimate of a state starts."""
+
+    value: Annotated[float, "the value"]
+    why: Annotated[str, "where it comes from"]
+
+
+def log_summary(read: Report, begins: Mapping[str, Begin] | None = None) -> RenderableType:
     """Return the printed summary of a log; `begins`: the initial estimates that the log gives, by state."""
     lines = list(read.sentences())
     if begins:
-        at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())
+        grouped: dict[str, list[str]] = {}
+        for name, one in begins.items():
+            grouped.setdefault(one.why, []).append(f"{name} = {one.value:g}")
+        at = ", ".join(f"{', '.join(values)} ({why})" for why, values in grouped.items())
         lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
     return Group(Text(read.path, style="bold"), *(Text(f"  {line}") for line in lines), "")

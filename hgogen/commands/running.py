@@ -35,7 +35,16 @@ from hgogen.commands.command import (
     numbers_in,
     one_or_all,
 )
-from hgogen.commands.data import fault_lines, log_findings, log_summary, too_far, truth_name, truth_of, truth_options
+from hgogen.commands.data import (
+    Begin,
+    fault_lines,
+    log_findings,
+    log_summary,
+    too_far,
+    truth_name,
+    truth_of,
+    truth_options,
+)
 from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.errors import HgogenError
@@ -83,7 +92,7 @@ class RecordRun(ModelReport):
     """A run over a measured record, and what it says of the observer and of the record."""
 
     json_keys = (
-        "model engine=run.engine record=record.report status acted initial predictions hidden "
+        "model engine=run.engine record=record.report status acted initial begins predictions hidden "
         "innovations=sure.outputs nees=sure.states real=step.real findings better rejected from_double notes files"
     )
 
@@ -92,7 +101,7 @@ class RecordRun(ModelReport):
     run: Run
     counted: int  # the first sample whose errors count
     truth: Mapping[str, np.ndarray]  # the measured course of each state of --truth
-    initial: Annotated[dict[str, float], "states that the first samples or --initial give"]
+    begins: Annotated[dict[str, Begin], "states that the first samples or --initial give, and why"]
     predictions: Annotated[tuple[Prediction, ...], "RMS errors of predictions, by output and samples ahead"]
     findings: Annotated[tuple[Finding, ...], "faults of the log"]
     better: Annotated[
@@ -107,6 +116,11 @@ class RecordRun(ModelReport):
     def acted(self) -> Interventions:
         """When guards acted on the estimate."""
         return interventions(self.step, self.run.status, self.record.t)
+
+    @property
+    def initial(self) -> dict[str, float]:
+        """States that the first samples or --initial give."""
+        return {name: one.value for name, one in self.begins.items()}
 
     @property
     def hidden(self) -> dict[str, float | None]:
@@ -163,7 +177,7 @@ class RecordRun(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Yield the log, the status, predictions and innovations."""
         step = self.step
-        yield log_summary(self.record.report, self.initial)
+        yield log_summary(self.record.report, self.begins)
         yield from fault_lines(self.findings)
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
@@ -244,7 +258,7 @@ class _Estimated(NamedTuple):
     the log is judged."""
 
     step: CallableStep
-    begins: dict[str, float]
+    begins: dict[str, Begin]
     u: np.ndarray
     y: np.ndarray
     samples: np.ndarray
@@ -322,19 +336,24 @@ def _over_record(
 
 def _begun(
     opened: _Opened, u: np.ndarray, samples: np.ndarray, initial: str | None
-) -> tuple[CallableStep, dict[str, float]]:
+) -> tuple[CallableStep, dict[str, Begin]]:
     step = opened.step
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
-        return step.started(values), values
+        return step.started(values), {name: Begin(value, "--initial") for name, value in values.items()}
     plant, measured = step.observer.form.system.declared, {}
     for y, output, column in zip(plant.outputs, plant.output, samples.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):
             state = plant.states[plant.states.index(output)]
             measured[state.name] = float(np.clip(reading_of(state, y, column[there[0]]), *state.interval))
-    begins = measured | first_states(step, u, samples, opened.elapsed, measured)
-    return (step.started({**step.observer.initial, **begins}), begins) if begins else (step, {})
+    parts = {"its first sample": measured}
+    for why, steady in (("steady state of the first samples", True), ("what the first samples imply", False)):
+        known = {name: value for part in parts.values() for name, value in part.items()}
+        parts[why] = first_states(step, u, samples, opened.elapsed, known, steady)
+    begins = {name: Begin(value, why) for why, part in parts.items() for name, value in part.items()}
+    values = {name: one.value for name, one in begins.items()}
+    return (step.started({**step.observer.initial, **values}), begins) if begins else (step, {})
 
 
 def _counted(step: CallableStep, burn_in: float, t: np.ndarray) -> int:

@@ -5,6 +5,12 @@
 over x(0) by the Gauss-Newton method, with d the start of the observer, where a measured state is its first sample, and
 S half of the ranges. The window ends with the 10th sample of each output; sigma is the scatter of an output about its
 neighbours, at least the noise of its quantum. A state counts as known if its deviation is below S_i/2.
+
+Where inputs and outputs are constant in the window, up to their noise, the other states are taken at rest: with
+
+    sum_i (r_i/.001)^2,   r_i = (F_i(x, u_0) - x_i)/(sum_j (dF_i/dx_j - delta_ij)^2 S_j^2)^(1/2)
+
+added to the sum, if the result is at rest, |r_i| < .004, and gives the outputs within 4 sigma.
 """
 
 import math
@@ -21,14 +27,17 @@ Array = np.ndarray
 SAMPLES, ROWS = 10, 200  # of each output, of the log at most
 ITERATIONS, HALVINGS = 10, 6
 KNOWN = 0.5  # deviation over half of the range of a state that the window determines
+CONSTANT, NOISE = 1e-3, 4.0  # change of an input over its range; of an output, or a residual, over its deviation
+STEADY = 1e-3  # r of a plant at steady
 LEAST, SMALL = 1e-4, 1e-6  # sigma over the spread of an output; difference quotients over half of the range
 
 
 def first_states(
-    step: CallableStep, u: Array, y: Array, elapsed: Array | None, measured: Mapping[str, float]
+    step: CallableStep, u: Array, y: Array, elapsed: Array | None, measured: Mapping[str, float], steady: bool = False
 ) -> dict[str, float]:
     """Return the initial states, by name, that the first samples of a log u (N, m), y (N, p) determine, without the
-    `measured` ones; `elapsed` (N): the time since the row before, for a step in which dt varies."""
+    `measured` ones; `elapsed` (N): the time since the row before, for a step in which dt varies; `steady`: those that
+    they determine of a plant at rest, none if they change."""
     form = step.observer.form
     states = [signal for signal, _ in form.estimates]
     size = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in states])
@@ -39,24 +48,35 @@ def first_states(
         return {}
     rows = slice(0, int(enough[0]) + 1)
     window = _Window(step, u[rows], y[rows], None if elapsed is None else elapsed[rows], _scatter(step.outputs, y))
+    if steady and ((np.ptp(u[rows], axis=0) > CONSTANT * np.ptp(u, axis=0)).any() or (window.change > NOISE).any()):
+        return {}
+    points = d + np.vstack([0 * size, np.diag(SMALL * size)])
+    rates = window.rates(points)
+    units = np.sqrt((((rates[1:] - rates[0]) / SMALL) ** 2).sum(axis=0)) * STEADY
+    moving = (units > 0) & steady  # not of a constant
+
+    def residuals(x: Array) -> Array:
+        errors = np.hstack([window.residuals(x), window.rates(x)[:, moving] / units[moving]])
+        return np.where(np.isfinite(errors), errors, np.inf)
+
     low, high = np.array([s.limits for s in states], dtype=float).T
     x = d
     for _ in range(ITERATIONS):
         points = np.vstack([x, x + np.diag(SMALL * size)])
-        errors = window.residuals(points)
+        errors = residuals(points)
         if not np.isfinite(errors).all():
             return {}
         J = (errors[1:] - errors[0]).T / SMALL  # by states over their sizes
         M = J.T @ J + np.eye(len(x))
-        move = size * np.linalg.solve(M, -J.T @ errors[0] - (x - d) / size)
-        candidates = np.clip(x + move * 0.5 ** np.arange(HALVINGS)[:, None], low, high)
-        costs = (window.residuals(candidates) ** 2).sum(axis=1) + (((candidates - d) / size) ** 2).sum(axis=1)
+        change = size * np.linalg.solve(M, -J.T @ errors[0] - (x - d) / size)
+        candidates = np.clip(x + change * 0.5 ** np.arange(HALVINGS)[:, None], low, high)
+        costs = (residuals(candidates) ** 2).sum(axis=1) + (((candidates - d) / size) ** 2).sum(axis=1)
         better = np.flatnonzero(costs < (1 - 1e-9) * float(errors[0] @ errors[0] + (((x - d) / size) ** 2).sum()))
         if not len(better):
             break
         x = candidates[better[0]]
-    if x is d:  # as where the log is of something else
-        return {}
+    if x is d or (steady and np.abs(residuals(x[None])).max() > NOISE):
+        return {}  # as where the log is of something else, or of no plant at steady
     known = np.sqrt(np.diag(np.linalg.inv(M))) < KNOWN
     pairs = zip(states, x, known, strict=True)
     return {s.name: float(s.turned(value)) for s, value, sure in pairs if sure and s.name not in measured}
@@ -80,6 +100,20 @@ class _Window:
     def __init__(self, step: CallableStep, u: Array, y: Array, elapsed: Array | None, sigma: Array) -> None:
         self.outputs, self.u, self.y, self.elapsed, self.sigma = step.outputs, u, y, elapsed, sigma
         self.model = open_loop(step.observer.form, None if elapsed is not None else step.clock.dt, step.clock.between)
+
+    @property
+    def change(self) -> Array:
+        """The mean of each output (p) in the second half of the window minus that in the first, over its deviation."""
+        columns = zip(self.outputs, self.y.T, strict=True)
+        halves = [np.array_split(each[np.isfinite(each)], 2) for each in (s.unwrapped(column) for s, column in columns)]
+        return np.array([abs(b.mean() - a.mean()) * math.sqrt(len(a)) for a, b in halves]) / (1.41 * self.sigma)
+
+    def rates(self, x: Array) -> Array:
+        """Return the changes F(x, u_0) - x in a sample (k, n), in the coordinates of the form, for states x (k, n)."""
+        u = np.tile(self.u[0], (len(x), 1))
+        z = evaluated(self.model.entry.map(len(x)), x, u)
+        ahead = [] if self.elapsed is None else [np.full((len(x), 1), self.elapsed[1:].mean())]
+        return np.asarray(evaluated(self.model.move.map(len(x)), z, u, u, *ahead) - z)
 
     def residuals(self, x: Array) -> Array:
         """Return the residuals (k, r) over sigma for initial states x (k, n), infinite where the model diverges."""
