@@ -16,9 +16,11 @@ from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_de
 
 import hgogen as hg
 from hgogen.emit import layout
+from hgogen.emit.cost import cost
 from hgogen.emit.saved import ADDED, NotSaved
 from hgogen.reading.given import BadNames
 from hgogen.run import native
+from hgogen.run.backends import COMPILED, FUNCTION, quickest_engine
 from hgogen.run.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.run.samples import BadShape
 from hgogen.step import BadStep, CannotUpdate
@@ -115,6 +117,15 @@ def test_c_and_python_agree(name: str) -> None:
     assert (c.engine, python.engine) == ("c", "python")
     assert np.ptp(c.x[:, 0]) > 0.1
     same(c, python, 1e-11)
+
+
+@needs_compiler
+def test_a_short_log_runs_in_python_and_a_long_one_in_c() -> None:
+    """At the number of samples from which on compiling takes less time than Python."""
+    step = fresh(STEPS[0])
+    each = cost(step)
+    samples = int(COMPILED / (each.operations + FUNCTION * each.functions))
+    assert [quickest_engine(step, count) for count in (1, samples, samples + 1)] == ["python", "python", "c"]
 
 
 @needs_compiler

@@ -379,7 +379,7 @@ def test_steps_are_judged_across_turns_as_on_the_line() -> None:
         records = (readable(one, record, 1),)
         yardstick = Ahead(1, one.outputs)
         rivals.append(yardstick.rival(records)[0])
-        errors.append(Judge(records, yardstick, 5, "python").errors(step))
+        errors.append(Judge(records, yardstick, 5).errors(step))
     np.testing.assert_allclose(*rivals, atol=1e-12)
     np.testing.assert_allclose(*errors, rtol=1e-6)
 

@@ -29,6 +29,7 @@ from hgogen.commands import calibrating, output
 from hgogen.commands.calibrating import _custom_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.logs import judged as judged_module
+from hgogen.logs import records as records_module
 from hgogen.logs import tune as tune_module
 from hgogen.logs.judged import DIFFERENCING, Judged, ValidationLog, _rival, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
@@ -194,11 +195,11 @@ def test_a_short_record_weighs_as_it_is_long() -> None:
     """380 rows and 20 have 19 segments and one, and one scale: what moves little in a short one is no great error."""
     long, short = log(3, 380)[0], log(4, 20)[0]
     slow = hg.Log(0 * np.array(short.u), 1e-3 * np.array(short.y), DT)
-    judge = Judge((demanded(long), demanded(slow)), Ahead(1), 10, "python")
+    judge = Judge((demanded(long), demanded(slow)), Ahead(1), 10)
     step = hg.sample(hg.observers.high_gain(FORM, theta=4, poles=(-1, -1)), dt=DT)
     errors = judge.errors(step)
     assert len(errors) == 20
-    alone = Judge((demanded(long),), Ahead(1), 19, "python").errors(step)
+    alone = Judge((demanded(long),), Ahead(1), 19).errors(step)
     assert errors[:19] == pytest.approx(alone, rel=0.06)  # the scale is of 400 rows, 20 of which hardly move
     assert errors[19] < 0.1
 
@@ -208,7 +209,7 @@ def test_copying_has_the_error_1() -> None:
     still = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(still), Q={"x": 1.0}, R=1e-9), dt=1.0)
     y = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, (400, 1)), axis=0)
-    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), Ahead(1), 4, "python").errors(step)
+    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), Ahead(1), 4).errors(step)
     assert errors.shape == (4,)
     assert errors.mean() == pytest.approx(1, rel=0.1)  # segments against the whole record
 
@@ -219,19 +220,20 @@ STILL = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
 def judge(y: np.ndarray, ahead: int, segments: int, plant: hg.System = STILL) -> np.ndarray:
     """E_s of a filter of a plant that stands still, which with so high a gain takes the last value."""
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q={"x": 1.0}, R=1e-9), dt=1.0)
-    return Judge(
-        (hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), Ahead(ahead), segments, "python"
-    ).errors(step)
+    return Judge((hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), Ahead(ahead), segments).errors(
+        step
+    )
 
 
-def test_the_beginning_of_a_record_is_in_no_segment() -> None:
+def test_the_beginning_of_a_record_is_in_no_segment(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first twentieth, of 40 samples two, in which the estimate finds its way."""
+    monkeypatch.setattr(records_module, "quickest_engine", lambda step, samples: "python")
     errors = np.where(np.arange(40) < 2, 100.0, 1.0)[:, None]
     yardstick: Any = SimpleNamespace(rival=lambda _: [np.ones((40, 1))], errors=lambda *_: errors)
     run = SimpleNamespace(x=np.zeros((40, 1)))
     step: Any = SimpleNamespace(inputs=(), clock=FIXED, reset=lambda time: None, run=lambda **_: run)
     record = hg.Log(np.zeros((40, 0)), np.zeros((40, 1)), 1.0)
-    assert Judge((record,), yardstick, 4, "python").errors(step).tolist() == [1.0] * 4
+    assert Judge((record,), yardstick, 4).errors(step).tolist() == [1.0] * 4
 
 
 def test_hidden_states_are_measured_from_their_mean_over_all_records() -> None:
@@ -307,10 +309,10 @@ def test_gains_may_be_chosen_by_a_truth() -> None:
     made = hg.tune(PLANT, first, observers=["high_gain"], truth=[{"v": rate[:600]}])
     assert (blind.truth, made.truth) == ((), ("v",))
     held = [ValidationLog(demanded(heard), 600, {"v": rate})]
-    hidden = [judged(PLANT, one, {}, held, (1,), "python")[0].hidden["v"] for one in (blind, made)]
+    hidden = [judged(PLANT, one, {}, held, (1,))[0].hidden["v"] for one in (blind, made)]
     assert hidden[1] < 0.6 * hidden[0]
     assert made.best.error == pytest.approx(hidden[1] / rate.std(), rel=0.35)  # by another half of the record
-    said = verdicts(made, judged(PLANT, made, {}, held, (1,), "python"))
+    said = verdicts(made, judged(PLANT, made, {}, held, (1,)))
     assert said[0].startswith("take high_gain: by the truth of v, on segments that did not choose its gains, it errs")
     assert "as its mean value" in said[0]
     assert not any("not tuned on" in one for one in said)
@@ -469,7 +471,7 @@ y = {equation = "x"}
 
 def test_differencing_is_exact_on_a_line() -> None:
     record = hg.Log(np.zeros((50, 1)), 0.5 * DT * np.arange(50)[:, None], DT)
-    rows = judged(PLANT, spring(), {}, [ValidationLog(record, 10, {"v": np.full(50, 0.5)})], (1, 5), "python")
+    rows = judged(PLANT, spring(), {}, [ValidationLog(record, 10, {"v": np.full(50, 0.5)})], (1, 5))
     line = next(row for row in rows if row.name == DIFFERENCING)
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[5]["y"] == pytest.approx(0, abs=1e-12)
@@ -483,7 +485,7 @@ def test_differencing_goes_on_along_the_last_two_measured() -> None:
     """Of a sensor with every fifth sample."""
     y = np.where(np.arange(50) % 5 == 0, 0.5 * DT * np.arange(50), np.nan)
     record = hg.Log(np.zeros((50, 1)), y[:, None], DT)
-    line = judged(PLANT, spring(), {}, [ValidationLog(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
+    line = judged(PLANT, spring(), {}, [ValidationLog(record, 20, {"v": np.full(50, 0.5)})], (1, 7))[-1]
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[7]["y"] == pytest.approx(0, abs=1e-12)
     assert line.hidden["v"] == pytest.approx(0, abs=1e-12)
@@ -494,13 +496,9 @@ def test_missing_inputs_and_samples_leave_a_number_or_none() -> None:
     record, _ = log(7, 600)
     u = np.where(np.arange(600) % 3, np.nan, np.ravel(record.u))
     silent = np.where(np.arange(600) < 400, record.y, np.nan)
-    rows = judged(
-        PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python"
-    )
+    rows = judged(PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,))
     assert np.isfinite(rows[0].nis["y"])
-    rows = judged(
-        PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python"
-    )
+    rows = judged(PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,))
     assert rows[0].nis == {}
     assert np.isnan(rows[0].errors[1]["y"])
     assert "nan" not in " ".join(verdicts(spring(), rows))
@@ -523,14 +521,14 @@ def test_a_rate_of_the_other_sign_is_differenced_as_well() -> None:
     fall = hg.System("fall", states=(X, V), outputs=(Y,), flow=[-V, -X], output=[X])
     tuned = hg.tune(fall, hg.Log(np.zeros((60, 0)), np.cos(np.arange(60) * DT), DT), observers=["high_gain"])
     record = hg.Log(np.zeros((50, 0)), 0.5 * DT * np.arange(50)[:, None], DT)
-    rows = judged(fall, tuned, {}, [ValidationLog(record, 10, {"v": np.full(50, -0.5)})], (1,), "python")
+    rows = judged(fall, tuned, {}, [ValidationLog(record, 10, {"v": np.full(50, -0.5)})], (1,))
     assert next(row for row in rows if row.name == DIFFERENCING).hidden["v"] == pytest.approx(0, abs=1e-12)
 
 
 def test_the_truth_judges_the_rows_held_out_alone() -> None:
     record, states = log(7, 600)
     held = ValidationLog(demanded(record), 400, {"v": np.where(np.arange(600) < 400, np.nan, states[:, 1])})
-    rows = {row.name: row for row in judged(PLANT, spring(), {}, [held], (1,), "python")}
+    rows = {row.name: row for row in judged(PLANT, spring(), {}, [held], (1,))}
     step = spring()["riccati"].first.step
     step.reset()
     v = step.run(u=record.u, y=record.y)["v"]
@@ -559,7 +557,7 @@ def test_a_tone_that_the_model_lacks_is_said() -> None:
     for tone, white in ((0.0, True), (0.1, False)):
         heard = hg.Log(record.u, y + tone * np.sin(9 * DT * np.arange(len(y))), DT)
         made = hg.tune(PLANT, heard, observers=["riccati"])
-        said = verdicts(made, judged(PLANT, made, {}, [ValidationLog(demanded(heard), 500, {})], (1,), "python"))
+        said = verdicts(made, judged(PLANT, made, {}, [ValidationLog(demanded(heard), 500, {})], (1,)))
         assert any("innovations of y are not white" in one for one in said) is not white
 
 
@@ -697,7 +695,7 @@ def test_more_segments_than_samples_are_refused() -> None:
     long, short = log(8, 150)[0], log(9, 50)[0]
     with pytest.raises(BadGain, match=r"segments = 4000 must be a whole number, from 2 to 94$"):
         hg.tune(PLANT, long, short, segments=4000)
-    judge = Judge(tuple(replace(one, y=one.y.reshape(-1, 1)) for one in (long, short)), Ahead(1), 94, "python")
+    judge = Judge(tuple(replace(one, y=one.y.reshape(-1, 1)) for one in (long, short)), Ahead(1), 94)
     assert judge.most == 94  # of 142 samples of the long one, 150/100 of it
     assert [len(part) for part in judge._parts[0] + judge._parts[1]].count(0) == 0
 
@@ -827,6 +825,15 @@ def test_ctrl_c_keeps_the_observers_that_are_tuned(
     )
 
 
+@pytest.mark.full
+def test_a_likelihood_is_of_a_form_that_the_observer_takes() -> None:
+    """Of the forms that admit the spring kalman_like takes the fourth, and the others are not searched."""
+    tried = list[str]()
+    tuned = hg.tune(PLANT, log(8, 60)[0], observers=["kalman_like"], each=tried.append)
+    assert tuned.best.first.row.kind == "state_affine"
+    assert tried.count("likelihood") == len(STARTS)
+
+
 def test_a_stopped_tuning_goes_on() -> None:
     """Its trials are not repeated, that during which it was stopped excepted, and the gains are the same ones."""
     record, results = log(8, 100)[0], dict[str, Any]()
@@ -916,7 +923,7 @@ def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
     sampling = {"method": "continuous_discrete", "between": "line"}
     made = {plant: hg.forms.triangular(plant) for plant in (PLANT, twin)}
     rows = tuple(Row("triangular", Verdict.PROVED, (), "", form=form) for form in made.values())
-    task = Task((record,), Judge((record,), Ahead(1), 5, "python"), record.dt, sampling, rows)
+    task = Task((record,), Judge((record,), Ahead(1), 5), record.dt, sampling, rows)
     for number, names in enumerate((("x", "v"), ("p", "q"))):
         (noise,) = maxima(task.likelihood(number), 4)
         assert tuple(noise.process) == names
@@ -986,11 +993,12 @@ def test_where_samples_are_missing_the_last_one_is_copied() -> None:
     assert squares[:, 0] == pytest.approx([np.nan, np.nan, 4.0, 9.0], nan_ok=True)
 
 
-def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
+def test_an_alarm_is_not_set_by_the_beginning_of_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
     """In which the estimate finds its way: the first twentieth."""
+    monkeypatch.setattr(tune_module, "quickest_engine", lambda step, samples: "python")
     run = SimpleNamespace(traces={"innovation": np.arange(100.0)})
     step = SimpleNamespace(inputs=PLANT.inputs, clock=FIXED, reset=lambda time: None, run=lambda **options: run)
-    task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)], judge=SimpleNamespace(engine="python"))
+    task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)])
     first: Any = SimpleNamespace(step=step)
     assert tune_module._innovations(task, first).tolist() == list(range(5, 100))
 

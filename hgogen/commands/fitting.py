@@ -30,7 +30,6 @@ from hgogen.commands.command import (
     Tuned,
     command,
     early,
-    engine_here,
     names_in,
 )
 from hgogen.commands.data import JUDGE, Logs, logs_of
@@ -55,6 +54,7 @@ from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import WINDOWS
 from hgogen.reading.text_model import OTHER_KEYS, read, to_text
+from hgogen.run.backends import quickest_engine
 from hgogen.run.consistency import WORSE, alike
 from hgogen.run.prediction import predictions
 
@@ -352,7 +352,7 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
         for variant, samples in ((fitted, y - offsets), (model, y)):
             step = _step(variant, observer, limits or record.report.dt, result.noise).undelayed
             step.reset(float(record.t[0]))
-            done = step.run(u=u, y=samples, engine=engine_here(), dt=log.given(step))
+            done = step.run(u=u, y=samples, engine=quickest_engine(step, len(samples)), dt=log.given(step))
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
         for one, other in zip(*errors, strict=True):
             yield PredictionErrors(record.report.path, one.output, one.ahead, one.model, other.model, one.copying)

@@ -16,9 +16,10 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.logs.records import AS_WELL, Log, readable
 from hgogen.logs.tune import Calibration, Tuned
+from hgogen.run.backends import quickest_engine
 from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
-from hgogen.run.samples import Engine, last_values
+from hgogen.run.samples import last_values
 from hgogen.signal import Signal, differences
 from hgogen.system import System
 
@@ -59,7 +60,6 @@ def judged(
     others: Mapping[str, CallableStep],
     records: Sequence[ValidationLog],
     ahead: Iterable[int],
-    engine: Engine,
 ) -> tuple[Judged, ...]:
     """Return the errors of the tuned rows, of the steps `others` by name, and of predictors without a model, on the
     validation rows of the logs; `ahead`: prediction horizons in samples."""
@@ -71,7 +71,7 @@ def judged(
     rows = [
         Judged(
             name,
-            *_of_step(step, records, horizons, engine),
+            *_of_step(step, records, horizons),
             {y: float(np.mean(e**2)) for y, e in innovations.get(name, {}).items()},
             {y: coloured(e) for y, e in innovations.get(name, {}).items()},
         )
@@ -88,11 +88,12 @@ def coloured(e: Array) -> int:
 
 
 def _of_step(
-    step: CallableStep, records: Sequence[ValidationLog], ahead: tuple[int, ...], engine: Engine
+    step: CallableStep, records: Sequence[ValidationLog], ahead: tuple[int, ...]
 ) -> tuple[dict[int, dict[str, float]], dict[str, float]]:
     squares: dict[int, list[Array]] = {h: [] for h in ahead}
     hidden: dict[str, list[Array]] = {}
     step = step.undelayed
+    engine = quickest_engine(step, sum(len(record.log.y) for record in records))
     for record in records:
         log = record.log.of(step.inputs)
         step.reset(log.start)

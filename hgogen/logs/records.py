@@ -28,9 +28,10 @@ from hgogen.errors import BadArgument
 from hgogen.part import SUBSTEPS
 from hgogen.reading.cells import BadRecord, DateOrder, DecimalSign
 from hgogen.reading.measured import PYTHON, WINDOWS, Record, Report, difference, read
+from hgogen.run.backends import quickest_engine
 from hgogen.run.gates import RejectsMany
 from hgogen.run.prediction import forecasts
-from hgogen.run.samples import Engine, Run, last_values, table
+from hgogen.run.samples import Run, last_values, table
 from hgogen.signal import Signal, derived, differences, in_turn, resting, supplied, times, with_times
 from hgogen.stepping.guards import plausible_range, readings
 from hgogen.system import System
@@ -298,12 +299,11 @@ class Hidden:
 @dataclass(frozen=True)
 class Judge:
     """The data by which steps are judged: the logs `records`, the criterion `yardstick` (errors of predictions or of
-    hidden states), the number of `segments` in a log of mean length, the `engine` that runs the steps."""
+    hidden states), the number of `segments` in a log of mean length."""
 
     records: Sequence[Log]
     yardstick: Ahead | Hidden
     segments: int
-    engine: Engine
 
     def errors(self, step: CallableStep) -> Array:
         """Return for each comparable segment s of all logs the relative mean square error of a step, infinite if the
@@ -313,10 +313,11 @@ class Judge:
         """
         errors = []
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=RejectsMany):
+            engine = quickest_engine(step, sum(len(record.y) for record in self.records))
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
                 record = self.records[k].of(step.inputs)
                 step.reset(record.start)
-                run = step.run(u=record.u, y=record.y, engine=self.engine, dt=record.given(step))
+                run = step.run(u=record.u, y=record.y, engine=engine, dt=record.given(step))
                 squares = self.yardstick.errors(k, step, run, record) ** 2
                 if not np.isfinite(run.x).all() or np.isinf(squares).any():
                     errors.append(np.full(len(parts), np.inf))

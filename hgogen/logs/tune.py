@@ -30,9 +30,9 @@ from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import demand_same, digests, paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
-from hgogen.observer import OF_MAPS
+from hgogen.observer import OF_MAPS, Observer
 from hgogen.reading.given import count, requires_any_plant, requires_switches
-from hgogen.run import native
+from hgogen.run.backends import quickest_engine
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
 from hgogen.starting import Gains, Scale, Starting, gains_of, per_sample, scale, two
@@ -244,11 +244,15 @@ def first_of(
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
-        observer_on_form = getattr(every, observer)(
-            row.form, **{key: value(key, entry) for key, entry in gains.items()}
-        )
         options = {key: entry for key, entry in sampling.items() if key != "method"}
-        return First(observer, row, Starting(gains, dt), sample(observer_on_form, method, dt, **options))
+        step = sample(observer_on(row, observer, gains), method, dt, **options)
+        return First(observer, row, Starting(gains, dt), step)
+
+
+def observer_on(row: Row, name: str, gains: Gains) -> Observer:
+    """Return the observer `name` on the form of a row with these gains. Raises: as the observer does."""
+    made: Observer = getattr(every, name)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
+    return made
 
 
 def thetas(theta: float, dt: float) -> list[float]:
@@ -290,6 +294,8 @@ class Search:
         its neighbours; None if none gives a step."""
         noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
         maxima: tuple[Noise, ...] = ()
+        if not any(map(self._takes, self._grid(()))):  # before the likelihood, which takes longer
+            return None
         if self._reads(noise=noisier):
             ended = yield [Start(self.row, number) for number in range(len(STARTS))]
             maxima = self.task.likelihood(self.row).maxima(ended)
@@ -308,6 +314,15 @@ class Search:
         likelihood = self.task.likelihood(self.row) if noise else None
         tried = tuple((self.scales[k], float(np.sqrt(e.mean()))) for k, e in errors.items())
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
+
+    def _takes(self, numbers: Scale) -> bool:
+        gains = gains_of(getattr(every, self.name), numbers)
+        try:
+            observer_on(self.task.rows[self.row], self.name, {} if isinstance(gains, str) else gains)
+        except HgogenError as error:
+            self.refusals.append(gains if isinstance(gains, str) else str(error))
+            return False
+        return True
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
         """Return the squared errors E_s by segment, by the
@@ -452,7 +467,7 @@ def tune(
     true = _truth(plant, truth, logs)
     named = {x.name: x for x in plant.declared.states}
     hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
-    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments, native.engine())
+    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments)
     if judge.count < 2:
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
         reason = f"show no change of {over} in at least 2 of their segments"
@@ -613,11 +628,11 @@ def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -
 
 def _innovations(task: Task, first: First) -> np.ndarray:
     """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, without the logs' begin."""
-    parts = []
+    parts, engine = [], quickest_engine(first.step, sum(len(record.y) for record in task.records))
     for record in task.records:
         first.step.reset(record.start)
         log = record.of(first.step.inputs)
-        run = first.step.run(u=log.u, y=log.y, engine=task.judge.engine, dt=log.given(first.step))
+        run = first.step.run(u=log.u, y=log.y, engine=engine, dt=log.given(first.step))
         innovation = run.traces["innovation"]
         parts.append(innovation[round(BEGIN * len(innovation)) :])
     return np.concatenate(parts)

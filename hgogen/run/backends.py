@@ -24,6 +24,7 @@ import numpy as np
 
 from hgogen import targets
 from hgogen.emit import layout, pystep
+from hgogen.emit.cost import cost
 from hgogen.emit.lanewriter import NoLanes
 from hgogen.emit.pystep import Entry
 from hgogen.emit.saved import mark, opened, sealed
@@ -35,6 +36,17 @@ from hgogen.run.samples import BadShape, Engine, listed, reals, table, with_elap
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import UNINITIALISED
+
+COMPILED = 6e6  # operations in Python that take about as long as to compile a step
+FUNCTION = 40  # operations in Python that take as long as a sine
+
+
+def quickest_engine(step: Step, samples: int) -> Engine:
+    """Return the engine that runs a step over a log of so many samples soonest: Python for a short log, else the
+    compiled step where there is a compiler. Both compute the same bits."""
+    each = cost(step)
+    short = samples * (each.operations + FUNCTION * each.functions) < COMPILED
+    return "python" if short else native.engine()
 
 
 class StepMemory:
