@@ -251,8 +251,8 @@ def first_of(
 
 def observer_on(row: Row, name: str, gains: Gains) -> Observer:
     """Return the observer `name` on the form of a row with these gains. Raises: as the observer does."""
-    made: Observer = getattr(every, name)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
-    return made
+    observer: Observer = getattr(every, name)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
+    return observer
 
 
 def thetas(theta: float, dt: float) -> list[float]:
