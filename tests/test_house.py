@@ -608,7 +608,7 @@ STRANGE = re.compile(
 
 
 TOP = {
-    *("pyproject.toml", "mkdocs.yml", "CITATION.cff", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
+    *("pyproject.toml", "CITATION.cff", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
     *("hgogen", "models", "generated", "tests", "docs"),
 }
 

@@ -164,11 +164,11 @@ class Linked:
         return {name: lines[0] for name, lines in self._functions.items() if name.startswith(starts)}
 
 
-def mathml(latex: str) -> str:
+def mathml(latex: str, display: str = "block") -> str:
     """Return an equation in LaTeX as MathML. A root is a power of one half: a browser without a font for mathematics
     leaves out the sign of a root."""
     latex = re.sub(r"\\sqrt\{((?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*)\}", r"{\\left(\1\\right)}^{1/2}", latex)
-    return str(convert(latex.replace("&=", "="), display="block"))
+    return str(convert(latex.replace("&=", "="), display=display))
 
 
 def _data(

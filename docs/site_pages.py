@@ -1,0 +1,213 @@
+"""The generated pages of the site, from the package itself: a page for each observer, form, method and target, the
+gallery of the shipped models with their live reports, the Python interface and the command line.
+"""
+
+import inspect
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from docutils.nodes import SkipNode as SkipNode
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen import registry
+from hgogen.cli import app
+from hgogen.commands.app import command_of, known
+from hgogen.commands.command import meanings
+from hgogen.commands.trial_runs import trial_figures, tried
+from hgogen.emit.cost import cost
+from hgogen.emit.document import claims_table, gains_table, observer_equations
+from hgogen.errors import HgogenError
+from hgogen.model import Model
+from hgogen.modelfiles.place import summary
+from hgogen.run import figures
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = "pages"  # the folder of generated pages, which is not stored
+EXAMPLES = ("pendulum", "duffing", "van_der_pol")  # models that show an observer, the first that has a tuning for it
+MODELS = sorted(path for path in (ROOT / "models").iterdir() if path.suffix in (".py", ".toml"))
+
+
+def rows(latex: str) -> list[str]:
+    """Return the rows of an equation: those of `aligned`, else the whole."""
+    return re.sub(r"\\(begin|end)\{aligned\}", "", latex).strip().split(" \\\\\n")
+
+
+def write_all(folder: Path) -> None:
+    """Write all generated pages into the folder of the site's sources."""
+    pages = folder / PAGES
+    shutil.rmtree(pages, ignore_errors=True)
+    for path, content in {**dict(cases()), **dict(gallery()), **dict(interface()), **dict(commands())}.items():
+        (pages / path).parent.mkdir(parents=True, exist_ok=True)
+        (pages / path).write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def toctree(names: list[str]) -> str:
+    """Return the list of pages below a page."""
+    listed = "\n".join(names)
+    return f"```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n"
+
+
+# --- observers, forms, methods, targets
+
+
+def cases() -> Iterator[tuple[str, str | bytes]]:
+    """Yield a page for each case of a folder, and their figures."""
+    for folder, title in (
+        ("observers", "Observers"),
+        ("forms", "Forms"),
+        ("methods", "Methods"),
+        ("targets", "Targets"),
+    ):
+        names = list(getattr(hg, folder).__all__)
+        table = "\n".join(f"| [{name}]({name}.md) | {registry.summary(folder, name)} |" for name in names)
+        yield f"{folder}/index.md", f"# {title}\n\n| name | what it is |\n|---|---|\n{table}\n\n{toctree(names)}"
+        for name in names:
+            case = getattr(getattr(hg, folder), name)
+            lines = [f"# {name}", "", registry.summary(folder, name), ""]
+            shown = example(name) if folder == "observers" else None
+            if shown:
+                yield f"{folder}/{name}.svg", shown[1]
+                lines += [*when(name), "", shown[0], ""]
+            lines += ["## In full", "", signature(f"hg.{folder}.{name}", case), docstring(case)]
+            yield f"{folder}/{name}.md", "\n".join(lines)
+
+
+def when(observer: str) -> list[str]:
+    """Return the lines that say when to take an observer, from its row in the page of the observers."""
+    text = (ROOT / "docs" / "observers.md").read_text(encoding="utf-8")
+    cells = next(line for line in text.splitlines() if line.startswith(f"| `{observer}` |")).split(" | ")
+    return [f"**Take it where** {cells[1]}.", "", f"**It asks for, or leaves open:** {cells[2]}."]
+
+
+def docstring(value: Any) -> str:
+    """Return a docstring as Markdown, where an indented equation is code already."""
+    text = inspect.getdoc(value) or ""
+    return re.sub(r"(?<![`\w])<(?=[a-z])", r"\\<", text).replace("*", "\\*") if "\n    " not in text else text
+
+
+def signature(name: str, value: Any) -> str:
+    """Return the line that calls a function, or nothing for another value."""
+    if not callable(value):
+        return ""
+    try:
+        return f"```python\n{name}{inspect.signature(value)}\n```\n"
+    except (TypeError, ValueError):
+        return ""
+
+
+@cache
+def loaded(name: str) -> Model:
+    """Return a shipped model."""
+    return hg.load(str(next(path for path in MODELS if path.stem == name)))
+
+
+def example(observer: str) -> tuple[str, bytes] | None:
+    """Return the page of an observer's example and its figure: its equations, gains, cost, claims and trial."""
+    for name in (*EXAMPLES, *(path.stem for path in MODELS)):
+        model = loaded(name)
+        if not model.has("trial"):
+            continue
+        try:
+            step = model.step(None if model.has("step") and model.step(None).observer.name == observer else observer)
+        except HgogenError:
+            continue
+        if step.observer.name != observer:
+            continue
+        trial = model.trials()[0]
+        done = tried(step, trial, "c", trial.seeds[:1], lambda: None)
+        figure = next(iter(trial_figures(step, [done]).values()))
+        operations = cost(step, "float")
+        lines = [
+            f"## On an example: {name}",
+            "",
+            f"{summary(model.path)}. `hgogen build {name} --observer {observer}` tries it.",
+            "",
+            f"![{observer} on {name}]({observer}.svg){{.figure}}",
+            "",
+            *observer_equations(step.observer)[2:],
+            "",
+            f"Cost: up to {operations.operations} operations and {operations.functions} functions a call, "
+            f"{operations.state} bytes of state in float.",
+            "",
+            *gains_table(step),
+            "",
+            "What is proved of it, on the declared ranges:",
+            "",
+            *claims_table(step.observer.checks, step.observer.accepted),
+        ]
+        return "\n".join(lines), figures.svg(figure).encode()
+    return None
+
+
+# --- the gallery
+
+
+def gallery() -> Iterator[tuple[str, str | bytes]]:
+    """Yield the gallery of the shipped models, with the live report of each that has an observer."""
+    cards = []
+    for path in MODELS:
+        name, folder = path.stem, ROOT / "generated" / path.stem
+        drawn = sorted(folder.glob("*_states.svg"))
+        if not drawn:
+            continue
+        yield f"gallery/{name}.svg", drawn[0].read_bytes()
+        report = ROOT / "build" / "reports" / f"{name}.html"
+        done = CliRunner().invoke(app, ["report", str(path), "--out", str(report)])
+        if done.exit_code:
+            raise RuntimeError(done.output)
+        yield f"extra/reports/{name}.html", report.read_bytes()
+        costs = json.loads((folder / "cost.json").read_text()) if (folder / "cost.json").exists() else {}
+        spent = f"{costs['nominal_instructions']} instructions, {costs['flash_bytes']} bytes of flash" if costs else ""
+        cards += [
+            f":::{{grid-item-card}} {name}",
+            f":img-top: {name}.svg",
+            "",
+            f"{summary(str(path))}.",
+            "",
+            f'{spent}. <a href="../../reports/{name}.html">Live report</a>',
+            ":::",
+        ]
+    lines = ["# Gallery", "", "The models that come with hgogen, each by the figure of its generated C.", ""]
+    yield "gallery/index.md", "\n".join([*lines, "::::{grid} 1 2 2 3", ":gutter: 3", "", *cards, "::::", ""])
+
+
+# --- the Python interface and the command line
+
+
+def interface() -> Iterator[tuple[str, str | bytes]]:
+    """Yield the page of the public names of the package."""
+    lines = ["# Python interface", "", "The names of `import hgogen as hg`. Cases have pages of their own.", ""]
+    for name in sorted(hg.__all__, key=str.lower):
+        value = getattr(hg, name)
+        if inspect.ismodule(value):
+            continue
+        lines += [f"## hg.{name}", "", signature(f"hg.{name}", value), docstring(value), ""]
+        for member, method in sorted(vars(value).items()) if inspect.isclass(value) else ():
+            if not member.startswith("_") and inspect.isfunction(method) and method.__doc__:
+                lines += [f"### {name}.{member}", "", signature(member, method), docstring(method), ""]
+    yield "interface.md", "\n".join(lines)
+
+
+def commands() -> Iterator[tuple[str, str | bytes]]:
+    """Yield a page for the commands: the help of each, and the keys of its JSON."""
+    lines = ["# Commands in full", ""]
+    for name in known():
+        done = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"})
+        lines += [f"## hgogen {name}", "", "```text", done.stdout.strip("\n"), "```", ""]
+        for report in vars(command_of(name)).get("reports", ()):
+            keys = [f"| `{one.name}` | {one.kind} | {one.text} |" for one in meanings(report)]
+            lines += [
+                "JSON:",
+                "",
+                "| key | type | meaning |",
+                "|---|---|---|",
+                *(key.replace("\n", " ") for key in keys),
+                "",
+            ]
+    yield "commands.md", "\n".join(lines)

@@ -1,0 +1,62 @@
+"""The pages that the site generates from the package; the site itself is built with warnings as errors by .ci/run."""
+
+import importlib.util
+import sys
+from types import ModuleType
+
+import pytest
+from pages import ROOT
+
+import hgogen as hg
+from hgogen.commands.app import known
+
+
+@pytest.fixture(scope="module")
+def site() -> ModuleType:
+    path = ROOT / "docs" / "site_pages.py"
+    spec = importlib.util.spec_from_file_location("site_pages", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules["site_pages"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_an_equation_has_its_rows(site: ModuleType) -> None:
+    aligned = "\\begin{aligned}\na &= b \\\\\nc &= d\n\\end{aligned}"
+    assert [row.strip() for row in site.rows(aligned)] == ["a &= b", "c &= d"]
+    matrix = "\\left[\\begin{matrix}0 & 1\\\\0 & 0\\end{matrix}\\right]"
+    assert site.rows(matrix) == [matrix]
+
+
+@pytest.mark.parametrize("name", hg.observers.__all__)
+def test_each_observer_says_when_to_take_it(site: ModuleType, name: str) -> None:
+    first, _, second = site.when(name)
+    assert len(first) > len("**Take it where** .")
+    assert len(second) > len("**It asks for, or leaves open:** .")
+
+
+@pytest.mark.full
+def test_an_observer_has_its_equations_figure_cost_and_claims(site: ModuleType) -> None:
+    text, figure = site.example("riccati")
+    parts = (
+        "$$",
+        r"\dot{S}",
+        "![riccati on pendulum](riccati.svg)",
+        "operations",
+        "| `Q[0]` |",
+        "`riccati.convergence`",
+    )
+    assert [part for part in parts if part not in text] == []
+    assert figure.lstrip().startswith(b"<?xml")
+
+
+def test_every_public_name_and_every_command_has_a_section(site: ModuleType) -> None:
+    (interface,) = (text for _, text in site.interface())
+    modules = {name for name in hg.__all__ if isinstance(getattr(hg, name), ModuleType)}
+    sections = {line[len("## hg.") :] for line in interface.splitlines() if line.startswith("## hg.")}
+    assert sections == set(hg.__all__) - modules
+    (commands,) = (text for _, text in site.commands())
+    listed = [line[len("## hgogen ") :] for line in commands.splitlines() if line.startswith("## hgogen ")]
+    assert listed == known()
+    assert "| `model` |" in commands
