@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
-from hgogen.errors import BadArgument, HgogenError, nearest
+from hgogen.errors import BadArgument, HgogenError
+from hgogen.estimators.synonyms import suggested
 from hgogen.modelfiles.declarations import Bounds, NoBounds, bounds, stored, trial_of
 from hgogen.modelfiles.json_file import put, read_tunings, read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, ends_python, listed, located, sentence
@@ -244,7 +245,7 @@ class Model(Displayed):
         known = f"it has tunings for {tunings}" if tunings else "it has no tuning"
         if name not in observers.__all__:
             listed = f"the observers are {', '.join(observers.__all__)}"
-            fix = nearest(name, [*self.tuning.tables, *observers.__all__], listed)
+            fix = suggested(name, [*self.tuning.tables, *observers.__all__], listed)
             return f"there is no observer {name!r:.60}, {known}; {fix}"
         every, needed = arguments(getattr(observers, name))
         fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))

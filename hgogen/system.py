@@ -13,6 +13,7 @@ from hgogen.analysis.manifold import fault
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
+from hgogen.reading.expression import parse
 from hgogen.registry import Displayed
 from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
@@ -59,7 +60,7 @@ class System(Displayed):
     Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and
     `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value. `time`: the
     unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is. `invariants`:
-    expressions of states and parameters that the flow keeps at 0, as q0**2 + .. + q3**2 - 1 of a quaternion.
+    expressions of states and parameters, or texts, that the flow keeps at 0, as q0**2 + .. + q3**2 - 1 of a quaternion.
     `discrete`: flow is the state at the next sample, from the state and the input at this one; `time` is then the unit
     of the sampling period alone.
     Flow and output may be periodic functions of the time `hg.t`; each of its periods becomes an input, a `Time`.
@@ -105,8 +106,9 @@ class System(Displayed):
         if not isinstance(discrete, bool):
             raise BadSystem(name, f"discrete = {discrete!r} must be True, for x+ = flow(x, u), or False, for x' = flow")
         fields |= {"name": name, "origin": origin, "time": str(time), "discrete": discrete}
-        rows = {"flow": flow, "output": output, "invariants": invariants}
-        fields |= {what: _expressions(name, what, values) for what, values in rows.items()}
+        known = {s.name: s for kind in ("states", "parameters") for s in fields[kind]}
+        fields |= {what: _expressions(name, what, rows) for what, rows in (("flow", flow), ("output", output))}
+        fields["invariants"] = _expressions(name, "invariants", invariants, known)
         fields |= _timed(name, fields)
         for key, value in fields.items():
             object.__setattr__(self, key, value)
@@ -265,7 +267,10 @@ def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal,
     return signals
 
 
-def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr, ...]:
+def _expressions(
+    system: str, what: str, values: Sequence[Any], texts: Mapping[str, Signal] | None = None
+) -> tuple[sp.Expr, ...]:
+    """Return the rows of a plant; `texts`: the signals that a row may name as text, None where it may not be text."""
     if isinstance(values, sp.MatrixBase):
         values = list(values)
     if isinstance(values, sp.Basic | str | Mapping | Set) or not isinstance(values, Iterable):
@@ -273,7 +278,7 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
     result = []
     for index, value in enumerate(values, 1):
         try:
-            expression = sp.sympify(value, strict=True)
+            expression = parse(value, texts) if texts and isinstance(value, str) else sp.sympify(value, strict=True)
         except (sp.SympifyError, TypeError):
             raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
         if not isinstance(expression, sp.Expr) or expression.is_Matrix:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from time import process_time
 from typing import Any
 
 import flint
@@ -429,6 +430,25 @@ def test_what_is_not_decided_on_them_is_no_branch() -> None:
     assert hg.observability(on([RING], {a: -b, b: a, z: 0}, output=[shown])).known.verdict is hg.Verdict.UNKNOWN
 
 
+def test_the_sheets_of_a_hyperbola_have_their_own_answers() -> None:
+    """a^2 - b^2 = 1 is irreducible, and a root is the same on no two sheets: a + sqrt(1 + b^2) is 0 where a < 0."""
+    plant = on(
+        [a**2 - b**2 - 1], {a: b, b: a, z: 0}, output=[z * (a + sp.sqrt(1 + b**2)), a], outputs=signals("first second")
+    )
+    assert "whether z can be observed where a is near -" in str(hg.observability(plant))
+
+
+@pytest.mark.full
+def test_forty_states_with_an_invariant_are_quick() -> None:
+    """SymPy alone would take 9 s for the factors of the invariant."""
+    x, begun = signals(" ".join(f"x{i}" for i in range(40)), -2, 2), process_time()
+    flow = [x[1], *(x[i + 1] - x[i - 1] for i in range(1, 39)), -x[38]]
+    rows: dict[str, Any] = {"states": x, "outputs": (hg.Signal("y"),), "flow": flow, "output": [x[0]]}
+    plant = hg.System("ring", **rows, invariants=[sum(one**2 for one in x) - 1])
+    assert hg.observability(plant).known.rank.rank == 40
+    assert process_time() - begun < 8
+
+
 def test_uniform_observability_is_not_claimed_on_them() -> None:
     force = hg.Signal("force", low=-1, high=1)
     plant = on([RING], {a: -b, b: a, z: force}, inputs=(force,), output=[a + z])
@@ -693,6 +713,18 @@ def test_designs_and_error_systems_do_not_pass_over_turns_and_projections(data: 
         hg.design.gain(hg.forms.triangular(plant), rate=1.0)
     with pytest.raises(BadErrorSystem, match="has no error system: the e"):
         hg.error_system(plant, [[3], [9]])
+
+
+def test_an_invariant_may_be_text_and_an_estimate_begins_on_it_in_the_ranges() -> None:
+    """From (0, 0), where the energy has no slope, (-4.19, 0) is nearest in direction, and out of the ranges."""
+    th, om = signals("th", -3, 3) + signals("om", -4, 4)
+    rows: dict[str, Any] = {"states": (th, om), "outputs": (hg.Signal("y"),), "flow": [om, -sp.sin(th)], "output": [th]}
+    plant = hg.System("swing", **rows, invariants=("om**2/2 - cos(th) - 1/2",))
+    assert plant.invariants == (om**2 / 2 - sp.cos(th) - sp.Rational(1, 2),)
+    step = hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=3, poles=(-1, -1)), dt=DT)
+    assert step(y=float("nan")).x == pytest.approx([0, np.sqrt(3)])
+    with pytest.raises(hg.HgogenError, match="the name 'a' is not declared"):
+        hg.System("swing", **rows, invariants=("om**2/2 - a",))
 
 
 def test_a_parameter_that_stabilises_the_constraint_is_not_seen_on_it() -> None:

@@ -119,10 +119,16 @@ def test_reports_name_the_expression_and_no_proof_is_made() -> None:
     assert last.verdict is Verdict.UNKNOWN
 
 
+def test_a_variance_is_proved_to_be_positive_however_small_beside_its_range() -> None:
+    (part,) = made(R={"y": "(q - 1)**2 + 1/1000000", "v": 1}).observer.parts
+    assert 0 < part.varying.least[0] <= 1e-6
+
+
 def test_what_is_no_variance_is_met_at_the_door() -> None:
     for R, words in (
         ({"y": "q", "v": 1}, "R_per_sample of y = q is not proved to be positive on the declared ranges"),
-        ({"y": "q**2", "v": 1}, "add a positive number, or narrow the ranges"),
+        ({"y": "-1 - q**2", "v": 1}, r"\(proved: at most -1, by "),
+        ({"y": "q**2", "v": 1}, r"\(vanishes, at q = 0\); add a positive number, or narrow the ranges"),
         ({"y": "1/(q + 1)**2", "v": 1}, "is not proved to be positive"),
         ({"y": "1 + z**2", "v": 1}, "z"),
         ({"y": sp.Symbol("y") ** 2 + 1, "v": 1}, "reads y, which is no state, input or parameter"),

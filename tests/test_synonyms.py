@@ -65,6 +65,13 @@ dt = 0.015625
         hg.load(path).step("filter")
 
 
+def test_where_a_tuning_is_asked_for_by_another_name_the_sentence_says_whose() -> None:
+    for command in (["generate", "duffing"], ["advise", "duffing", "--dt", "0.01"]):
+        option = "--observer" if command[0] == "generate" else "--observers"
+        answer = " ".join(CliRunner().invoke(app, [*command, option, "ekf"]).output.split())
+        assert "ekf is riccati at theta = 1, the extended Kalman filter" in answer
+
+
 def test_a_negative_kappa_is_refused_with_a_way_out() -> None:
     """Julier's kappa = 3 - n is negative from 4 states on; with alpha = 1 and beta = 0 the sums may be indefinite."""
     x = [hg.Signal(f"x{i}", low=-5, high=5) for i in range(5)]
@@ -77,6 +84,7 @@ def test_a_negative_kappa_is_refused_with_a_way_out() -> None:
         make(hg.forms.original(chain), **arguments, beta=0.0)
     make(hg.forms.original(chain), **arguments, beta=0.4)
     make(hg.forms.original(chain), **arguments | {"kappa": 0.0}, beta=0.0)
+    make(hg.forms.original(chain), **arguments | {"alpha": 0.1}, beta=0.004)  # 0.1^2 2/5, though not of binary numbers
 
 
 @pytest.mark.parametrize(("alpha", "kappa", "n"), [(1.0, -2.0, 5), (0.5, 1.0, 3), (1.0, -0.5, 2), (2.0, 3.0, 4)])

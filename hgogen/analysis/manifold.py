@@ -2,10 +2,11 @@
 
     x <- x - V C' (C V C')^+ c,   C = dc/dx,   V = diag(half range)^2        Gauss-Newton, in units of the ranges
 
-A point without a direction, such as q = 0 of a unit quaternion, is first moved by half the range of one state.
+A point without a direction, such as q = 0 of a unit quaternion, or whose search leaves the ranges, is first moved by
+half the range of one state.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -26,17 +27,27 @@ _STARTS = 16  # random states from which one on the invariants is searched
 def projection(
     constraints: Sequence[sp.Expr], states: Sequence[Signal], parameters: Sequence[sp.Symbol] = ()
 ) -> Callable[[np.ndarray, Sequence[float]], np.ndarray | None]:
-    """Return a function from a point (n) and values of the parameters to a point with c(x) = 0 near it, or None where
-    the search does not converge."""
+    """Return a function from a point (n) and values of the parameters to a point with c(x) = 0 near it, in the ranges
+    where one is found, or None where the search does not converge."""
     x, p = ca.SX.sym("x", len(states)), ca.SX.sym("p", len(parameters))
     symbols = dict(zip((*states, *parameters), (*ca.vertsplit(x), *ca.vertsplit(p)), strict=True))
     c = ca.densify(ca.vertcat(*to_casadi(constraints, symbols)))
     evaluate = ca.Function("c", [x, p], [c, ca.densify(ca.jacobian(c, x))])
     low, high = np.array([*map(spread, states)]).T
     half = np.where(high > low, (high - low) / 2, 1.0)
+    limited = np.array([s.bounded and s.period is None for s in states])
+    first, last = np.where(limited, low - CLOSE * half, -np.inf), np.where(limited, high + CLOSE * half, np.inf)
 
     def nearest(point: np.ndarray, values: Sequence[float]) -> np.ndarray | None:
-        for shift in (np.zeros(len(half)), *np.diag(half)):
+        outside = None
+        for at in reached(point, values):
+            if (first <= at).all() and (at <= last).all():
+                return at
+            outside = at if outside is None else outside
+        return outside
+
+    def reached(point: np.ndarray, values: Sequence[float]) -> Iterator[np.ndarray]:
+        for shift in (np.zeros(len(half)), *np.diag(half), *np.diag(-half)):
             at = point + shift
             for _ in range(PASSES):
                 value, slope = (np.array(part) for part in evaluate(at, values))
@@ -45,9 +56,9 @@ def projection(
                 if not (np.isfinite(value).all() and size > CLOSE):
                     break
                 if np.abs(value).max() <= CLOSE * size:
-                    return np.asarray(at)
+                    yield np.asarray(at)
+                    break
                 at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
-        return None
 
     return nearest
 

@@ -37,6 +37,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import BadGain, cached, requires_any_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
+from hgogen.rigor.factors import factors
 from hgogen.rigor.invariant import divided, rate
 from hgogen.rigor.rank import (
     FEW_BITS,
@@ -48,6 +49,7 @@ from hgogen.rigor.rank import (
     Rank,
     Ranks,
     Reached,
+    exact_numbers,
     kernel,
     matrix_rows,
     modulus,
@@ -611,7 +613,7 @@ class _Question:
     def parts(self) -> list["_Question"]:
         """Return the question itself; of a plant with constraints one for each result that is found at places of the
         branch: what is 0 where they are may have several parts, as sin(x) at 0 and at pi."""
-        if not self.constraints:
+        if not self.constraints or self.irreducible:
             return [self]
         places_by_ranks: dict[Ranks | None, list[Place]] = {}
         for place in self.branch.places[:_PARTS]:
@@ -619,6 +621,16 @@ class _Question:
         places_by_ranks.pop(None, None)
         parts = [self.at(tuple(places)) for places in places_by_ranks.values()]
         return [part.near() for part in parts] if len(parts) > 1 else parts
+
+    @property
+    def irreducible(self) -> bool:
+        """Whether the rows are rational functions on the zeros of one irreducible polynomial in states over the
+        rationals: its parts are conjugate, so that all have the same ranks."""
+        if len(self.constraints) > 1 or not exact_numbers(plant_of(*self.rows)[0]):
+            return False
+        c, product = self.constraints[0], factors(self.constraints[0])
+        polynomial = c.free_symbols <= {*self.plant.states} and c.is_polynomial(*self.plant.states)
+        return bool(polynomial and product and [one.exponent for one in product.factors] == [1])
 
     def at(self, places: tuple[Place, ...]) -> "_Question":
         """Return the question at these places of its branch."""

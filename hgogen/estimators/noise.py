@@ -50,7 +50,7 @@ from hgogen.reading.given import (
     names_of,
     positive,
 )
-from hgogen.rigor.bounds import bound
+from hgogen.rigor.bounds import nonzero, place
 from hgogen.sentence import because, joined
 
 if TYPE_CHECKING:
@@ -241,12 +241,12 @@ def _variance(what: str, written: Any, form: Form) -> tuple[sp.Expr, float]:
         raise BadGain(what, f"reads {symbol}, which is no state, input or parameter; write it in these")
     if expression.is_number:
         return expression, float(expression)
-    range_of_values = bound(expression, system.box)
-    if not (range_of_values.defined and range_of_values.low >= HUGE**-2):
-        why = f"it is only known to be from {range_of_values.low:.4g}, by {range_of_values.boxes} boxes"
-        reason = f"= {expression} is not proved to be positive on the declared ranges: {why}"
+    known = nonzero(expression, system.box)
+    if not (known.sign > 0 and known.margin >= HUGE**-2):
+        why = f"{known.reason}{place(known.witness)}" if known.sign == 0 else str(known)
+        reason = f"= {expression} is not proved to be positive on the declared ranges ({why})"
         raise BadGain(what, f"{reason}; add a positive number, or narrow the ranges")
-    return expression, range_of_values.low
+    return expression, float(known.margin)
 
 
 def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Sequence[str]) -> None:

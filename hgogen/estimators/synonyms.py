@@ -4,12 +4,13 @@ Q and R of `riccati` are spectral densities. Most filters that are called `ekf` 
 sample, so that under these names Q and R are accepted only with `density=True`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial, update_wrapper
 from inspect import signature
 from typing import Any
 
+from hgogen.errors import nearest
 from hgogen.estimators import discrete
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
@@ -44,6 +45,11 @@ SYNONYMS = {
         form="triangular",
     ),
 }
+
+
+def suggested(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Return the end of a sentence on an unknown observer: what its other name is, or as `nearest`."""
+    return SYNONYMS[name].sentence if name in SYNONYMS else nearest(name, known, otherwise)
 
 
 def observer_called(name: str, cases: Mapping[str, Any]) -> Callable[..., Observer]:

@@ -25,6 +25,7 @@ from hgogen.emit.cost import cost
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
+from hgogen.estimators.synonyms import suggested
 from hgogen.form import Form
 from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import demand_same, digests, paced
@@ -220,7 +221,7 @@ def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ..
     known = tuple(every.__all__)
     for name in names or ():
         if name not in known:
-            fix = nearest(name, known, f"there are {', '.join(known)}")
+            fix = suggested(name, known, f"there are {', '.join(known)}")
             raise UnknownObserver(f"observer {name[:60]!r}", f"is none; {fix}")
     usual = tuple(name for name in known if name in OF_MAPS or not plant.discrete)
     return usual if names is None else tuple(dict.fromkeys(names))

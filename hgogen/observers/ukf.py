@@ -11,6 +11,7 @@ ACC 2002; van der Merwe, Wan, ICASSP 2001.
 """
 
 from collections.abc import Iterable, Mapping
+from fractions import Fraction
 from math import sqrt
 
 from hgogen.check import Verdict
@@ -23,6 +24,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, Matrix, Values, positive, real
+from hgogen.sentence import up
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -88,7 +90,8 @@ def ukf(
     Args: `Q`, `R`, `U`, `noise`, .., `initial`, `covariance`, `gate`, `update` as in `riccati`; `alpha` > 0, `beta` and
     `kappa` > -n of the scaled unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a
     point lies g = alpha sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision,
-    rounding adds about 6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
+    rounding adds about 6e-8 |z|/g to a standard deviation and 6e-8 |z|/g^2 to the estimate at each step, for g = 1e-3
+    6 % of z. `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -127,9 +130,9 @@ def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, flo
     if not 1e-3 <= reach <= 1e3:
         wanted = "must be from 1e-3 to 1e3: floats lose what closer points differ by"
         raise BadGain(f"alpha sqrt(n + kappa) = {reach:g}", wanted)
-    least = -(alpha**2) * kappa / n
-    if not least <= beta <= 1e6:
-        wanted = f"must be from -alpha^2 kappa/n = {least + 0.0:g} to 1e6, so that the covariance stays positive"
+    least = -(Fraction(str(alpha)) ** 2) * Fraction(str(kappa)) / n  # of decimals, as 0.1^2 * 0.8/2 = 0.004
+    if not (abs(beta) <= 1e6 and Fraction(str(beta)) >= least):
+        wanted = f"must be from -alpha^2 kappa/n = {up(least, 6)} to 1e6, so that the covariance stays positive"
         julier = "; with a negative kappa, such as Julier's 3 - n, it may not: take kappa = 0, or a beta from there on"
         raise BadGain(f"beta = {beta:g}", wanted + julier * (kappa < 0))
     return reach, beta - alpha**2

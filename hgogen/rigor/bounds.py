@@ -485,6 +485,7 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
 # --- equivalent forms of an expression
 
 _LARGE = 400  # operations beyond which rewriting would cost more than bisection
+_DENSE = 20  # symbols beyond which it takes seconds, since SymPy's polynomials are dense
 _REWRITTEN = 12  # exponents beyond which it would grow out of hand
 
 
@@ -497,7 +498,7 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
     """Return the expression as written, then factored and in Horner forms where it is rational in its symbols. They are
     equal, by exact algebra, where the first is defined; the others may lack a removable pole."""
     symbols = sorted(expression.free_symbols, key=str)
-    if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
+    if not 0 < len(symbols) <= _DENSE or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
         return (expression,)
     if expression.has(sp.Piecewise, sp.floor, sp.ceiling):
         return (expression,)

@@ -16,6 +16,7 @@ import sympy as sp
 
 from hgogen.rigor.bounds import nonzero
 from hgogen.rigor.box import Box, put
+from hgogen.rigor.factors import factors as factored
 from hgogen.rigor.field import Exp, Half, TooLarge, Writer, vanishes
 from hgogen.rigor.lookup import Table
 from hgogen.rigor.rank import NowhereDefined, Places, plant_of, somewhere
@@ -141,8 +142,10 @@ def rate(constraint: sp.Expr, flow: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
 def factors(constraint: sp.Expr, states: Collection[sp.Symbol], box: Box) -> tuple[tuple[sp.Expr, int], ...]:
     """Return the factors of a constraint that may be 0, each with its multiplicity: without its denominator, without
     factors that read no state or are proved not to be 0 on the box, and with m = log(r) for exp(m) = r."""
-    try:
-        every = sp.factor_list(sp.numer(sp.together(constraint)))[1]
+    try:  # by FLINT, or by SymPy, which takes minutes for a polynomial in 50 symbols
+        product = factored(constraint)
+        whole = [(one.base, one.exponent) for one in product.factors if one.exponent > 0] if product else []
+        every = sorted(whole, key=str) or sp.factor_list(sp.numer(sp.together(constraint)))[1]
     except sp.PolynomialError:
         every = [(constraint, 1)]
     return tuple((_logarithm(one), k) for one, k in every if one.free_symbols & {*states} and not _never(one, box))

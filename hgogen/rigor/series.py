@@ -590,10 +590,11 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
         flow, output = rows[: plant.n], rows[plant.n :]
         for target, new in zip(rates, _split(flow, plant, numbers, known), strict=True):
             target[:] = new
-        slopes = _split(output, plant, numbers, known)
+        slopes, forced = _split(output, plant, numbers, known)
+        moving, read = _present(rates[0]), _present(slopes)
         while len(phi) < known:
-            phi.append(_row(phi, *rates, len(phi) - 1) / len(phi))
-        yield [_row(phi, *slopes, k) for k in range(known // 2 if known > 1 else 0, known)]
+            phi.append(_row(phi, moving, rates[1], len(phi) - 1) / len(phi))
+        yield [_row(phi, read, forced, k) for k in range(known // 2 if known > 1 else 0, known)]
         states = _newton(states, flow, rates[0], numbers, known)
         known = order
 
@@ -720,12 +721,14 @@ def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -
     )
 
 
-def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
+def _present(slopes: list[Any]) -> dict[int, Any]:
+    """Return the coefficients by index that are not 0: of a linear plant the first alone."""
+    return {j: slope for j, slope in enumerate(slopes) if slope != 0 * slope}
+
+
+def _row(phi: list[Any], slopes: dict[int, Any], forced: list[Any], k: int) -> Any:
     """Return coefficient k of the matrix power series slopes(t) phi(t) + forced(t)."""
-    total = forced[k]
-    for j in range(k + 1):
-        total = total + slopes[j] * phi[k - j]
-    return total
+    return sum((slope * phi[k - j] for j, slope in slopes.items() if j <= k), start=forced[k])
 
 
 def _newton(
