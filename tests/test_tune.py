@@ -214,6 +214,28 @@ def test_copying_has_the_error_1() -> None:
     assert errors.mean() == pytest.approx(1, rel=0.1)  # segments against the whole record
 
 
+def test_predictions_far_ahead_are_tried_from_a_wrong_start_too() -> None:
+    """The course of the model from the right start, which no sample corrects, is best from the beginning on; begun in
+    the middle of the log, where the spring swings, it is not."""
+    record = demanded(log(5, 400, 0.0, 0.1)[0])
+    gains = {"trusting": (1e-9, 1e-9), "ready": (1e-9, 9.0)}
+    errors = {}
+    for name, (Q, P) in gains.items():
+        observer = hg.observers.riccati(FORM, Q={"x": Q, "v": Q}, R=0.1**2 * DT, covariance=[P, P])
+        step = hg.sample(observer, dt=DT)
+        errors[name] = {h: Judge((record,), Ahead(h), 8).errors(step) for h in (1, 10)}
+    assert errors["trusting"][1].mean() < errors["ready"][1].mean()
+    assert errors["trusting"][10][:4] == pytest.approx(errors["ready"][10][:4], rel=0.5)
+    assert errors["trusting"][10][4:].mean() > 2 * errors["ready"][10][4:].mean()
+
+
+def test_a_log_goes_on_at_its_times() -> None:
+    log = hg.Log(np.zeros((4, 1)), np.arange(4.0)[:, None], 0.5, 2.0)
+    later, uneven = log.since(3), replace(log, times=np.array([2.0, 2.1, 2.7, 3.0])).since(2)
+    assert (later.start, later.y.tolist(), len(later.u)) == (3.5, [[3.0]], 1)
+    assert (uneven.start, uneven.elapsed.tolist()) == (pytest.approx(2.7), [0.0, pytest.approx(0.3)])
+
+
 STILL = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
 
 

@@ -80,6 +80,12 @@ class Log:
         """The sum of the times to the next sample."""
         return float(self.ahead.sum())
 
+    def since(self, first: int) -> "Log":
+        """Return the log from the sample `first` on."""
+        at = self.start + first * self.dt if self.times is None else self.start + self.times[first] - self.times[0]
+        times = None if self.times is None else self.times[first:]
+        return replace(self, u=self.u[first:], y=self.y[first:], start=float(at), times=times)
+
     def of(self, inputs: Sequence[Signal]) -> "Log":
         """Return the log with a column for each input that a form reads: those of the plant, which it holds, after
         them their derivatives, as differences, and times."""
@@ -310,22 +316,35 @@ class Judge:
         estimate diverged:
 
             E_s = mean over j of the mean over segment s of (e_j/c_j)^2
+
+        Predictions further than one sample ahead are also those of a step that begins in the middle of a log, where its
+        own start is wrong: else a model that nothing corrects, from the right start, would be the best.
         """
         errors = []
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=RejectsMany):
-            engine = quickest_engine(step, sum(len(record.y) for record in self.records))
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
-                record = self.records[k].of(step.inputs)
-                step.reset(record.start)
-                run = step.run(u=record.u, y=record.y, engine=engine, dt=record.given(step))
-                squares = self.yardstick.errors(k, step, run, record) ** 2
-                if not np.isfinite(run.x).all() or np.isinf(squares).any():
+                squares, N = self._squares(k, step, 0), len(self.records[k].y)
+                middle, settled = N // 2, N // 2 + round(BEGIN * N)
+                if isinstance(self.yardstick, Ahead) and 1 < self.yardstick.samples < N - settled:
+                    squares[settled:] += self._squares(k, step, middle)[settled - middle :]
+                    squares[settled:] /= 2
+                if np.isinf(squares).any():
                     errors.append(np.full(len(parts), np.inf))
                     continue
                 means = [[_mean(column) for column in (squares / scale)[part].T] for part in parts]
                 each = np.array([_mean(np.array(columns)) for columns in means])
                 errors.append(np.where(np.isnan(each), np.inf, each))
         return np.concatenate(errors)
+
+    def _squares(self, k: int, step: CallableStep, first: int) -> Array:
+        """Return the squared errors (N, q) of a step that begins at the sample `first` of log number k; infinite if the
+        estimate diverged."""
+        record = self.records[k].of(step.inputs).since(first)
+        engine = quickest_engine(step, sum(len(each.y) for each in self.records))
+        step.reset(record.start)
+        run = step.run(u=record.u, y=record.y, engine=engine, dt=record.given(step))
+        squares = self.yardstick.errors(k, step, run, record) ** 2
+        return squares if np.isfinite(run.x).all() else np.full(squares.shape, np.inf)
 
     @property
     def most(self) -> int:
