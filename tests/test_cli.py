@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -911,3 +912,15 @@ def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]):
 def test_python_runs_the_command_as_a_module(module: str) -> None:
     done = subprocess.run([sys.executable, "-m", module, "list", "--json"], capture_output=True, text=True, check=True)
     assert "low_power" in json.loads(done.stdout)["observers"]
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"), [("hgogen re", {"recheck", "report", "response"}), ("hgogen run --ma", {"--map"})]
+)
+def test_a_shell_completes_commands_and_options(words: str, offered: set[str]) -> None:
+    env = {**os.environ, "_HGOGEN_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    code = "from hgogen.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.argv = ['hgogen']; {code}"], env=env, capture_output=True, text=True
+    )
+    assert set(done.stdout.split()) == offered

@@ -96,7 +96,6 @@ app = typer.Typer(
     epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison, a certificate that is "
     "not verified or a cost above its limit, 2 usage or bad input.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
