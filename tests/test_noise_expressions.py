@@ -119,6 +119,14 @@ def test_reports_name_the_expression_and_no_proof_is_made() -> None:
     assert last.verdict is Verdict.UNKNOWN
 
 
+def test_a_variance_may_read_a_table_of_the_plant() -> None:
+    q, y = hg.Signal("q", low=-5, high=5), hg.Signal("y")
+    drag = hg.table(q, [-5, 0, 5], [4, 1, 4], name="drag")
+    original = hg.forms.original(hg.System("dragged", states=(q,), outputs=(y,), flow=[-q * drag], output=[q]))
+    text, written = (hg.observers.riccati(original, Q=[1], R={"y": R}) for R in ("drag(q)", drag))
+    assert text.parts[0].varying == written.parts[0].varying
+
+
 def test_a_variance_is_proved_to_be_positive_however_small_beside_its_range() -> None:
     (part,) = made(R={"y": "(q - 1)**2 + 1/1000000", "v": 1}).observer.parts
     assert 0 < part.varying.least[0] <= 1e-6

@@ -87,6 +87,14 @@ def test_a_negative_kappa_is_refused_with_a_way_out() -> None:
     make(hg.forms.original(chain), **arguments | {"alpha": 0.1}, beta=0.004)  # 0.1^2 2/5, though not of binary numbers
 
 
+@pytest.mark.parametrize(("alpha", "said"), [(1e-3, "rounds the estimate by some 1e-02 of it"), (1.0, "beta = 2")])
+def test_a_filter_says_what_single_precision_loses_between_near_points(alpha: float, said: str) -> None:
+    x = [hg.Signal(f"x{i}", low=-5, high=5) for i in range(5)]
+    chain = hg.System("chain", states=x, outputs=(y,), flow=[*x[1:], -x[0]], output=[x[0]])
+    observer = hg.observers.ukf(hg.forms.original(chain), Q=(1,) * 5, R=1, alpha=alpha)
+    assert any(line.endswith(said) for line in observer.equations)
+
+
 @pytest.mark.parametrize(("alpha", "kappa", "n"), [(1.0, -2.0, 5), (0.5, 1.0, 3), (1.0, -0.5, 2), (2.0, 3.0, 4)])
 def test_the_limit_of_beta_is_exact(alpha: float, kappa: float, n: int) -> None:
     """Of |z|^2, whose pairs of points do not differ, the variance by the textbook's weights is 0 at the limit."""

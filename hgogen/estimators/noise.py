@@ -234,7 +234,7 @@ def _variance(what: str, written: Any, form: Form) -> tuple[sp.Expr, float]:
     system = form.system
     symbols = {s.name: s for s in (*system.states, *system.inputs, *system.parameters)}
     if isinstance(written, str):
-        expression = parse(written, symbols)
+        expression = parse(written, symbols, {cells.name: cells for cells in system.tables})
     else:
         expression = sp.sympify(written)
     for symbol in sorted(expression.free_symbols - {*symbols.values()}, key=str):

@@ -100,6 +100,8 @@ def ukf(
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
+    share = 6e-8 / reach**2
+    rounding = f"; in single precision a step rounds the estimate by some {share:.0e} of it" * (share > 1e-5)
     filter = extended(form, Q, R, covariance, initial, tangent=False, U=U, gate=gate, update=update)
     part = filter.part
     observer = Observer(
@@ -114,7 +116,7 @@ def ukf(
         theorem=discrete.THEOREM if form.system.discrete else THEOREM,
         equations=(
             *(MAP_EQUATIONS if form.system.discrete else EQUATIONS),
-            f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}",
+            f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}{rounding}",
             *filter.equations,
         ),
         reference=REFERENCE,
