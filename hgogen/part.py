@@ -92,9 +92,14 @@ class Clock:
         return sym("work", "h") if self.varying else self.longest
 
     @property
+    def passed(self) -> Any:
+        """The time since the last call, as far as it was predicted: a number, or an SX scalar."""
+        return sym("state", "elapsed") if self.varying else self.longest
+
+    @property
     def share(self) -> Any:
         """The time since the last call over dt, at most 1: the constant 1, or an SX scalar."""
-        return ca.fmin(sym("state", "elapsed") * (1 / self.longest), 1) if self.varying else 1
+        return ca.fmin(self.passed * (1 / self.longest), 1) if self.varying else 1
 
     @property
     def evenness(self) -> float:

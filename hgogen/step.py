@@ -24,7 +24,7 @@ from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, 
 from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
-from hgogen.reading.given import among
+from hgogen.reading.given import among, has_expressions
 from hgogen.rigor.definite import one_thread
 from hgogen.sentence import same
 from hgogen.signal import TURNS, Signal, of_time, pace, plural
@@ -327,7 +327,7 @@ class NoVaryingStep(HgogenError):
     def __str__(self) -> str:
         return (
             f"{self.observer} by {self.method} has constants of one step length, so that dt cannot vary: give dt as a "
-            "number, or take riccati with a constant theta, ukf or iterated_ekf by continuous_discrete or cholesky, or "
+            "number, or take riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or "
             "an observer without a covariance by rk4, heun or euler"
         )
 
@@ -372,8 +372,6 @@ def plan(
         raise BadStep(
             'first = "predict"', "is for discrete plants: no time passes before the first sample; leave it out"
         )
-    if varying:
-        _demand_varying(observer, periods)
     every = () if periods is None else multiples(periods, system, float(dt))
     if first == "predict" and every:
         raise BadStep('first = "predict"', "is for sensors that all have the period dt; leave out periods")
@@ -389,6 +387,8 @@ def plan(
     clock = clock_of(system, length, between, **options, sampling=sampling, first=first, varying=varying)
     observer = observer.sampled(clock.longest, clock.periods)
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
+    if varying:
+        _demand_varying(observer, periods)
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
         way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
         raise BadStep(f"{system.name} with a gate", f"is sampled {way}")
@@ -440,7 +440,7 @@ def _demand_varying(observer: Observer, periods: Any) -> None:
     if ELAPSED in {signal.name for signal in form.system.signals}:
         raise BadStep(what, f"is given in each call as {ELAPSED!r}, the name of a signal of the plant; rename that one")
     declared = {key for key, value in observer.arguments.items() if value is not None}
-    has_R = any(gain.name == "R" for gain in observer.gains)
+    has_R = any(gain.name == "R" for gain in observer.gains) and not has_expressions(observer.arguments.get("R"))
     if has_R and ("R" in declared or not declared & {"noise", "R_per_sample"}):
         way = "the standard deviation of one sample as noise={..}, or its variance as R_per_sample"
         raise BadStep(what, f"needs the noise of one sample, which R, a density, gives for one dt only; give {way}")

@@ -365,6 +365,17 @@ def varying_integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=(0.01, 0.02))
 
 
+def varying_moving() -> hg.Step:
+    """A theta that adapts and a function of time, over the time since the last call."""
+    a, b, y = signals("a b y")
+    u = hg.Signal("u", low=-1, high=1)
+    flow = [b, u + sp.cos(9 * hg.t) - sp.sin(a) / 5]
+    plant = hg.System("moving", states=(a, b), inputs=(u,), outputs=(y,), flow=flow, output=[a])
+    theta = hg.theta.adaptive(3, mu=(0.01, 0.1), innovation=hg.innovation.staggered(0.2, 2))
+    observer = hg.observers.riccati(hg.forms.triangular(plant), Q=[0.1, 0.1], noise={"y": 0.2}, theta=theta)
+    return hg.sample(observer, dt=(0.01, 0.03), substeps=4)
+
+
 def timed() -> hg.Step:
     """Two functions of time without a short common period, on an oscillator with an input."""
     q, v, u, y = (hg.Signal(name, low=-3, high=3) for name in ("q", "v", "u", "y"))
@@ -441,6 +452,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "uneven": uneven,
     "varying": varying,
     "varying_integrated": varying_integrated,
+    "varying_moving": varying_moving,
     "sure_columns": sure_columns,
     **{f"joint_{kind}": partial(joint, kind) for kind in ("riccati", "ukf", "iterated_ekf")},
     "timed": timed,

@@ -33,6 +33,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "for_flash",
     ),
     *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable", "unit_vector", "hyperbola", "varying"),
+    "varying_moving",
 )
 
 

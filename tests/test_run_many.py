@@ -86,12 +86,12 @@ def test_lanes_have_the_bits_of_the_scalar_step(name: str, real: Real) -> None:
     made = step(name, real)
     u, y = signals(made)
     made.reset()
-    many = made.run_many(u, y, jobs=1, traces=True)
+    many = made.run_many(u, y, jobs=1, traces=True, **emitted.elapsed(made))
     assert (many.engine, many.names) == ("lanes", tuple(state.name for state in made.states))
     assert many.status.any()
     for k in range(COUNT):
         made.reset()
-        assert is_run(many, k, made.run(u[k], y[k], "c")), k
+        assert is_run(many, k, made.run(u[k], y[k], "c", **emitted.elapsed(made))), k
 
 
 @pytest.mark.ordinary("bank", "window_held")

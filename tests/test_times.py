@@ -216,6 +216,9 @@ def test_casadi_begins_at_its_time() -> None:
     assert np.array_equal(status.full()[0], run.status)
     assert ca.Function.deserialize(functions["osc_begin.casadi"])(1.2345).full().tolist() == begin.full().tolist()
     assert hg.targets.casadi(kalman(oscillator(sp.S.Zero, (u,)))).begin is None
+    for inputs in ((), (u,)):
+        with pytest.raises(hg.HgogenError, match="observer with functions of t is no differential equation"):
+            _ = hg.targets.casadi(kalman(oscillator(HUM, inputs))).derivative
 
 
 def test_a_lost_value_keeps_the_time() -> None:

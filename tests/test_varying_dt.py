@@ -1,6 +1,7 @@
 """A step that is given the time since the last call: exact filters, gaps, faults, refusals, and every target."""
 
 import copy
+import math
 import pickle
 import re
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from plants import chain
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from typer.testing import CliRunner
 
@@ -74,7 +76,7 @@ INTEGRATED = ("rk4", "heun", "euler")
 @cache
 def steps(name: str, real: Any = "double") -> tuple[Any, Any]:
     """A step at the longest dt, and one in which it varies."""
-    make, method = STEPS[name]
+    make, method = {"adaptive": (lambda: adapting(1e-2, 1e-1, d=0.32), hg.methods.cholesky), **STEPS}[name]
     return tuple(hg.sample(make(), method, dt=dt, real=real, engine="python") for dt in (DT[1], DT))
 
 
@@ -213,6 +215,95 @@ def test_a_period_that_is_ten_percent_off_biases_the_rate() -> None:
     assert not one.status[-1]
 
 
+# --- a theta that moves -------------------------------------------------------------------------------------
+
+
+def moving(theta: Any) -> hg.Observer:
+    """On the linear plant in its triangular form."""
+    return hg.observers.riccati(hg.forms.triangular(linear()), Q=[0.1, 0.1], noise={"y": 0.2}, theta=theta)
+
+
+def adapting(*mu: float, d: float = 0.4) -> hg.Observer:
+    return moving(hg.theta.adaptive(3, mu=mu, innovation=hg.innovation.staggered(d, 4), rise_time=0.5, rate=0.3))
+
+
+def test_a_moving_theta_is_that_of_the_fixed_step_at_a_constant_time() -> None:
+    """Through an alarm, of a sample that jumps; of the first call no time is counted."""
+    u = np.sin(0.02 * np.arange(300))
+    y = np.where(u == 0, NAN, u + (np.arange(300) > 150))
+    for make in (lambda: adapting(1e-2, 1e-1), lambda: moving(hg.theta.decaying(4, 2))):
+        fixed = hg.sample(make(), dt=0.02, engine="python").run(u, y)
+        varying = hg.sample(make(), dt=(0.01, 0.02), engine="python").run(u, y, dt=0.02)
+        assert fixed.traces["theta"].max() > 2
+        assert varying.x == pytest.approx(fixed.x, abs=1e-12)
+        for name, course in fixed.traces.items():
+            assert varying.traces[name] == pytest.approx(course, abs=1e-12)
+
+
+def test_theta_follows_its_law_over_the_times_that_pass() -> None:
+    """It falls, and it rises, by the solution of its law at these times, whatever they are."""
+    elapsed = np.random.default_rng(2).uniform(0.005, 0.06, 80)
+    elapsed[20] = 0.3
+    passed, nothing = np.cumsum(elapsed) - elapsed[0], np.full(80, NAN)
+    falling = hg.sample(moving(hg.theta.decaying(4, 2)), dt=DT, engine="python").run(nothing, nothing, dt=elapsed)
+    assert falling.traces["theta"] == pytest.approx(1 + 3 * np.exp(-2 * passed), abs=1e-12)
+    step = hg.sample(adapting(1e-12, 2e-12, d=0.04), dt=DT, engine="python")
+    rising = step.run(np.zeros(80), 5 * (-1.0) ** np.arange(80), dt=elapsed).traces
+    (begins, *_) = np.flatnonzero(rising["theta"] > 1) - 1
+    law = solve_ivp(
+        lambda t, x: np.where(x <= 3, x, x - 6) ** 2 / 0.5, (0, 9), [1.0], t_eval=passed[begins:] - passed[begins],
+        rtol=1e-10, atol=1e-10,
+    )  # fmt: skip
+    assert rising["theta"][begins:] == pytest.approx(law.y[0], abs=1e-6)
+    assert rising["theta"][-1] > 5
+
+
+def test_the_innovation_is_over_times() -> None:
+    """In numpy: five copies of the model, the oldest of which restarts once d/4 has passed, with the times of samples
+    as factors, at most the longest dt; over a gap, at sub-steps."""
+    elapsed = np.random.default_rng(3).uniform(0.005, 0.04, 120)
+    elapsed[50], elapsed[60] = 0.2, 0.0
+    u, y = np.sin(np.cumsum(elapsed)), np.cos(np.cumsum(elapsed))
+    y[::7] = NAN
+    run = hg.sample(adapting(1e6, 2e6), dt=DT, between="hold", engine="python").run(u, y, dt=elapsed)
+    copies, sums, valid, oldest, since, integrals = [np.zeros(2)] * 5, np.zeros(5), np.zeros(5), 0, 0.0, []
+    for k, h in enumerate(elapsed * (np.arange(120) > 0)):
+        count = max(1, math.ceil(h / DT[1] - 1e-12))
+        for m, x in enumerate(copies):
+            for _ in range(count):
+                first = F2 @ x + B2 * u[k]
+                x = x + h / count / 2 * (first + F2 @ (x + h / count * first) + B2 * u[k])
+            copies[m] = x
+        weight = min(h, DT[1])
+        if np.isfinite(y[k]):
+            sums, valid = sums + weight * (y[k] - np.array(copies)[:, 0]) ** 2, valid + weight
+        if k:
+            integrals.append(sums[oldest] * 0.4 / max(valid[oldest], 0.4))
+            since += h
+            if since >= 0.1 - 1e-4:
+                copies[oldest], sums[oldest], valid[oldest] = run.x[k], 0, 0
+                oldest, since = (oldest + 1) % 5, 0.0
+    assert run.traces["innovation"][1:] == pytest.approx(integrals, abs=1e-12)
+
+
+def test_a_window_remembers_samples_of_one_period() -> None:
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.window(0.4))
+    with pytest.raises(hg.HgogenError, match=r"take innovation\.staggered, or a number for dt"):
+        hg.sample(moving(theta), dt=DT)
+
+
+def test_a_variance_by_an_expression_is_that_of_a_sample() -> None:
+    noise = {"Q": [0.1, 0.1], "R": {"y": "0.04 + 0*x1"}}, {"Q": [0.1, 0.1], "noise": {"y": 0.2}}
+    u, y = samples(steps("factored")[1], 30)
+    one, other = (
+        hg.sample(hg.observers.riccati(hg.forms.original(linear()), **each), dt=DT, engine="python").run(
+            u, y, dt=np.linspace(0.005, 0.1, 30)
+        )
+        for each in noise
+    )
+    assert one.x == pytest.approx(other.x, abs=1e-12)
+
+
 # --- times at the edge --------------------------------------------------------------------------------------
 
 
@@ -330,7 +421,7 @@ def test_times_of_refused_calls_do_not_pass() -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["factored", "loops", "rk4"])
+@pytest.mark.parametrize("name", ["factored", "loops", "rk4", "adaptive"])
 def test_many_runs_have_the_bits_of_each(name: str) -> None:
     step = steps(name)[1]
     u, y = samples(step, 30)
@@ -509,11 +600,7 @@ def test_what_it_cannot_be_is_refused(make: Any, options: dict[str, Any], messag
         (injected, hg.methods.bilinear),
         (lambda: filtered(linear()), hg.methods.rk4),
         (lambda: filtered(linear()), hg.methods.rk4_covariance),
-        (
-            lambda: filtered(linear(), theta=hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.window(0.4))),
-            hg.methods.continuous_discrete,
-        ),
-        (lambda: filtered(linear(), theta=hg.theta.decaying(3, 1)), hg.methods.continuous_discrete),
+        (lambda: hg.observers.bank(filtered(linear()), count=3, period=2), hg.methods.continuous_discrete),
     ],
 )
 def test_constants_of_one_step_length_are_refused(make: Any, method: Any) -> None:

@@ -13,6 +13,9 @@ samples and never scaled up. It costs M + 1 model steps per sample and no histor
 The sum over samples has the factor dt (unit y^2 s), so thresholds do not depend on dt. Missing samples are not counted.
 For several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own count of valid samples; weights such
 as 1/variance make outputs of different units comparable. A predictor is the model over one step without correction.
+
+Where dt varies, staggered predictors count times in place of samples: a sample has the time since the last call as its
+factor, at most the longest dt, and a predictor restarts once d/M has passed.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -112,8 +115,9 @@ class Predictor:
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
-    def stepped(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """Return z (n) after a step `dt` of z' = f(z, u), before `clamped`; u is a function of the step's share."""
+    def stepped(self, z: Graph, u: Callable[[float], Graph], dt: Any) -> Graph:
+        """Return z (n) after a step `dt`, a number or an SX scalar, of z' = f(z, u), before `clamped`; u is a function
+        of the step's share."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -194,6 +198,9 @@ class Window:
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:
+            if clock.varying:
+                reason = "remembers samples of one period; take innovation.staggered, or a number for dt"
+                raise BadWindowSize(f"innovation.window of {self.d:g}", reason)
             return _Ring(predictor, clock, samples(self.d, clock.dt), weights).pieces
 
         return Predictors(Predictor(dynamics, z, self.tableau), build)
@@ -285,6 +292,7 @@ class _Ring:
         return {_RUN_Z: after, _RUN_SUM: ca.fmin(sym("work", "sum") + clock.dt * squares, MOST), **self._input()}
 
 
+_ROUNDING = 2.0**-6  # of the shortest dt: in a sum of times
 _Z, _SUM, _SAMPLES = (Place("predictor", name) for name in ("z", "sum", "samples"))
 _OLDEST, _TICK = Place("state", "oldest"), Place("state", "tick")
 _RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
@@ -306,20 +314,20 @@ class Staggered:
         weights = in_order(self.weights, dynamics)
 
         def build(predictor: Predictor, clock: Clock) -> Pieces:
-            return _Copies(
-                predictor, clock, samples(self.d, clock.dt, self.predictors), self.predictors, weights
-            ).pieces
+            length = self.d if clock.varying else samples(self.d, clock.dt, self.predictors)
+            return _Copies(predictor, clock, length, self.predictors, weights).pieces
 
         return Predictors(Predictor(dynamics, z, self.tableau), build)
 
 
 @dataclass(frozen=True)
 class _Copies:
-    """M = `shares` + 1 copies of the model, one restarted every `count`/M of the window's `count` samples."""
+    """M = `shares` + 1 copies of the model, one restarted every `count`/M of the window's `count`: of samples, or of
+    time where dt varies."""
 
     predictor: Predictor
     clock: Clock
-    count: int
+    count: float
     shares: int
     weights: tuple[float, ...]
 
@@ -328,12 +336,19 @@ class _Copies:
         return self.shares + 1
 
     @property
-    def period(self) -> int:
-        return self.count // self.shares
+    def period(self) -> float:
+        return self.count / self.shares if self.clock.varying else int(self.count) // self.shares
 
     @property
-    def most(self) -> int:
-        return self.members * self.period + 1
+    def most(self) -> float:
+        return (
+            self.members * (self.period + self.clock.longest) if self.clock.varying else self.members * self.period + 1
+        )
+
+    @property
+    def sampled(self) -> Graph:
+        """The weight of a sample in a count: 1, or the time since the last call, at most the longest dt."""
+        return self.clock.longest * self.clock.share if self.clock.varying else ca.SX(1)
 
     @property
     def n(self) -> int:
@@ -354,7 +369,7 @@ class _Copies:
             fields=(
                 INNOVATION,
                 scalar("oldest", 0, kind="index", high=self.members - 1, meaning="index of the oldest predictor"),
-                scalar("tick", 0, kind="index", high=self.period - 1, meaning="samples since the last restart"),
+                self._tick,
             ),
             groups=(self._group(),),
             predict=(Loop("predictor", self.members, self._move()),),
@@ -362,17 +377,25 @@ class _Copies:
             adapt=self._adapt(),
         )
 
+    @property
+    def _tick(self) -> Field:
+        if self.clock.varying:
+            return scalar("tick", 0, low=0.0, high=self.period, unit="s", meaning="time since the last restart")
+        return scalar("tick", 0, kind="index", high=self.period - 1, meaning="samples since the last restart")
+
     def _group(self) -> Group:
         p = self.clock.outputs
         zeros, many = (0.0,) * p, (float(self.most),) * p
         sums = Field("sum", zeros, low=zeros, high=(MOST,) * p, unit="y^2 s", meaning="sum of dt (y - yhat)^2")
         counts = Field("samples", zeros, "index", (-INF,) * p, many, meaning="valid samples in the sum")
+        if self.clock.varying:
+            counts = Field("samples", zeros, low=zeros, high=many, unit="s", meaning="time of the samples in the sum")
         fields = (replace(self.predictor.z, meaning="predicted state"), sums, counts)
         return Group("predictor", self.members, fields, "copies of the model that run without correction")
 
     def _move(self) -> Program:
         z, field = sym("predictor", "z", self.n), self.predictor.z
-        after = self.predictor.stepped(z, self.clock.u, self.clock.dt)
+        after = self.predictor.stepped(z, self.clock.u, self.clock.h)
         advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: after})
         still = [k for k in range(self.n) if ca.is_equal(after[k], z[k], 1)]
         if not self.clock.guarded or len(still) == self.n:
@@ -390,8 +413,9 @@ class _Copies:
         z = sym("predictor", "z", self.n)
         predicted = self.predictor.dynamics.output(z, self.clock.u_now)[output]
         error = self.predictor.dynamics.output_error(output, sym("work", "reading"), predicted)
-        squared = ca.fmin(total[output] + self.clock.period(output) * error * error, MOST)
-        more = ca.if_else(valid[output] < self.most, valid[output] + 1, self.most)
+        weight = self.sampled if self.clock.varying else self.clock.period(output)
+        squared = ca.fmin(total[output] + weight * error * error, MOST)
+        more = ca.if_else(valid[output] < self.most, valid[output] + self.sampled, self.most)
         add = Block("its squared output error", {_SUM: _with(total, output, squared)})
         tally = Block("one more sample", {_SAMPLES: _with(valid, output, more)})
         return (Loop("predictor", self.members, (add, tally)),)
@@ -399,13 +423,14 @@ class _Copies:
     def _adapt(self) -> Program:
         """Return the statements that set I_d, the integral of the squared output error over the
         window, to the sum of the oldest copy of the model, and restart this copy when it is due."""
-        numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
+        numbers: list[float] = [max(1, int(self.count) // every) for every in self.clock.every] or [self.count]
         wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # samples of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
         text = "innovation: the sum of the oldest predictor, scaled to the window, never scaled up"
         read = Block(text, {Place("state", "innovation"): summed(self.weights, scaled)})
-        tick, after = sym("state", "tick") + 1, sym("state", "oldest") + 1
-        over = tick >= self.period
+        varying, after = self.clock.varying, sym("state", "oldest") + 1
+        tick = sym("state", "tick") + (self.clock.passed if varying else 1)
+        over = tick >= self.period - (_ROUNDING * varying.shortest if varying else 0)
         due = {_RESTART: over, _TICK: ca.if_else(over, 0, tick)}
         none, estimate = ca.SX.zeros(self.clock.outputs), sym("state", self.predictor.z.name, self.n)
         restart = Block("the oldest predictor restarts from the estimate", {_Z: estimate, _SUM: none})
@@ -413,7 +438,7 @@ class _Copies:
         rotate = Block("the next one is the oldest", {_OLDEST: ca.if_else(after >= self.members, 0, after)})
         return (
             Loop("predictor", 1, (read,), start=_OLDEST),
-            Block(f"one predictor restarts every {self.period} samples", due),
+            Block(f"one predictor restarts every {self.period:g} {'s' if varying else 'samples'}", due),
             When(_RESTART, (Loop("predictor", 1, (restart, empty), start=_OLDEST), rotate)),
         )
 

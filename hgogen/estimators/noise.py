@@ -46,6 +46,7 @@ from hgogen.reading.given import (
     by_coordinate,
     by_output,
     demand_switch,
+    has_expressions,
     in_order,
     names_of,
     positive,
@@ -184,7 +185,7 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
     varying = None
     for name in ("R", "R_per_sample"):
-        if _has_expressions(known.get(name)):
+        if has_expressions(known.get(name)):
             varying = _expressions(observer, name, known.pop(name), form, own)
             known["R_per_sample"] = varying.densities
     if inputs and "U" in known:
@@ -207,10 +208,6 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
         squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
         samples = np.diag(positive_numbers("the squares of noise", squares, outputs))
     return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse, varying)
-
-
-def _has_expressions(value: Any) -> bool:
-    return isinstance(value, Mapping) and any(isinstance(each, str | sp.Basic) for each in value.values())
 
 
 def _expressions(observer: str, name: str, value: Any, form: Form, own: Container[str]) -> Variances:

@@ -405,13 +405,18 @@ class Decaying(Theta):
         return (Jump(self._pieces, {"theta": -sym("gain", "rate") * (self.value - 1)}),)
 
     def _pieces(self, clock: Clock) -> Pieces:
-        theta, decay = sym("state", "theta"), sym("derived", "decay")
-        factor = ca.exp(-sym("gain", "rate") * clock.dt)
-        return Pieces(
+        theta, factor = sym("state", "theta"), ca.exp(-sym("gain", "rate") * clock.passed)
+        decay = factor if clock.varying else sym("derived", "decay")
+        pieces = Pieces(
             fields=(_theta_field(self.theta_0, self.theta_0),),
+            adapt=(Block("theta decays to 1", {Place("state", "theta"): 1 + (theta - 1) * decay}),),
+        )
+        if clock.varying:
+            return pieces
+        return replace(
+            pieces,
             derived=(scalar("decay", 0.0, meaning="exp(-rate dt)"),),
             tune=(Block("decay of theta over one step", {Place("derived", "decay"): factor}),),
-            adapt=(Block("theta decays to 1", {Place("state", "theta"): 1 + (theta - 1) * decay}),),
         )
 
 
@@ -481,8 +486,8 @@ class Adaptive(Theta):
         theta, mu = sym("state", "theta"), sym("work", "mu")
         constant = ca.logic_and(mu <= 0, inside(theta, [(1.0, 1.0)]))  # the law would not change a bit of theta = 1
         growth = {Place("work", "mu"): self.mu.fraction(sym("state", "innovation"))}
-        risen = rise(theta, mu * clock.dt / sym("gain", "rise_time"), sym("gain", "theta_1"))
-        decay = ca.exp(-sym("gain", "rate") * clock.dt * (1 - mu))
+        risen = rise(theta, mu * clock.passed / sym("gain", "rise_time"), sym("gain", "theta_1"))
+        decay = ca.exp(-sym("gain", "rate") * clock.passed * (1 - mu))
         fallen = 1 + (risen - 1) * decay
         top = 2 * sym("gain", "theta_1")
         block = Block(

@@ -236,6 +236,11 @@ def cached(function: Decorated) -> Decorated:
     return cast(Decorated, remembered)
 
 
+def has_expressions(value: Any) -> bool:
+    """Whether numbers by name have expressions among them."""
+    return isinstance(value, Mapping) and any(isinstance(each, str | sp.Basic) for each in value.values())
+
+
 # ---------------------------------------------------------------- named
 
 

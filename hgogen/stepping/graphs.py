@@ -381,6 +381,10 @@ class Graphs:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
         if self.source.observer.form.system.discrete:
             raise NoEquation("an observer of a discrete plant", "the plant moves from sample to sample")
+        if self.source.observer.form.system.times:
+            raise NoEquation(
+                "an observer with functions of t", "its rates read more than u and y, the t that the step counts"
+            )
         elements = [field for ode in self._odes for field in ode.fields]
         others = read_fields([self.source.observer.z, *self._rates.values()]) | self._rates.keys()
         others -= {"u", *(field.name for field in elements)}
