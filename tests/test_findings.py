@@ -240,6 +240,7 @@ def test_the_command_names_the_fault_and_the_better_clock(folder: Path) -> None:
     ]
     printed = " ".join(hgogen(*words)[0].split())
     assert "y, still: y stands still at samples 133 to 192" in printed
+    assert "60 in a row, while u moves: does the sensor hang" in printed
     assert "stamp, clock: the column 'stamp' runs like a clock, too" in printed
     assert "it may hold the true times: --time stamp" in printed
     report = json.loads((folder / "log_faults.json").read_text())

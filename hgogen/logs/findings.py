@@ -124,8 +124,8 @@ def runs(values: Array) -> tuple[Array, Array]:
     return first, np.diff(np.append(first, len(values)))
 
 
-def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
-    """Yield the fault of a signal that is constant while one of the `others` (N,), or the model, is not."""
+def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
+    """Yield the fault of a signal that is constant while one of the `others`, or the model, is not."""
     there, present = course.there, course.present
     first, lengths = runs(present)
     k = int(np.argmax(lengths))
@@ -142,12 +142,15 @@ def still(course: Course, others: Iterable[Array]) -> Iterator[Finding]:
     start, end = int(there[first[k]]), int(there[first[k] + length - 1])
     off = np.abs(course.off[start : end + 1])
     predicted_motion = np.isfinite(off).any() and np.nanmedian(off) > _STEADILY_OFF
-    if noisy or predicted_motion or any(is_moving(values, start, end) for values in others):
+    moving = [other.signal.name for other in others if is_moving(other.values, start, end)]
+    if noisy or predicted_motion or moving:
         name, where = course.signal.name, course.stretch(start, end)
         ends = {float(present.max()): "largest", float(present.min()): "least"}
         end_of = ends.get(float(course.values[start]))
         at = f"at its {end_of} value, {course.values[start]:g}, " if end_of else ""
         text = f"{name} stands still {at}{where}, {length} in a row"
+        if moving:
+            text += f", while {' and '.join(moving)} move{'s' * (len(moving) == 1)}"
         cause = "is it cut off there, or does the sensor hang" if at else "does the sensor hang, or the plant stick"
         if start == 0:
             cause = "was it filled in before its first sample"
@@ -307,7 +310,7 @@ def of_courses(inputs: Sequence[Course], outputs: Sequence[Course], turned: Cont
             code = course.values[one.rows[0][0]]
             course = replace(course, values=np.where(course.values == code, np.nan, course.values))
         cut = [] if course.signal.name in turned else [*clipped(course)]
-        others = [other.values for other in signals if other.signal != course.signal]
+        others = [other for other in signals if other.signal != course.signal]
         hung = [one for one in still(course, others) if not any(one.rows[0] in each.rows for each in cut)]
         slow = [*resampled(course, [other.values for other in inputs])]
         yield from (*cut, *hung, *slow, *(() if slow else stale(course)))
