@@ -196,6 +196,23 @@ def test_an_angle_that_passes_the_end_of_its_turn_has_no_outlier() -> None:
     assert hg.inspect(hg.sample(observer, dt=0.02), log) == ()
 
 
+def test_an_angle_in_another_unit_is_that_before_its_turns() -> None:
+    """Of degrees, where the model has radians, a turn of 360 is no period of the model."""
+    q, w = hg.Signal("q", low=-4, high=4), hg.Signal("w", low=-4, high=4)
+    y = hg.Signal("y", "rad", low=-4, high=4)
+    plant = hg.System("wheel", states=(q, w), inputs=(), outputs=(y,), flow=[w, 0 * w], output=[q])
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=(1e-4, 1e-4), R=1e-5), dt=0.02)
+    turned = (2.0 * 0.02 * np.arange(600) + np.pi) % (2 * np.pi) - np.pi
+    noisy = turned + 1e-3 * np.random.default_rng(0).normal(size=600)
+    named = [
+        [(one.fault, one.fix) for one in hg.inspect(step, Log(np.zeros((600, 0)), factor * noisy, 0.02))]
+        for factor in (1.0, 180 / np.pi)
+    ]
+    assert [fault for fault, _ in named[0]] == ["turns"]
+    assert [fault for fault, _ in named[1]] == ["range"]
+    assert "pi/180*y" in named[1][0][1]
+
+
 def test_few_and_missing_samples_raise_nothing() -> None:
     step, log = healthy("spring", 0)
     assert hg.inspect(step, Log(log.u[:39], log.y[:39], log.dt)) == ()
@@ -247,6 +264,13 @@ def test_the_command_names_the_fault_and_the_better_clock(folder: Path) -> None:
     faults = {(one["signal"], one["fault"]): one["rows"] for one in report["findings"]}
     assert faults == {("stamp", "clock"): [[0, 399]], ("y", "still"): [[133, 192]]}
     assert (folder / "log_signals.svg").stat().st_size > 1000
+
+
+def test_a_model_without_an_observer_is_judged_by_riccati(folder: Path) -> None:
+    (folder / "spring.toml").write_text(SPRING[: SPRING.index("observer")])
+    words = ["inspect", str(folder / "spring.toml"), "--data", str(folder / "log.csv"), "--time", "t"]
+    printed = " ".join(hgogen(*words, "-o", str(folder))[0].split())
+    assert "y, still: y stands still at samples 133 to 192" in printed
 
 
 def test_a_run_says_the_fault_in_place_of_its_effect(folder: Path) -> None:

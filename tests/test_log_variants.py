@@ -336,6 +336,12 @@ def test_one_run_of_a_logger_that_was_started_again_is_read(tmp_path: Path) -> N
         assert one.values[:, 0].tolist() == list(range(first, first + 30))
 
 
+def test_a_column_is_called_by_its_name_without_the_unit() -> None:
+    """Unless another one has the very name, or several have it with units."""
+    read = table("log.csv", b"t [s],T[degC],T,F (N),F (kN)\n" + b"0.5,1.5,2.5,1,2\n" * 20)
+    assert [read.called(name) for name in ("t", "T", "F", "v")] == ["t [s]", "T", "F", "v"]
+
+
 def test_a_row_of_units_is_no_header() -> None:
     """Nor where no names are wanted by which the header could be told."""
     assert table("log.csv", b"t,speed,force\ns,m/s,N\n" + b"0.5,1.5,2.5\n" * 20).header == ("t", "speed", "force")

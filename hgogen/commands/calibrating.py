@@ -61,6 +61,7 @@ from hgogen.estimators.gate import Gates
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
+from hgogen.logs.likelihood import SURE
 from hgogen.logs.records import step_limits
 from hgogen.logs.tune import FILTER, STOPPED, Calibration, Tuned, tune
 from hgogen.model import Model, load
@@ -125,6 +126,11 @@ class GainChange:
     gain: Annotated[str, "its name, as Q w"]
     judged: Annotated[float, "from the rows that were not held out: its errors are in `rows`"]
     final: Annotated[float, "from all rows: it is in `tuning`"]
+
+    @property
+    def largest(self) -> float:
+        """The larger modulus of the two."""
+        return max(abs(self.judged), abs(self.final))
 
     @property
     def factor(self) -> float:
@@ -408,7 +414,8 @@ def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
         yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {reason}"
     if not calibration.final:
         return
-    changes = gain_changes(take, calibration.final[0])
+    least = {f"Q {name}": SURE * unit for name, unit in take.numbers.units.items()}  # less moves nothing
+    changes = [one for one in gain_changes(take, calibration.final[0]) if one.largest >= least.get(one.gain, 0.0)]
     text = f"the errors above are those of {take.name} without the rows held out; the file has its gains from all rows"
     farthest = max(changes, key=lambda one: one.factor, default=None)
     if farthest is None or farthest.factor == 1:

@@ -110,6 +110,7 @@ class Logs:
         for report, faults in zip(self.reports, self.findings, strict=True):
             yield log_summary(report)
             yield from fault_lines(faults)
+        yield from map(Text, self.notes())
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
         """Return columns of each log that are not signals, by name."""
@@ -159,12 +160,15 @@ JUDGE = "riccati"  # the observer that judges logs if the model has none
 
 def judging_step(model: Model, observer: str | None, dt: float | tuple[float, float]) -> CallableStep | None:
     """Return the step at `dt` by which a log is judged; None where the model has none and no first gains."""
-    timed = model.sampled(dt)
-    has_tuning = model.has("step") or model.tuning.tables
     try:
-        return timed.step(observer or (None if has_tuning else JUDGE)).undelayed
+        return model.sampled(dt).step(observer or judging_observer(model)).undelayed
     except HgogenError:
         return None
+
+
+def judging_observer(model: Model) -> str | None:
+    """Return the name of the observer by which logs are judged if none is given, None for the model's own."""
+    return None if model.has("step") or model.tuning.tables else JUDGE
 
 
 def log_findings(

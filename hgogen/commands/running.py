@@ -38,6 +38,7 @@ from hgogen.commands.command import (
 from hgogen.commands.data import (
     Begin,
     fault_lines,
+    judging_observer,
     log_findings,
     log_summary,
     too_far,
@@ -512,11 +513,12 @@ def inspect_(
     """Look for faults in a measured log before gains are learned from it: sensors, the file, delays, signs and units.
 
     Each line names a fault, its samples, and what mends it. Signals are judged by their courses and by the innovations
-    of the model's observer, or of the tuning --observer. A figure shows the signals with the faults marked.
+    of the model's observer, of the tuning --observer, or of riccati with its first gains. A figure shows the signals
+    with the faults marked.
     """
     with Bar("reading the log", 4) as bar:
         loaded, folder, name = _destination(model, data, observer, setting, columns, out, "faults")
-        opened = _opened(loaded, observer, data, columns, shift or ())
+        opened = _opened(loaded, observer or judging_observer(loaded), data, columns, shift or ())
         bar.tick("running the observer")
         step, _, u, y, _, done, judge, run = _estimated(opened)
         bar.tick("other shifts, signs and units")

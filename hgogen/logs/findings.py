@@ -40,7 +40,7 @@ from hgogen.logs.trends import Trends, normalised
 from hgogen.reading.given import requires
 from hgogen.reading.jumps import jumps_by_turns, turn_of, unwrapped_outputs
 from hgogen.run.prediction import MOST_REJECTED, Clamped, Rejection, clamped, rejections
-from hgogen.run.samples import Engine, Run
+from hgogen.run.samples import Engine, Run, table
 from hgogen.signal import Signal, derived
 
 Array = np.ndarray
@@ -359,7 +359,8 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
 
     A healthy log has none, in 98 of 100 and more. Raises: `BadShape` for another number of columns.
     """
-    samples = log.of(step.inputs)
+    y = table("y", log.y, step.outputs, None)
+    samples = replace(log, u=table("u", log.u, step.observer.form.system.supplied, len(y)), y=y).of(step.inputs)
     step.reset(log.start)
     run = step.run(u=samples.u, y=samples.y, dt=samples.given(step))
     written, dt = Written(dt=step.dt), samples.given(step)
@@ -385,9 +386,10 @@ def findings(
     t = run.t - run.t[0]
     outputs = _courses(step, step.outputs, y, off, t)
     turned = {one.signal for one in turns}
-    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs, turned), *turns]
     wrong: list[Rejection | Clamped] = [*rejections(step, run, u, y, written.operands, engine, dt)]
     wrong += clamped(step, u, written.operands)
+    faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs, turned)]
+    faults += [one for one in turns if one.signal not in {each.signal for each in wrong}]  # the unit first
     whole = ((0, len(y) - 1),)
     change = None if turns else better(step, u, y, first, engine, dt)
     if change is not None and wrong:

@@ -149,6 +149,11 @@ class Table:
         column = self.columns[self.header.index(name)]
         return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
+    def called(self, name: str) -> str:
+        """Return the header of the only column with this name and a unit in brackets; any other name as it is."""
+        named = [column for column in self.header if _UNIT.sub("", column).strip() == name]
+        return named[0] if len(named) == 1 and name not in self.header else name
+
     def no_column(self, name: str) -> str:
         """Return a sentence why no single column is called `name`, with the names of the columns."""
         named = [column for column in self.header if column]
@@ -241,7 +246,7 @@ def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] 
     counted = (
         (len(list(filter(_uncommented, above))), "lines above the header: skipped"),
         (len(below) - of_units, "lines below the header: skipped"),
-        (of_units, "line of units below the header"),
+        (int(of_units), "line of units below the header"),
         (
             len(following) - first - len(body),
             "lines that repeat the header, as a logger that starts anew writes it: skipped",

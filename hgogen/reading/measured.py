@@ -263,6 +263,7 @@ def read(
     columns = {name: column_named(text) for name, text in columns.items()}
     time = None if time is None else column_named(time)
     log = log_of(path, (*columns.values(), *([time] if time else ())), decimal, dates)
+    columns, time = {name: log.called(text) for name, text in columns.items()}, time and log.called(time)
     listed = ", ".join(filter(None, log.header))
     if (time is None) == (period is None):
         raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
@@ -588,7 +589,7 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
     span = float(times[-1] - times[0])
     if span / dt > (LONGEST if span / dt < _SPARSE * rows else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {rows} rows"
-        other = "Where they are in another unit, name it in the header, as t [ms]"
+        other = "Where they are in another unit, name it in the header, as t [ms], or convert them, as t/1000 does"
         raise BadRecord(path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     if np.floor(span / dt + 0.5) < 1:
         one = f"its rows with a time, {len(times)}, make 1 sample of {dt:g} {unit}"
