@@ -38,6 +38,13 @@ def test_a_rate_is_that_of_the_first_window(rate: float) -> None:
     assert begins == {"w": pytest.approx(rate, abs=0.05)}  # sigma/(T sqrt(N/12)) is .006, the rest the steps of 1e-3
 
 
+@pytest.mark.parametrize("place", [1, 4, 9])
+def test_an_outlier_among_the_first_samples_moves_a_rate_little(place: int) -> None:
+    y, u = swing((1.0, 5.0), 60, 2.0), np.full((60, 1), 2.0)
+    y[place] += 0.5  # of 500 deviations
+    assert first_states(PENDULUM, u, y, None, {"q": float(y[0, 0])}) == {"w": pytest.approx(5.0, abs=0.1)}
+
+
 def test_a_state_behind_several_is_found_and_one_that_nothing_moves_is_not() -> None:
     """Of the measured q + b the rate is known from a short window, b is not, and keeps its start."""
     y, u = swing((0.5, 4.0), 60, 0.0), np.zeros((60, 1))

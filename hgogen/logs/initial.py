@@ -4,7 +4,8 @@
 
 over x(0) by the Gauss-Newton method, with d the start of the observer, where a measured state is its first sample, and
 S half of the ranges. The window ends with the 10th sample of each output; sigma is the scatter of an output about its
-neighbours, at least the noise of its quantum. A state counts as known if its deviation is below S_i/2.
+neighbours, at least the noise of its quantum. A residual of more than 2 typical ones may be an outlier, and counts as 2
+of them. A state counts as known if its deviation is below S_i/2.
 
 Where inputs and outputs are constant in the window, up to their noise, the other states are taken at rest: with
 
@@ -21,6 +22,7 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import evaluated, open_loop
 from hgogen.logs.records import quantum_of
+from hgogen.run.consistency import OF_MEDIAN
 from hgogen.signal import Signal, differences, resting
 
 Array = np.ndarray
@@ -28,6 +30,7 @@ SAMPLES, ROWS = 10, 200  # of each output, of the log at most
 ITERATIONS, HALVINGS = 10, 6
 KNOWN = 0.5  # deviation over half of the range of a state that the window determines
 CONSTANT, NOISE = 1e-3, 4.0  # change of an input over its range; of an output, or a residual, over its deviation
+FAR = 2.0  # typical residuals: an outlier
 STEADY = 1e-3  # r of a plant at steady
 LEAST, SMALL = 1e-4, 1e-6  # sigma over the spread of an output; difference quotients over half of the range
 
@@ -66,12 +69,14 @@ def first_states(
         errors = residuals(points)
         if not np.isfinite(errors).all():
             return {}
-        J = (errors[1:] - errors[0]).T / SMALL  # by states over their sizes
+        typical = max(1.0, OF_MEDIAN * float(np.median(np.abs(errors[0]))))
+        weights = np.minimum(1, FAR * typical / np.maximum(np.abs(errors[0]), typical))  # of outliers
+        J = (weights * (errors[1:] - errors[0])).T / SMALL  # by states over their sizes
         M = J.T @ J + np.eye(len(x))
-        change = size * np.linalg.solve(M, -J.T @ errors[0] - (x - d) / size)
-        candidates = np.clip(x + change * 0.5 ** np.arange(HALVINGS)[:, None], low, high)
-        costs = (residuals(candidates) ** 2).sum(axis=1) + (((candidates - d) / size) ** 2).sum(axis=1)
-        better = np.flatnonzero(costs < (1 - 1e-9) * float(errors[0] @ errors[0] + (((x - d) / size) ** 2).sum()))
+        change = size * np.linalg.solve(M, -J.T @ (weights * errors[0]) - (x - d) / size)
+        candidates = np.vstack([x, np.clip(x + change * 0.5 ** np.arange(HALVINGS)[:, None], low, high)])
+        costs = ((weights * residuals(candidates)) ** 2).sum(axis=1) + (((candidates - d) / size) ** 2).sum(axis=1)
+        better = 1 + np.flatnonzero(costs[1:] < (1 - 1e-9) * costs[0])
         if not len(better):
             break
         x = candidates[better[0]]
@@ -88,7 +93,7 @@ def _scatter(outputs: Sequence[Signal], y: Array) -> Array:
     for signal, column in zip(outputs, y.T, strict=True):
         present = signal.unwrapped(column)
         present = present[np.isfinite(present)]
-        scatter = 1.4826 * float(np.median(np.abs(np.diff(present, 2)))) / math.sqrt(6)
+        scatter = OF_MEDIAN * float(np.median(np.abs(np.diff(present, 2)))) / math.sqrt(6)
         least = max(LEAST * float(np.ptp(present)), np.finfo(float).tiny)
         sigmas.append(max(scatter, quantum_of(column) / math.sqrt(12), least))
     return np.array(sigmas)
