@@ -358,7 +358,8 @@ def plant_equations(plant: System) -> list[str]:
     lines = list[list[str]]()
     for kind, signals in kinds.items():
         for signal in signals:
-            range_ = " .. ".join(map(same, signal.interval)) if signal.bounded else ""
+            digits = same if signal.period is None else "{:.6g}".format
+            range_ = " .. ".join(map(digits, signal.interval)) if signal.bounded else ""
             value = "" if signal.nominal is None else same(float(signal.nominal))
             lines.append([f"`{signal.name}`", kind, plain(signal.meaning), plain(signal.unit), range_, value])
     head = ("signal", "kind", "meaning", "unit", "range", "value")

@@ -86,7 +86,7 @@ def _(run: Run) -> Iterable[str]:
 @_lines.register
 def _(model: Model) -> Iterable[str]:
     known = ", ".join(f"`{name}`" for name in model.tuning.tables)
-    return [*_lines(model.plant), "", f"Model {plain(model.path)}; tunings: {known or 'none'}"]
+    return [*_lines(model.plant), "", f"tunings: {known or 'none'}"]
 
 
 # --- figures, which methods of the values return
