@@ -18,6 +18,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.app import app
 from hgogen.logs.problem import paced
+from hgogen.model import load
 from hgogen.reading.text_model import from_table, read, to_text
 from hgogen.run import native
 
@@ -517,6 +518,37 @@ def test_a_map_that_grows_has_segments_in_which_errors_stay() -> None:
         hg.fit(plant, log, lag=("y",))
     with pytest.raises(hg.HgogenError, match="is discrete in time; give one of one period"):
         hg.fit(plant, replace(log, times=np.arange(200) ** 1.01))
+
+
+# ---------------------------------------------------------------- the shipped one
+
+
+def test_the_radar_of_the_shipped_model_in_numpy() -> None:
+    """Its filter, with both samples at the prediction and the bearing the short way round, as the target passes the
+    west, where the bearing jumps by a turn."""
+    model = load("radar_track")
+    step, (track,) = model.step(), model.trials()
+    (flight,) = hg.trial.try_out(step, track, "python", seeds=(0,))
+    assert np.abs(np.diff(flight.y[:, 1])).max() > 6
+    A = np.eye(4) + np.diag([0.5, 0.5], 2)
+    x, P, Q, R = (
+        np.array([-1400.0, -800, 0, 0]),
+        np.diag([1e4, 1e4, 900, 900.0]),
+        [0.004, 0.004, 0.0625, 0.0625],
+        [100, 1e-4],
+    )
+    for k, sample in enumerate(flight.y):
+        if k:
+            x, P = A @ x, A @ P @ A.T + np.diag(Q)
+        r = np.hypot(x[0], x[1])
+        H = np.array([[x[0] / r, x[1] / r, 0, 0], [-x[1] / r**2, x[0] / r**2, 0, 0]])
+        e = sample - [r, np.arctan2(x[1], x[0])]
+        e[1] -= 2 * np.pi * np.round(e[1] / (2 * np.pi))
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(R))
+        x, P = x + K @ e, P - K @ H @ P
+        assert flight.x[k] == pytest.approx(x, rel=1e-9, abs=1e-8)
+    late = np.abs(flight.error[60:])
+    assert (late.max(axis=0) < (20, 30, 3, 4)).all()
 
 
 # ---------------------------------------------------------------- what refuses a discrete plant

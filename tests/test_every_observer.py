@@ -34,6 +34,7 @@ from hgogen.reading.given import BadGain
 from hgogen.recheck.text import RecheckError
 from hgogen.recheck.verification import recheck
 from hgogen.run import native
+from hgogen.system import DiscretePlant
 from hgogen.trial import Trial, try_out
 from hgogen.which_forms import asking
 
@@ -270,6 +271,8 @@ def of_theory(name: str, error: HgogenError | str, form: hg.Form) -> bool:
     """Whether it is the form or the plant that is refused: by a refuted check of the form, none of the observer's own,
     or by what the observer, not one of its gains, says it takes, or an a_i of the form; or the rule says why it gives
     none."""
+    if isinstance(error, DiscretePlant):
+        return True
     if isinstance(error, Refuted):
         return not any(check.id.maker == name for check in error.checks)
     subjects = {name, *itertools.chain(*form.gain_names)}

@@ -95,7 +95,7 @@ def test_a_forger_gets_only_true_statements_through(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [path.stem for path in MODELS])
+@pytest.mark.parametrize("name", [path.stem for path in MODELS if "discrete = true" not in path.read_text()])
 def test_a_forger_of_any_model_gets_only_true_statements_through(name: str) -> None:
     try_out(name, 12)
 
