@@ -30,7 +30,7 @@ from hgogen.target import write
 
 FLAGS = (
     *("-std=c99", "-O2", "-w", "-ffp-contract=off", "-ffreestanding", "-fno-math-errno", "-nostdlib", "-I."),
-    *("-Wl,--no-entry", "-Wl,--allow-undefined", "-Wl,--strip-all"),
+    *("-Wl,--no-entry", "-Wl,--strip-all"),
 )
 MISSING = (
     "clang with wasm-ld (Debian: clang, lld), or Python's package ziglang: `pip install ziglang`; "

@@ -12,6 +12,22 @@
 #define floor __builtin_floor
 #define ceil __builtin_ceil
 #define rint __builtin_rint
-double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), atan2(double, double);
-double sinh(double), cosh(double), tanh(double), asinh(double), acosh(double), atanh(double);
-double exp(double), log(double), pow(double, double), fmin(double, double), fmax(double, double);
+#define FROM_PAGE(name) __attribute__((import_module("env"), import_name(#name)))
+FROM_PAGE(sin) double sin(double);
+FROM_PAGE(cos) double cos(double);
+FROM_PAGE(tan) double tan(double);
+FROM_PAGE(asin) double asin(double);
+FROM_PAGE(acos) double acos(double);
+FROM_PAGE(atan) double atan(double);
+FROM_PAGE(sinh) double sinh(double);
+FROM_PAGE(cosh) double cosh(double);
+FROM_PAGE(tanh) double tanh(double);
+FROM_PAGE(asinh) double asinh(double);
+FROM_PAGE(acosh) double acosh(double);
+FROM_PAGE(atanh) double atanh(double);
+FROM_PAGE(exp) double exp(double);
+FROM_PAGE(log) double log(double);
+FROM_PAGE(atan2) double atan2(double, double);
+FROM_PAGE(pow) double pow(double, double);
+FROM_PAGE(fmin) double fmin(double, double);
+FROM_PAGE(fmax) double fmax(double, double);
