@@ -18,7 +18,7 @@ from hgogen.registry import Displayed
 from hgogen.rigor.box import End, box
 from hgogen.rigor.invariant import factors, opposites
 from hgogen.rigor.lookup import Cells, Stepped, Table
-from hgogen.rigor.periodic import advance, exact_turn
+from hgogen.rigor.periodic import advance, exact_turn, with_exact_pi
 from hgogen.rigor.recurrent import Aperiodic, Choose, divides, grouped, rewritten
 from hgogen.rigor.shifts import Shifts, hidden_shifts
 from hgogen.rigor.tape import NoTape, plain, tape
@@ -109,6 +109,8 @@ class System(Displayed):
         known = {s.name: s for kind in ("states", "parameters") for s in fields[kind]}
         fields |= {what: _expressions(name, what, rows) for what, rows in (("flow", flow), ("output", output))}
         fields["invariants"] = _expressions(name, "invariants", invariants, known)
+        if any(s.period is not None for kind in groups for s in fields[kind]):  # of a float pi nothing is periodic
+            fields |= {what: tuple(map(with_exact_pi, fields[what])) for what in ("flow", "output")}
         fields |= _timed(name, fields)
         for key, value in fields.items():
             object.__setattr__(self, key, value)
@@ -220,10 +222,13 @@ class System(Displayed):
 
     @cached_property
     def _shifts(self) -> Shifts:
-        rows = [(row, y.period) for y, row in zip(self.outputs, self.output, strict=True)]
-        rows += [(row, None) for row in (*self.invariants, *(() if self.discrete else self.flow))]
+        output, flow, invariants = (
+            [row.xreplace(self.constants) for row in each] for each in (self.output, self.flow, self.invariants)
+        )
+        rows = [(row, y.period) for y, row in zip(self.outputs, output, strict=True)]
+        rows += [(row, None) for row in (*invariants, *(() if self.discrete else flow))]
         # those without a period first: a basis then has the least shifts of these, which their ranges may not admit
-        pairs = sorted(zip(self.states, self.flow, strict=True), key=lambda pair: pair[0].period is not None)
+        pairs = sorted(zip(self.states, flow, strict=True), key=lambda pair: pair[0].period is not None)
         following = [row for _, row in pairs] if self.discrete else ()
         return hidden_shifts({x: x.period for x, _ in pairs}, rows, following)
 
@@ -362,10 +367,10 @@ def _validate(system: System) -> None:
     places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
     places |= {f"invariant {k}": row for k, row in enumerate(system.invariants, 1)}
     _validate_tables(system, by_name, places)
-    _validate_periods(system, places)
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(system.name, f"parameter {parameter.name!r} has no value; give it nominal=")
+    _validate_periods(system, places)
     allowed = set(system.states + system.inputs + system.parameters)
     for place, row in places.items():
         for symbol in sorted(row.free_symbols - allowed, key=str):
@@ -417,9 +422,11 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
             )
     own = {f"output {k}": y.period for k, y in enumerate(system.outputs, 1)}
     own |= {f"flow {k}": x.period for k, x in enumerate(system.states, 1) if system.discrete}
-    for signal in (s for s in (*system.states, *system.inputs) if s.period is not None):
+    signals = [s for s in (*system.states, *system.inputs) if s.period is not None]
+    constants = system.constants if signals else {}
+    for signal in signals:
         for place, row in places.items():
-            change, own_period = advance(row, signal, exact_turn(signal.period)), own.get(place)
+            change, own_period = advance(row.xreplace(constants), signal, exact_turn(signal.period)), own.get(place)
             turns = change if own_period is None else change / exact_turn(own_period)
             if not (turns.is_zero if own_period is None else turns.is_Integer):
                 raise BadSystem(system.name, _aperiodic(place, signal, change, own_period))
@@ -446,6 +453,11 @@ def _aperiodic(place: str, signal: Signal, change: sp.Expr, period: float | None
     if period is not None and change.is_number:
         whose = "output" if place.startswith("output") else "state"
         return f"{over}, which is no multiple of the {whose}'s own, {period:g}; correct one of the two"
+    turn = exact_turn(signal.period)
+    if turn != 2 * sp.pi and abs(float(turn) / (2 * math.pi) - 1) < 1e-3:
+        return f"{over}; a turn in radians is 2*pi: declare period = 2*pi of {signal.name}"
+    if change.has(sp.sin, sp.cos, sp.tan) and not turn.has(sp.pi):
+        return f"{over}; sines and cosines are of radians: write {2 * sp.pi * signal / turn} in them"
     return f"{over}; write {signal.name} in sines and cosines, or leave out its period"
 
 

@@ -230,6 +230,35 @@ def test_the_cut_of_an_angle_is_no_jump_of_an_output_with_its_period() -> None:
     assert "px > 0" not in regular
 
 
+def test_pole_pairs_may_be_a_parameter_of_one_value() -> None:
+    pairs = {one: hg.Signal("k", "1", "pole pairs", nominal=one) for one in (4.0, 2.5)}
+
+    def geared(k: hg.Signal, **data: Any) -> hg.System:
+        rows = {"states": (a,), "flow": [sp.sin(k * a)], "outputs": (angle("y"),), "output": [k * a]}
+        return hg.System("geared", parameters=(k,), **rows, **data)
+
+    assert geared(pairs[4.0]).modulo == "a modulo a quarter turn"
+    with pytest.raises(BadSystem, match="flow 1 changes by"):
+        geared(pairs[2.5])
+    with pytest.raises(BadSystem, match="parameter 'k' has no value"):
+        geared(hg.Signal("k"))
+
+
+def test_a_float_beside_an_angle_that_is_a_multiple_of_pi_is_meant_as_one() -> None:
+    degrees = hg.Signal("d", "deg", period=360)
+    rows: dict[str, Any] = {"states": (degrees, v), "outputs": (angle("y"), hg.Signal("s"))}
+    turned_by = hg.System("p", **rows, flow=[v * (180 / np.pi), 0.5 * v], output=[np.pi / 180 * degrees, v])
+    assert turned_by.output[0] == sp.pi * degrees / 180
+    assert turned_by.flow == (180 * v / sp.pi, 0.5 * v)
+    for wrong, period, said in (
+        (sp.cos(degrees), 360, r"of radians: write pi\*d/180 in them"),
+        (sp.cos(degrees), 6.2832, r"a turn in radians is 2\*pi: declare period = 2\*pi of d"),
+    ):
+        other = hg.Signal("d", "deg", period=period)
+        with pytest.raises(BadSystem, match=said):
+            hg.System("p", **rows | {"states": (other, v)}, flow=[v, 0], output=[wrong.subs(degrees, other), v])
+
+
 def test_a_parameter_has_no_turns() -> None:
     a = hg.Signal("a", nominal=0, period=TURN)
     with pytest.raises(BadSystem, match="parameter 'a' has a period"):

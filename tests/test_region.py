@@ -346,6 +346,14 @@ def test_an_expression_goes_on_by_a_known_amount(text: str, period: str, change:
     assert advance(expression(text, NAMES), "x", turn(period)) == change
 
 
+def test_a_name_of_one_value_is_a_number_of_turns() -> None:
+    four, several = {"v": (Fraction(4), Fraction(4))}, {"v": (Fraction(3), Fraction(4))}
+    assert advance(expression("v*x", NAMES), "x", turn("2*pi"), four) == Turn(pis=Fraction(8))
+    assert advance(expression("sin(v*x)", NAMES), "x", turn("2*pi"), four) == Turn()
+    with pytest.raises(Unproved):
+        advance(expression("v*x", NAMES), "x", turn("2*pi"), several)
+
+
 @pytest.mark.parametrize("text", ["sin(x/2)", "x**2", "x*v", "v/x", "sin(x)*x", "exp(x)", "sin(x + x*v)", "Abs(x)"])
 def test_what_is_not_shown_to_be_periodic_is_refused(text: str) -> None:
     with pytest.raises(Unproved):

@@ -49,6 +49,7 @@ class Turn(NamedTuple):
 
 _NOTHING, _MINUS = Turn(), Turn(Fraction(-1))
 Turns = Mapping[str, Turn]
+NO_BOX: Box = {}
 
 
 def turn(text: object) -> Turn:
@@ -60,10 +61,10 @@ def turn(text: object) -> Turn:
     return value
 
 
-def advance(text: Expression, name: str, period: Turn) -> Turn:
-    """Return the change of an expression over one `period` of `name`, whatever the values. Raises: `Unproved` if that
-    is not proved to be constant."""
-    known, changes = _values(text), list[Turn]()
+def advance(text: Expression, name: str, period: Turn, box: Box = NO_BOX) -> Turn:
+    """Return the change of an expression over one `period` of `name`, whatever the values in `box`, where a name may
+    have one value. Raises: `Unproved` if that is not proved to be constant."""
+    known, changes = _values(text, box), list[Turn]()
     for step in text.instructions:
         if step.op == "symbol":
             changes.append(period if step.value == name else _NOTHING)
@@ -72,13 +73,16 @@ def advance(text: Expression, name: str, period: Turn) -> Turn:
     return changes[text.result]
 
 
-def _values(text: Expression) -> list[Turn | None]:
+def _values(text: Expression, box: Box = NO_BOX) -> list[Turn | None]:
     """Return the value of each instruction that is a number r + s pi, None for others."""
     values = list[Turn | None]()
     for step in text.instructions:
         args = [value for k in step.args if (value := values[k]) is not None]
         if step.op == "number":
             values.append(Turn(Fraction(step.value or 0)))
+        elif step.op == "symbol":
+            low, high = box.get(str(step.value), (0, 1))
+            values.append(Turn(Fraction(low)) if low == high else None)
         else:
             values.append(_value(step.op, args) if len(args) == len(step.args) else None)
     return values
@@ -125,5 +129,5 @@ def demand_periodic(rows: Iterable[tuple[Expression, Turn | None]], turns: Turns
         if not high - low >= period.ends[1]:
             raise Unproved(f"the range of {name} does not span a turn")
         for row, own in each:
-            if name in row.names and not advance(row, name, period).whole_periods(own):
+            if name in row.names and not advance(row, name, period, box).whole_periods(own):
                 raise Unproved(f"{row.text[:60]} is not the same a turn of {name} later")

@@ -21,9 +21,18 @@ _DEEP = {"trig": False, "power_base": False, "power_exp": False, "log": False}
 def exact_turn(period: Any) -> sp.Expr:
     """Return the period as a rational multiple of pi where its float is the one nearest to such a number, else as the
     rational of its shortest decimal."""
-    share = sp.Rational(period / float(sp.pi)).limit_denominator(_MOST)
-    turn = share * sp.pi
-    return turn if share != 0 and float(turn) == period else sp.Rational(repr(period))
+    return _multiple(period, sp.pi) or sp.Rational(repr(period))
+
+
+def with_exact_pi(expression: sp.Expr) -> sp.Expr:
+    """Return the expression with exact multiples of pi and 1/pi, as pi/180, in place of the floats nearest to them."""
+    known = {f: _multiple(float(f), sp.pi) or _multiple(float(f), 1 / sp.pi) for f in expression.atoms(sp.Float)}
+    return expression.xreplace({f: exact for f, exact in known.items() if exact is not None})
+
+
+def _multiple(number: float, unit: sp.Expr) -> sp.Expr | None:
+    share = sp.Rational(number / float(unit)).limit_denominator(_MOST)
+    return share * unit if share != 0 and float(share * unit) == number else None
 
 
 def half_turn(period: float) -> Fraction:
