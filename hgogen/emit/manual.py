@@ -246,7 +246,15 @@ def calls(step: Step, by_parts: bool = False) -> list[str]:
         f"The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call "
         f"{FIRST_CALL[step.clock.first]}.",
         *([f"The period is compiled in: one {once}."] if step.clock.varying is None else _elapsed(step)),
+        *[_JITTER] * (step.clock.varying is None and not step.observer.form.system.discrete),
     ]
+
+
+_JITTER = (
+    "A call that comes late by d has samples that are off by d times the rates of their outputs, and a period that is "
+    "10 % off makes estimated rates 10 % off: no status bit says so. A step that is given the time since the last call "
+    "is made with a pair for dt, the shortest and the longest."
+)
 
 
 def _elapsed(step: Step) -> list[str]:
