@@ -461,7 +461,8 @@ def _judged(
     plant = model.plant
     validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
     declared = _declared(model, limits or logs.whole[0].dt)
-    rows = judged(plant, calibration, declared, validation_logs, aheads)
+    with Bar("judging", len(calibration.rows) + len(declared)) as bar:
+        rows = judged(plant, calibration, declared, validation_logs, aheads, bar.tick)
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from hgogen.call import CallableStep
 from hgogen.commands.command import Columns, engine_here, once
+from hgogen.commands.output import Bar
 from hgogen.errors import HgogenError
 from hgogen.logs.changes import Better
 from hgogen.logs.clocks import of_times
@@ -92,17 +93,20 @@ class Logs:
         """Return the logs with their faults, by the step of the model's observer, or of that of `JUDGE` with its first
         gains; those of times alone where no step can be made."""
         faults = []
-        for record, log in zip(self.records, self.whole, strict=True):
-            step, each = (
-                judging_step(model, observer, model.limits or step_limits([log]) or log.dt),
-                [*of_times(record)],
-            )
-            if step is not None:
-                samples = log.of(step.inputs)
-                step.reset(log.start)
-                run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
-                each = log_findings(step, record, run, samples.u, samples.y, self.shifts)[0]
-            faults.append(tuple(each))
+        with Bar("looking for faults", 2 * len(self.records)) as bar:
+            for record, log in zip(self.records, self.whole, strict=True):
+                step, each = (
+                    judging_step(model, observer, model.limits or step_limits([log]) or log.dt),
+                    [*of_times(record)],
+                )
+                bar.tick()
+                if step is not None:
+                    samples = log.of(step.inputs)
+                    step.reset(log.start)
+                    run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
+                    each = log_findings(step, record, run, samples.u, samples.y, self.shifts)[0]
+                faults.append(tuple(each))
+                bar.tick()
         return replace(self, findings=tuple(faults))
 
     def summaries(self) -> Iterator[RenderableType]:

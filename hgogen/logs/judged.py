@@ -7,7 +7,7 @@ Two predictors without a model are compared: copying the last value, and extrapo
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -60,23 +60,21 @@ def judged(
     others: Mapping[str, CallableStep],
     records: Sequence[ValidationLog],
     ahead: Iterable[int],
+    each: Callable[[], None] = lambda: None,
 ) -> tuple[Judged, ...]:
     """Return the errors of the tuned rows, of the steps `others` by name, and of predictors without a model, on the
-    validation rows of the logs; `ahead`: prediction horizons in samples."""
+    validation rows of the logs; `ahead`: prediction horizons in samples; `each()` is called after every step."""
     horizons = tuple(sorted(set(ahead)))
     records = [replace(record, log=readable(plant, record.log, k)) for k, record in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
     validation_rows = [(record.log, record.cut) for record in records]
     innovations = {row.name: row.innovations(validation_rows) for row in calibration.rows}
-    rows = [
-        Judged(
-            name,
-            *_of_step(step, records, horizons),
-            {y: float(np.mean(e**2)) for y, e in innovations.get(name, {}).items()},
-            {y: coloured(e) for y, e in innovations.get(name, {}).items()},
-        )
-        for name, step in steps.items()
-    ]
+    rows = []
+    for name, step in steps.items():
+        errors, scaled = _of_step(step, records, horizons), innovations.get(name, {})
+        nis = {y: float(np.mean(e**2)) for y, e in scaled.items()}
+        rows.append(Judged(name, *errors, nis, {y: coloured(e) for y, e in scaled.items()}))
+        each()
     return (*rows, *_without_a_model(plant, records, horizons))
 
 
