@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from hgogen import methods
+from hgogen.analysis.linearised import corrects_nothing
 from hgogen.emit.pystep import Entry
 from hgogen.emit.saved import sealed
 from hgogen.emit.syntax import Real
@@ -42,7 +43,7 @@ from hgogen.run.samples import (
 )
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import Time, plural
-from hgogen.step import BadStep, CannotUpdate, GrowingAngle, Step, StepMayFail, demand_choice, plan
+from hgogen.step import BadStep, CannotUpdate, GrowingAngle, StartsUncorrected, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
@@ -492,6 +493,12 @@ def sample(
         why = "has no range, and all is the same a turn further: its number grows with the turns and loses its digits"
         declare = f"declare period={turn} of it, and of outputs that are this angle"
         warnings.warn(f"{x} {why}; {declare}", GrowingAngle, stacklevel=2)
+    start = next((item.initial for item in planned.layout.state if item.name == "z"), None)
+    if start and observer.form.kind == "original" and corrects_nothing(observer.form.system, start):
+        at = ", ".join(f"{x.name} = {value:g}" for x, value in zip(observer.form.system.states, start, strict=True))
+        why = "where the plant rests and no output has a slope, so that no sample corrects it"
+        text = f"the estimate starts at {at}, {why}; start elsewhere, by initial="
+        warnings.warn(text, StartsUncorrected, stacklevel=2)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
@@ -500,7 +507,7 @@ def sample(
 
 def _quietly(observer: Observer, method: Method, dt: Any, options: Mapping[str, Any]) -> CallableStep:
     with warnings.catch_warnings():
-        for known in (StepMayFail, GrowingAngle):
+        for known in (StepMayFail, GrowingAngle, StartsUncorrected):
             warnings.simplefilter("ignore", known)
         return sample(observer, method, dt, **options)
 

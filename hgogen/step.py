@@ -111,6 +111,10 @@ class GrowingAngle(UserWarning):
     """A state that grows with the turns of an angle, since it has no period."""
 
 
+class StartsUncorrected(UserWarning):
+    """An estimate that starts where its plant rests and no output has a slope, so that no sample corrects it."""
+
+
 class StepMayFail(UserWarning):
     """A step length between the advised and the refused one: it may fail."""
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from exact import machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,9 +24,10 @@ from hgogen.run import native
 from hgogen.run.backends import COMPILED, FUNCTION, quickest_engine
 from hgogen.run.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.run.samples import BadShape
-from hgogen.step import BadStep, CannotUpdate
+from hgogen.step import BadStep, CannotUpdate, StartsUncorrected
 
 NAN, INF = float("nan"), float("inf")
+X, V = hg.Signal("x", low=-10, high=10), hg.Signal("v", low=-3, high=3)
 ENGINES = ("c", "python") if native.compiler() else ("python",)
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -559,3 +561,27 @@ def test_a_broken_compiler_leaves_python(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(CompilerFailed, match=r"no licence\nmend it, .* or say engine='python'"):
         step.run(**record(step, 5))
     assert step.run(**record(step, 5), engine="python").engine == "python"
+
+
+@pytest.mark.parametrize(
+    ("output", "flow", "initial", "warned"),
+    [
+        (sp.sqrt(X**2 + V**2), (V, -V), {}, True),  # a range, from where it is 0
+        (sp.cos(X), (V, -V), {}, True),
+        (X, (V, -V), {}, False),
+        (sp.cos(X), (V, -V), {"x": 1}, False),
+        (sp.cos(X), (V, 1 - V), {}, False),  # it moves away
+    ],
+)
+def test_a_start_that_no_sample_corrects_is_named(
+    output: sp.Expr, flow: tuple[sp.Expr, ...], initial: dict[str, float], warned: bool
+) -> None:
+    plant = hg.System("stuck", states=(X, V), outputs=(hg.Signal("y"),), flow=flow, output=[output])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[1e-3, 1e-3], noise={"y": 0.1}, initial=initial)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        step = hg.sample(observer, dt=0.1)
+    texts = [str(one.message) for one in seen if one.category is StartsUncorrected]
+    assert bool(texts) is warned
+    assert all("starts at x = 0, v = 0" in text for text in texts)
+    assert bool((step.run(y=np.full(50, 0.5)).x[-1] == 0).all()) is warned

@@ -27,7 +27,7 @@ from hgogen.program import sym
 from hgogen.rigor.box import box
 from hgogen.rigor.singular import limited
 from hgogen.sentence import Sentence, because
-from hgogen.signal import Signal, spread
+from hgogen.signal import Signal, resting, spread
 from hgogen.system import System
 
 
@@ -231,6 +231,16 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
     """Return the scaled linearisation of the plant at x (N, n), u (N, m)."""
     return _linearised(plant, x, u)[1]
+
+
+def corrects_nothing(plant: System, x: Sequence[float]) -> bool:
+    """Return whether no output has a slope at the state x (n), and the plant rests there: samples correct nothing by
+    the first order, and the estimate never leaves."""
+    u = np.array([[resting(signal) for signal in plant.inputs]])
+    with np.errstate(all="ignore"):
+        rate, slopes = _linearised(plant, np.array([x], dtype=float), u)
+    still = rate - x if plant.discrete else rate
+    return not still.any() and not np.nan_to_num(slopes.C).any()  # a norm at 0 has 0/0, where the filter takes 0
 
 
 def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
