@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import SkipNode
 from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -42,7 +43,7 @@ html_math_renderer = "mathml"
 def inline(translator: Any, node: Any) -> None:
     """Write an equation in a line of text."""
     translator.body.append(mathml(node.astext(), "inline"))
-    raise site_pages.SkipNode
+    raise SkipNode
 
 
 def display(translator: Any, node: Any) -> None:
@@ -50,7 +51,7 @@ def display(translator: Any, node: Any) -> None:
     number_ = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
     rows = "".join(f"<div>{mathml(row)}</div>" for row in site_pages.rows(node.astext()))
     translator.body.append(f'<div class="math-block">{number_}{rows}</div>')
-    raise site_pages.SkipNode
+    raise SkipNode
 
 
 def setup(app: Sphinx) -> None:

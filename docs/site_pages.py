@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from docutils.nodes import SkipNode as SkipNode
 from typer.testing import CliRunner
 
 import hgogen as hg

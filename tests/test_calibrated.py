@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import gamma
 
 import hgogen as hg
+from hgogen.logs import tune
 from hgogen.logs.advise import advise
 from hgogen.logs.judged import Judged, verdicts
 from hgogen.logs.likelihood import Likelihood, Noise
@@ -23,6 +24,15 @@ from hgogen.starting import Scale, Starting, scale, two
 
 DT = 0.1
 FIXED = SimpleNamespace(varying=None)  # the clock of a step with one dt
+
+
+@pytest.fixture
+def made_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Observers and steps of these tests are names, which cost nothing and are taken by every form."""
+    monkeypatch.setattr(tune, "observer_on", lambda row, name, gains: None)
+    monkeypatch.setattr(tune, "quickest_engine", lambda step, samples: "python")
+
+
 X, V, W = (hg.Signal(name, low=-5, high=5) for name in "xvw")
 Y, Z = hg.Signal("y"), hg.Signal("z")
 PAIR = hg.System("pair", states=(X, W), outputs=(Y, Z), flow=[W / 2 - X, X / 3 - W], output=[X, W])
@@ -52,6 +62,7 @@ def test_the_likelihood_of_two_outputs_is_that_of_both_at_once() -> None:
 
 
 @pytest.mark.parametrize("wanted", [1.0, 4.0])
+@pytest.mark.usefixtures("made_of_nothing")
 def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
     """Half way, in the logarithm, from the best theta of the grid to its two neighbours, then with other shapes; where
     faster poles that differ are better, they are taken."""
@@ -60,6 +71,7 @@ def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
     grid = thetas(base.theta, 1e-3)
     best = grid[len(grid) // 2]
     task: Any = SimpleNamespace(
+        rows=("a form",),
         dt=1e-3,
         sampling={},
         first=lambda name, row, numbers: First(name, row, Starting({}, 1e-3), numbers),
@@ -113,6 +125,7 @@ def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> An
     )
 
 
+@pytest.mark.usefixtures("made_of_nothing")
 def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
     """By segment, to those cross-validated of the filter: what it makes more than the filter does."""
 
@@ -124,6 +137,7 @@ def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
     assert made.errors.tolist() == [5.0, 4.5]
 
 
+@pytest.mark.usefixtures("made_of_nothing")
 def test_an_alarm_window_is_a_quarter_of_the_time_to_cross_a_range() -> None:
     """d = T/4, T = 2 n/theta: 1 of n = 2 with theta = 1, in whole samples for each of 4 predictors."""
     tables: list[Any] = []
@@ -131,6 +145,7 @@ def test_an_alarm_window_is_a_quarter_of_the_time_to_cross_a_range() -> None:
     assert tables[0]["innovation"]["d"] == pytest.approx(1.0, abs=2 * DT)
 
 
+@pytest.mark.usefixtures("made_of_nothing")
 def test_an_alarm_that_feeds_itself_is_refused() -> None:
     """With theta at its peak the innovations have a mean of 1.5; the threshold is 1.1 times the largest at rest."""
     tables: list[Any] = []

@@ -1,4 +1,4 @@
-"""What the README says is run: its Python lines, its piece of C, its two commands."""
+"""What the README says is run: its Python lines, its two commands."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ TEXT = README.read_text()
 
 
 def test_it_is_short() -> None:
-    assert len(TEXT.splitlines()) <= 150
+    assert len(TEXT.splitlines()) <= 120
 
 
 def test_the_first_two_shell_blocks_are_one_line_each() -> None:
@@ -39,11 +39,3 @@ def test_the_python_lines_run(
     run = names["run"]
     assert run["q"].shape == (1000,)  # type: ignore[index]
     assert np.abs(run["w"][-100:] - 4 * np.cos(4 * np.arange(900, 1000) * 1e-3)).max() < 2 * 20 * 36 / 400  # type: ignore[index]
-
-
-def test_the_piece_of_c_is_in_the_generated_c() -> None:
-    source = (ROOT / "generated/fitzhugh_nagumo/fitzhugh_nagumo.c").read_text()
-    squeezed = re.sub(r"\s+", " ", source)
-    (piece,) = blocks("c", TEXT)
-    assert len(piece) > 100
-    assert re.sub(r"\s+", " ", piece).strip() in squeezed

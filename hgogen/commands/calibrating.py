@@ -33,6 +33,7 @@ from hgogen.commands.command import (
     Out,
     Shift,
     Truth,
+    begun_work,
     command,
     early,
     horizons,
@@ -265,7 +266,7 @@ def tune_(
     plant, folder = loaded.plant, folder_of(out, loaded)
     path, _ = folder.demand("tuned.json", BEGUN)
     if resume:
-        folder.begun(BEGUN, "tuning")
+        begun_work(folder, BEGUN, "tuning")
     true = truth_of(plant, truth or ())
     if tune_on == "truth" and not true:
         raise typer.BadParameter(

@@ -31,6 +31,7 @@ from typer.core import TyperCommand
 
 from hgogen.commands.output import (
     INTERRUPTED,
+    Folder,
     dropped,
     file_list,
     interrupted,
@@ -379,6 +380,14 @@ def engine_here(reader: Reader | None = None) -> "Engine":
     if engine == "python":
         note(str(native.NoCompilerWarning.__doc__))
     return engine
+
+
+def begun_work(folder: Folder, name: str, what: str) -> Path:
+    """Return the path of the file with the begun work `what`. Raises: `BadParameter` without such a file."""
+    (path,) = folder.demand(name)
+    if not path.exists():
+        raise typer.BadParameter(f"there is no {what} to go on with, {path}; leave it out", param_hint="--resume")
+    return path
 
 
 def one_or_all(trials: tuple["Trial", ...], name: str | None) -> tuple["Trial", ...]:

@@ -28,6 +28,7 @@ from hgogen.commands.command import (
     Out,
     Shift,
     Tuned,
+    begun_work,
     command,
     early,
     names_in,
@@ -271,7 +272,7 @@ class _Stopped:
     folder: Folder
 
     def progress(self) -> Progress:
-        return progress_of(table_of(self.folder.begun(BEGUN, "fit"), "hgogen fit"))
+        return progress_of(table_of(begun_work(self.folder, BEGUN, "fit"), "hgogen fit"))
 
     @contextmanager
     def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:

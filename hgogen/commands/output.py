@@ -17,7 +17,6 @@ from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
-import typer
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -130,13 +129,6 @@ class Folder:
     def lines(self, name: str) -> AbstractContextManager[tuple[Iterator[str], Callable[[str], None]]]:
         """Return the lines of a file, and a function that appends one, as `target.lines_of`. Raises: `CannotWrite`."""
         return lines_of(self._within(name), self.root)
-
-    def begun(self, name: str, what: str) -> Path:
-        """Return the path of the file with the begun work `what`. Raises: `BadParameter` without such a file."""
-        (path,) = self.demand(name)
-        if not path.exists():
-            raise typer.BadParameter(f"there is no {what} to go on with, {path}; leave it out", param_hint="--resume")
-        return path
 
     def save(
         self,
