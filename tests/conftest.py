@@ -4,8 +4,9 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,6 +32,8 @@ settings.load_profile("hgogen")
 
 collect_ignore = ["fixtures"]  # cases for a copy of the project, where their tests are run
 
+# What others stand for, as tests/full_cases.py found them.
+LONG_CASES = frozenset((Path(__file__).parent / "full_cases.txt").read_text(encoding="utf-8").splitlines())
 RUN = pytest.StashKey[tuple[str, ...]]()  # the names of the tests that a run takes
 ABSENT = pytest.StashKey[tuple[str, ...]]()  # and of representatives that there are not
 
@@ -116,7 +119,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)  # around the one that deselects by marks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
-    absent = stand_for_others(items)
+    absent = (*stand_for_others(items), *leave_long_cases(items, LONG_CASES))
     config.stash[ABSENT] = () if any("::" in arg for arg in config.args) else absent  # of tests that are not all there
     yield
     every(config, items)
@@ -137,6 +140,15 @@ def stand_for_others(items: list[pytest.Item]) -> tuple[str, ...]:
         for case in set(family).difference(*chosen.values()) if any(chosen.values()) else ():
             case.add_marker("full")
     return tuple(absent)
+
+
+def leave_long_cases(items: list[pytest.Item], names: Collection[str]) -> tuple[str, ...]:
+    """Mark the named cases as full. Return those names that no case of the collected files has."""
+    for item in items:
+        if item.nodeid in names:
+            item.add_marker("full")
+    files, there = {item.nodeid.partition("::")[0] for item in items}, {item.nodeid for item in items}
+    return tuple(name for name in sorted(names) if name.partition("::")[0] in files and name not in there)
 
 
 def stands(named: str, case: pytest.Item) -> bool:

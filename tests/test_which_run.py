@@ -5,7 +5,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import ABSENT, every, stand_for_others
+from conftest import ABSENT, every, leave_long_cases, stand_for_others
+from full_cases import long_cases
 
 from hgogen.run import native
 
@@ -48,6 +49,24 @@ def test_a_representative_that_is_not_there_is_named_and_another_stands_alone() 
     assert full(items) == ["test_b[x]"]  # of the other test nobody stands for anybody
 
 
+def test_long_cases_are_full_and_a_name_that_is_not_there_is_told() -> None:
+    items = cases("test_a", "x y")
+    for item in items:
+        item.nodeid = f"tests/test_a.py::{item.name}"
+    names = ("tests/test_a.py::test_a[y]", "tests/test_a.py::test_a[renamed]", "tests/test_b.py::test_b[other file]")
+    assert leave_long_cases(items, names) == ("tests/test_a.py::test_a[renamed]",)
+    assert full(items) == ["test_a[y]"]
+
+
+def test_the_quickest_stands_for_those_that_no_seeded_bug_names(tmp_path: Path) -> None:
+    rows = {"a[x]": 0.5, "a[y]": 0.4, "a[z]": 0.1, "b[x]": 9, "c[x]": 2, "c[y]": 1, "d": 5}
+    cases_ = "".join(f'<testcase classname="tests.t" name="{name}" time="{time}"/>' for name, time in rows.items())
+    (tmp_path / "times.xml").write_text(f"<testsuites><testsuite>{cases_}</testsuite></testsuites>")
+    named = {"tests/t.py::a[y]", "tests/t.py::d"}
+    assert set(long_cases(str(tmp_path / "times.xml"), named)) == {"tests/t.py::a[x]", "tests/t.py::c[x]"}
+
+
+@pytest.mark.pinned  # names of cases may depend on the versions
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 def test_every_representative_is_there(pytestconfig: pytest.Config) -> None:
     assert not pytestconfig.stash[ABSENT]
