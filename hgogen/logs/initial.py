@@ -15,7 +15,8 @@ added to the sum, if the result is at rest, |r_i| < .004, and gives the outputs 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,12 +64,27 @@ def first_states(
         return np.where(np.isfinite(errors), errors, np.inf)
 
     low, high = np.array([s.limits for s in states], dtype=float).T
-    x = d
+    best = _minimum(residuals, d, size, low, high)
+    if best is None or (steady and np.abs(residuals(best.x[None])).max() > NOISE):
+        return {}  # as where the log is of something else, or of no plant at rest
+    pairs = zip(states, best.x, best.deviation < KNOWN, strict=True)
+    return {s.name: float(s.turned(value)) for s, value, sure in pairs if sure and s.name not in measured}
+
+
+class _Minimum(NamedTuple):
+    """The minimum x (n) of the sum, and the deviation (n) of each state there over half of its range."""
+
+    x: Array
+    deviation: Array
+
+
+def _minimum(residuals: Callable[[Array], Array], d: Array, size: Array, low: Array, high: Array) -> _Minimum | None:
+    """Return the minimum from the start d (n); None where a residual has no value, or no step is better than d."""
+    x, M = d, np.eye(len(d))
     for _ in range(ITERATIONS):
-        points = np.vstack([x, x + np.diag(SMALL * size)])
-        errors = residuals(points)
+        errors = residuals(np.vstack([x, x + np.diag(SMALL * size)]))
         if not np.isfinite(errors).all():
-            return {}
+            return None
         typical = max(1.0, OF_MEDIAN * float(np.median(np.abs(errors[0]))))
         weights = np.minimum(1, FAR * typical / np.maximum(np.abs(errors[0]), typical))  # of outliers
         J = (weights * (errors[1:] - errors[0])).T / SMALL  # by states over their sizes
@@ -80,11 +96,7 @@ def first_states(
         if not len(better):
             break
         x = candidates[better[0]]
-    if x is d or (steady and np.abs(residuals(x[None])).max() > NOISE):
-        return {}  # as where the log is of something else, or of no plant at steady
-    known = np.sqrt(np.diag(np.linalg.inv(M))) < KNOWN
-    pairs = zip(states, x, known, strict=True)
-    return {s.name: float(s.turned(value)) for s, value, sure in pairs if sure and s.name not in measured}
+    return None if x is d else _Minimum(x, np.sqrt(np.diag(np.linalg.inv(M))))
 
 
 def _scatter(outputs: Sequence[Signal], y: Array) -> Array:
