@@ -344,8 +344,14 @@ def _kept_results(folder: Folder, resume: bool) -> Iterator[_Results]:
     """Yield the results of the trials of a tuning, which a file of the folder takes as they come."""
     if not resume:
         folder.remove(BEGUN)
-    with folder.lines(BEGUN) as (lines, add):
-        yield _Results(lines, add)
+    results: _Results | None = None
+    try:
+        with folder.lines(BEGUN) as (lines, add):
+            results = _Results(lines, add)
+            yield results
+    finally:
+        if results is not None and not results:  # as where an argument is refused
+            folder.remove(BEGUN)
 
 
 def _searched(
