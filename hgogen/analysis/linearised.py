@@ -220,7 +220,6 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
         known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
         if not known.any():
             raise NoLinearisation(f"the model has no value at any of {_POINTS} points of the box")
-        rates = rates - x if plant.discrete else rates  # in a sample
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
     finite = Linear(slopes.A[known], slopes.C[known], slopes.along[known])
@@ -239,12 +238,11 @@ def corrects_nothing(plant: System, x: Sequence[float]) -> bool:
     u = np.array([[resting(signal) for signal in plant.inputs]])
     with np.errstate(all="ignore"):
         rate, slopes = _linearised(plant, np.array([x], dtype=float), u)
-    still = rate - x if plant.discrete else rate
-    return not still.any() and not np.nan_to_num(slopes.C).any()  # a norm at 0 has 0/0, where the filter takes 0
+    return not rate.any() and not np.nan_to_num(slopes.C).any()  # a norm at 0 has 0/0, where the filter takes 0
 
 
 def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
-    """Return f (N, n), and the scaled linearisation, at x (N, n), u (N, m)."""
+    """Return f (N, n), of a discrete plant f - x, and the scaled linearisation, at x (N, n), u (N, m)."""
     f, y, F, H, K = (np.array(part) for part in _functions(plant)(x.T, u.T))
     S = np.array([_half(s) for s in plant.states])
     n, count = len(plant.states), len(x)
@@ -259,7 +257,7 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
         half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
         R.append(float(half or size or 1.0))
     invariant_slopes = K.T.reshape(count, n, len(plant.invariants)).transpose(0, 2, 1) * S
-    return f.T, Linear(A, C / np.array(R)[:, None], tangents(invariant_slopes))
+    return f.T - x if plant.discrete else f.T, Linear(A, C / np.array(R)[:, None], tangents(invariant_slopes))
 
 
 def slopes(
@@ -281,6 +279,7 @@ def slopes(
     return np.asarray(known)
 
 
+@lru_cache(maxsize=32)  # each step of a plant asks for them
 def _functions(plant: System) -> Any:
     """Return f, h, and df/dx, dh/dx, dc/dx as columns, c the invariants, as a CasADi function of x (n) and u (m)."""
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))

@@ -61,14 +61,13 @@ def _wasm_compiler(name: str) -> tuple[str, str] | None:
     return _program(name, command[0]) if command else None
 
 
-WASM = 'apt install clang lld, or pip install "hgogen[wasm]"'
 _BOARD = "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
 WANTED = (
     Wanted("C compiler", "runs at the speed of C, and the self-check of emitted C", "apt install gcc", _c_compiler),
     Wanted("rustc", "the self-check of emitted Rust", "apt install rustc", _program),
     Wanted(COMPILER, "hgogen cost: bytes of flash and RAM on a Cortex-M4F", _BOARD, _program),
     Wanted(EMULATOR, "hgogen cost: instructions of a call on a Cortex-M4F", _BOARD, _program),
-    Wanted("wasm-ld", "the observer live in hgogen report", WASM, _wasm_compiler),
+    Wanted("wasm-ld", "the observer live in hgogen report", wasm.INSTALL, _wasm_compiler),
     Wanted("clarabel", "proofs of a step, of noise and of starts by a solver", 'pip install "hgogen[lmi]"', _library),
     Wanted("pandas", "DataFrames, Parquet and spreadsheets as logs", 'pip install "hgogen[logs]"', _library),
     Wanted("pyarrow", "Parquet files as logs", 'pip install "hgogen[logs]"', _library),

@@ -19,7 +19,7 @@ from string import Template
 import casadi as ca
 
 from hgogen.emit.code import indented
-from hgogen.emit.interface import Parameter, address, assigned, parameters, prototypes, structs
+from hgogen.emit.interface import address, assigned, parameters, prototypes, structs
 from hgogen.emit.naming import c_name
 from hgogen.errors import HgogenError
 from hgogen.program import Field
@@ -32,10 +32,7 @@ FLAGS = (
     *("-std=c99", "-O2", "-w", "-ffp-contract=off", "-ffreestanding", "-fno-math-errno", "-nostdlib", "-I."),
     *("-Wl,--no-entry", "-Wl,--strip-all"),
 )
-MISSING = (
-    "clang with wasm-ld (Debian: clang, lld), or Python's package ziglang: `pip install ziglang`; "
-    "`hgogen doctor` tells what is there"
-)
+INSTALL = "apt install clang lld, or pip install ziglang"
 
 
 @dataclass(eq=False)
@@ -99,12 +96,12 @@ def live(step: Step, truth: ca.Function, free: tuple[Signal, ...], sources: Mapp
     """
     command = compiler()
     if command is None:
-        raise NoWebAssembly(f"it needs {MISSING}")
+        raise NoWebAssembly(f"it needs clang with wasm-ld, or Python's package ziglang: {INSTALL}")
     gains = tuple(_sliders(step))
     texts = {name: text for name, text in sources.items() if name.endswith((".c", ".h"))}
     names = (*(name for name in texts if name.endswith(".c")), "live.c")
     with tempfile.TemporaryDirectory() as folder:
-        write({**texts, "live.c": _source(step, truth, tuple(gains)), "math.h": template("math.h")}, folder)
+        write({**texts, "live.c": _source(step, truth, gains), "math.h": template("math.h")}, folder)
         exact = f"-D{step.name.upper()}_EXACT"
         native.run([*command, *FLAGS, exact, *names, "-o", "live.wasm"], folder, _failed)
         wasm = (Path(folder) / "live.wasm").read_bytes()
@@ -160,9 +157,6 @@ def _source(step: Step, truth: ca.Function, gains: tuple[tuple[str, Slider], ...
     read = [f"cells.estimate[{i}] = x.{c_name(signal.name)};" for i, signal in enumerate(step.states)]
     read += [f"cells.gains[{i}] = {place};" for i, (place, _) in enumerate(gains)]
 
-    def argument(parameter: Parameter) -> str:
-        return address(parameter)
-
     return Template(template("live.c")).substitute(
         name=step.name,
         truth=generator.dump(),
@@ -182,8 +176,8 @@ def _source(step: Step, truth: ca.Function, gains: tuple[tuple[str, Slider], ...
         filled="\n".join(indented(filled)),
         written="\n".join(indented(written)),
         read="\n".join(indented(read)),
-        estimate=declared["estimate"].call(argument),
-        tune=declared["tune"].call(argument),
-        init=declared["init"].call(argument),
-        step=declared["step"].call(argument),
+        estimate=declared["estimate"].call(address),
+        tune=declared["tune"].call(address),
+        init=declared["init"].call(address),
+        step=declared["step"].call(address),
     )
