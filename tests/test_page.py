@@ -278,5 +278,11 @@ def test_a_browser_runs_the_observer_on_a_log(tmp_path: Path) -> None:
     assert replayed
     assert replayed[1] == "50"
     assert [float(v) for v in replayed[2].split()] == pytest.approx(run.x[-1].tolist(), rel=1e-3)
+    german = "\\n".join([names.replace(",", ";"), *(f'{u!r};"{y!r}"'.replace(".", ",") for u, y in rows.tolist())])
+    assert f'data-replayed="{replayed[1]} {replayed[2]}"' in browsed(
+        "pendulum", f"window.hgogen.replay('log.csv', '{german}');", tmp_path
+    )
+    ragged = browsed("pendulum", f'window.hgogen.replay("log.csv", "{names}\\n1,2\\n1,5,2,5");', tmp_path)
+    assert "row 2 has 4 cells, and the header 2" in ragged
     refused = browsed("pendulum", 'window.hgogen.replay("log.csv", "a,b\\n1,2");', tmp_path)
     assert f"log.csv has no column {names.replace(',', ', ')}; it has a, b" in refused

@@ -201,7 +201,8 @@ async function main() {
   }
 
   function replay(name, content) { // the observer on a log, a row for each period
-    const rows = content.trim().split(/\r?\n/).map((row) => row.split(/[,;\t]/).map((cell) => cell.trim()));
+    const lines = content.trim().split(/\r?\n/), mark = lines[0].match(/[;\t]/)?.[0] ?? ","; // "," may be decimal
+    const rows = lines.map((row) => row.split(mark).map((cell) => cell.trim().replace(/^"(.*)"$/, "$1")));
     const head = rows.shift() || [], names = [...data.given, ...data.samples.map((output) => output.name)];
     const missing = names.filter((each) => each !== null && !head.includes(each) && !data.ages.includes(each));
     if (missing.length) {
@@ -209,12 +210,18 @@ async function main() {
         + ". Name the columns as the model names its outputs and inputs.";
       return;
     }
+    const odd = rows.findIndex((row) => row.length !== head.length);
+    if (odd >= 0) {
+      element("state").textContent = name + ": row " + (odd + 1) + " has " + rows[odd].length + " cells, and the header "
+        + head.length + "; separate them by one mark, and write numbers without it.";
+      return;
+    }
     begin();
     running = false; element("run").textContent = "Run"; file = name;
     every = Math.max(1, Math.ceil(rows.length / POINTS));
     const number = (row, each) => {
       const cell = row[head.indexOf(each)];
-      return each === null ? data.dt : data.ages.includes(each) && !head.includes(each) ? 0 : cell ? Number(cell) : NaN;
+      return each === null ? data.dt : data.ages.includes(each) && !head.includes(each) ? 0 : cell ? Number(cell.replace(",", ".")) : NaN;
     };
     for (const row of rows) {
       call(data.given.map((each) => number(row, each)), data.samples.map((output) => number(row, output.name)));
