@@ -12,6 +12,7 @@ from importlib import import_module, metadata
 from inspect import cleandoc, isfunction
 from pathlib import Path
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any
 
 from hgogen.errors import HgogenError
@@ -28,43 +29,49 @@ class NoCase(HgogenError):
     text = "{module} defines no {name!r}; give the case its file's name, or move the file elsewhere"
 
 
-def load(package: str) -> dict[str, Any]:
-    """Import every module of the package, in alphabetical order; return {case name: its public object}.
+def case_in(module: ModuleType) -> Any:
+    """Return the case in a file of a registry folder, the value with the file's name.
 
-    Loading is eager because importing a module later would bind the package's attribute to the module in place of the
-    case. That hides the file's docstring too. Therefore a function's docstring follows it, so that help() shows
-    equations and reference before the arguments, and a value has it in place of its class's docstring.
+    A function's docstring follows that of its file, so that help() shows equations and reference before the arguments,
+    and a value has its file's docstring in place of its class's.
 
     Raises: `NoCase`.
     """
-    loaded = {}
-    for name in sorted(info.name for info in iter_modules(sys.modules[package].__path__)):
-        module = import_module(f"{package}.{name}")
-        if name not in vars(module):
-            raise NoCase(module.__name__, name)
-        case = loaded[name] = vars(module)[name]
-        if isfunction(case) and case.__doc__ and module.__doc__:
-            file, docstring = cleandoc(module.__doc__), cleandoc(case.__doc__)
-            case.__doc__ = docstring if docstring.startswith(file) else f"{file}\n\n{docstring}"  # once
-        elif is_dataclass(case) and not isinstance(case, type):
-            object.__setattr__(case, "__doc__", module.__doc__)  # help() shows it in place of the class
-    return loaded
+    name = module.__name__.rpartition(".")[2]
+    if name not in vars(module):
+        raise NoCase(module.__name__, name)
+    case = vars(module)[name]
+    if isfunction(case) and case.__doc__ and module.__doc__:
+        file, docstring = cleandoc(module.__doc__), cleandoc(case.__doc__)
+        case.__doc__ = docstring if docstring.startswith(file) else f"{file}\n\n{docstring}"  # once
+    elif is_dataclass(case) and not isinstance(case, type):
+        object.__setattr__(case, "__doc__", module.__doc__)  # help() shows it in place of the class
+    return case
 
 
 Names = tuple[list[str], Callable[[], list[str]], Callable[[str], Any]]
 
 
 def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -> Names:
-    """Bind the cases of a folder, each after `prepared`, to the names of its package. Return its `__all__`, `__dir__`
-    and `__getattr__`; the last declares the names to a type checker. Raises: `NoCase`."""
-    loaded = {name: prepared(case) for name, case in load(package).items()}
-    names = list(loaded)
-    vars(sys.modules[package]).update(loaded)
+    """Return `__all__`, `__dir__` and `__getattr__` of a folder, whose names are its cases, each after `prepared`. The
+    file of a case is imported when its name is first read; its import binds the name to the case, not to the module.
+    Raises: `NoCase`, when a case is read."""
+    folder = sys.modules[package]
+    names = sorted(info.name for info in iter_modules(folder.__path__))
 
-    def missing(name: str) -> Any:
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+    class Folder(ModuleType):
+        def __setattr__(self, name: str, value: Any) -> None:
+            is_case = isinstance(value, ModuleType) and name in names
+            super().__setattr__(name, prepared(case_in(value)) if is_case else value)
 
-    return names, lambda: names, missing
+    def case_called(name: str) -> Any:
+        if name not in names:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        import_module(f"{package}.{name}")
+        return vars(folder)[name]
+
+    folder.__class__ = Folder
+    return names, lambda: names, case_called
 
 
 def cases(folder: str) -> list[str]:

@@ -26,8 +26,8 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
-from hgogen.analysis.evidence import NotCertifiable, outward
-from hgogen.certificates.certificate import certificate
+from hgogen.analysis.evidence import outward
+from hgogen.certificates.certificate import NotCertifiable, certificate
 from hgogen.check import Check, Verdict
 from hgogen.commands.claims import Checked, checked
 from hgogen.model import load

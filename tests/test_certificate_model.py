@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
-from hgogen.analysis.evidence import NotCertifiable, fingerprint
-from hgogen.certificates.certificate import certificate
+from hgogen.certificates.certificate import NotCertifiable, certificate, fingerprint
 from hgogen.recheck.file import DIGEST_DIGITS, NoCertificate, digest, model_digest
 from hgogen.recheck.verification import Row, recheck
 

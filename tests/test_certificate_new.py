@@ -11,8 +11,8 @@ import plants
 import pytest
 
 import hgogen as hg
-from hgogen.analysis.evidence import Grounds, OtherNumbers, fingerprint
-from hgogen.certificates.certificate import certificate, stated
+from hgogen.analysis.evidence import Grounds
+from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
 from hgogen.prove.convergence import AtTheta, FromTheta, claims
 from hgogen.recheck.verification import recheck
 

@@ -4,6 +4,7 @@ import random
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hgogen.analysis.hypotheses import positive
 from hgogen.check import Check, ClaimId, Refuted, UnknownCheck, Verdict, demand
 from hgogen.form import Form, OneOutput
 from hgogen.forms.original import BadOrder
-from hgogen.registry import NoCase, load
+from hgogen.registry import NoCase, case_in
 from hgogen.signal import Signal
 from hgogen.system import System
 from tests.sweep import sweep
@@ -676,12 +677,11 @@ def test_a_file_without_its_case_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     (folder / "__init__.py").write_text("")
     (folder / "good.py").write_text("def good(): return 1\n")
     monkeypatch.syspath_prepend(tmp_path)
-    __import__("cases_for_a_test")
     try:
-        assert load("cases_for_a_test")["good"]() == 1
+        assert case_in(import_module("cases_for_a_test.good"))() == 1
         (folder / "stray.py").write_text("other = 1\n")
         with pytest.raises(NoCase, match=r"cases_for_a_test\.stray defines no 'stray'"):
-            load("cases_for_a_test")
+            case_in(import_module("cases_for_a_test.stray"))
     finally:
         for name in [name for name in sys.modules if name.startswith("cases_for_a_test")]:
             del sys.modules[name]

@@ -2,6 +2,7 @@
 
 import inspect
 import pydoc
+import subprocess
 import sys
 
 import pytest
@@ -28,9 +29,22 @@ def test_the_cascade() -> None:
     assert docstring.index("Khalil") < docstring.index("Args: ") < docstring.index("`theta`")
 
 
+def test_a_case_is_imported_when_it_is_read() -> None:
+    """And its name means the case, however its file was imported: as a module first, or by its name."""
+    code = (
+        "import sys, hgogen.observers.low_power, hgogen as hg; "
+        "print(hg.observers.low_power.__name__, hg.observers.high_gain.__name__, hg.observers.kalman.__name__, "
+        "'hgogen.observers.ukf' in sys.modules, {'ukf', 'bank'} < {*dir(hg.observers)})"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["low_power", "high_gain", "kalman", "False", "True"]
+    with pytest.raises(AttributeError, match=r"module 'hgogen\.observers' has no attribute 'low_powers'"):
+        _ = hg.observers.low_powers
+
+
 def test_it_is_told_once() -> None:
     before = hg.observers.cascade.__doc__
-    assert registry.load("hgogen.observers")["cascade"].__doc__ == before
+    assert registry.case_in(sys.modules["hgogen.observers.cascade"]).__doc__ == before
 
 
 @pytest.mark.parametrize("name", hg.methods.__all__)

@@ -2,11 +2,9 @@
 
 Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. The proof of
 a claim is a value whose `evidence(form)` returns it. A value in the evidence that has evidence of its own is replaced
-by the names of that. Evidence is None where a certificate cannot show the claim. The head of a certificate holds plant,
-form and observer, with their digest, which the C contains too.
+by the names of that. Evidence is None where a certificate cannot show the claim.
 """
 
-import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -17,21 +15,12 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
-from hgogen.check import Check
-from hgogen.errors import BadArgument
 from hgogen.form import Form
-from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
-from hgogen.recheck.rules import OBSERVERS
-from hgogen.recheck.text import Unreadable
-from hgogen.recheck.verification import read
-from hgogen.registry import version
 from hgogen.rigor.bounds import Proof, Range
-from hgogen.rigor.box import box, exact
+from hgogen.rigor.box import exact
 from hgogen.rigor.lookup import Table
-from hgogen.rigor.periodic import exact_turn
 from hgogen.rigor.tape import plain
 from hgogen.sentence import up
-from hgogen.signal import Signal
 
 _DIGITS = 12
 
@@ -245,99 +234,3 @@ class Steep:
         """Return the evidence of the bound of |S dc/dw S^-1|, w the scaled coordinates of integrators."""
         slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
         return slope and {"units": self.units, "scale": self.scale, **slope}
-
-
-class NotCertifiable(BadArgument):
-    """A model that a certificate cannot carry."""
-
-    text = (
-        "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
-        "functions, Abs, sign, Min, Max and tables: write the model by them"
-    )
-
-
-class OtherNumbers(BadArgument):
-    """An observer whose proofs name other numbers than the checker's table `recheck.rules.OBSERVERS` expects."""
-
-    text = (
-        "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
-        "that row"
-    )
-
-
-def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
-    """Return the head of a certificate: its format, plant, form and observer."""
-    system = form.system
-    plant = system.declared
-    about = {
-        "plant": {
-            "name": plant.name,
-            "states": _ranges(plant.states),
-            "inputs": _ranges(system.inputs),
-            "parameters": _ranges(system.parameters, system.nominal),
-            "outputs": [y.name for y in plant.outputs],
-            "flow": _written(form, plant.flow),
-            "output": _written(form, plant.output),
-            **_periods((*plant.states, *system.inputs, *plant.outputs)),
-            **({"times": [w.name for w in system.times]} if system.times else {}),
-        },
-        "form": {
-            "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
-            "states": _ranges(form.states),
-            "to_form": _written(form, form.entry),
-            "from_form": _written(form, (expression for _, expression in form.estimates)),
-            "A": [_written(form, form.A.row(i)) for i in range(form.n)],
-            "b": _written(form, form.b),
-            "output": _written(form, form.output),
-            "blocks": list(map(str, form.blocks)),
-            "alignment": form.alignment,
-            **_periods(form.states),
-        },
-        "observer": _observer(form, checks, observer),
-    }
-    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
-
-
-def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
-    return [text(form, row) for row in rows]
-
-
-def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Return the observer's name and the gains that a proof depends on. Other
-    gains are left out, since nothing is verified with them; None for a
-    member of a bank of observers, whose claims are not about the bank."""
-    if not name:
-        return None
-    proofs = (proof for check in checks if check.id.maker == name for proof in check.proofs)
-    grounds = next((proof for proof in proofs if isinstance(proof, Grounds)), None)
-    if grounds is None or name not in OBSERVERS:
-        return {"name": name}
-    wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
-    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].optional}) != wanted:
-        row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
-        raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
-    return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}
-
-
-def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
-    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
-
-
-def _periods(signals: Iterable[Signal]) -> dict[str, dict[str, str]]:
-    """Return the periods of angles by name under the key "periods"; nothing where there are none."""
-    periods = {s.name: str(exact_turn(s.period)) for s in signals if s.period is not None}
-    return {"periods": periods} if periods else {}
-
-
-def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of a certificate with its digest."""
-    return {**content, "digest": digest(content)}
-
-
-def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
-    """Return the digest `model` of a certificate, without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
-    content = sealed({**head(form, checks, observer), "claims": []})
-    try:
-        return read(json.dumps(content)).model
-    except Unreadable as error:
-        raise NotCertifiable(form.system.name, error.fault) from None

@@ -49,13 +49,39 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from hgogen.analysis.evidence import NotCertifiable, head, sealed, texts
+import sympy as sp
+
+from hgogen.analysis.evidence import Grounds, end, exactly, text, texts
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
+from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
+from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
-from hgogen.recheck.verification import recheck
+from hgogen.recheck.verification import read, recheck
+from hgogen.registry import version
+from hgogen.rigor.box import box
+from hgogen.rigor.periodic import exact_turn
+from hgogen.signal import Signal
 from hgogen.system import demand_continuous
+
+
+class NotCertifiable(BadArgument):
+    """A model that a certificate cannot carry."""
+
+    text = (
+        "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
+        "functions, Abs, sign, Min, Max and tables: write the model by them"
+    )
+
+
+class OtherNumbers(BadArgument):
+    """An observer whose proofs name other numbers than the checker's table `recheck.rules.OBSERVERS` expects."""
+
+    text = (
+        "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
+        "that row"
+    )
 
 
 class NoClaims(BadArgument):
@@ -119,3 +145,81 @@ def _claim(form: Form, check: Check) -> dict[str, Any]:
         reason = f"{check.verdict}: {check.reason}{unwritten and f', {unwritten}'}"
         return {"id": check.id, "verdict": "stated", "evidence": {"reason": reason}}
     return {"id": check.id, "verdict": str(check.verdict), "evidence": evidence}
+
+
+def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
+    """Return the head of a certificate: its format, plant, form and observer."""
+    system = form.system
+    plant = system.declared
+    about = {
+        "plant": {
+            "name": plant.name,
+            "states": _ranges(plant.states),
+            "inputs": _ranges(system.inputs),
+            "parameters": _ranges(system.parameters, system.nominal),
+            "outputs": [y.name for y in plant.outputs],
+            "flow": _written(form, plant.flow),
+            "output": _written(form, plant.output),
+            **_periods((*plant.states, *system.inputs, *plant.outputs)),
+            **({"times": [w.name for w in system.times]} if system.times else {}),
+        },
+        "form": {
+            "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
+            "states": _ranges(form.states),
+            "to_form": _written(form, form.entry),
+            "from_form": _written(form, (expression for _, expression in form.estimates)),
+            "A": [_written(form, form.A.row(i)) for i in range(form.n)],
+            "b": _written(form, form.b),
+            "output": _written(form, form.output),
+            "blocks": list(map(str, form.blocks)),
+            "alignment": form.alignment,
+            **_periods(form.states),
+        },
+        "observer": _observer(form, checks, observer),
+    }
+    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
+
+
+def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
+    return [text(form, row) for row in rows]
+
+
+def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
+    """Return the observer's name and the gains that a proof depends on. Other
+    gains are left out, since nothing is verified with them; None for a
+    member of a bank of observers, whose claims are not about the bank."""
+    if not name:
+        return None
+    proofs = (proof for check in checks if check.id.maker == name for proof in check.proofs)
+    grounds = next((proof for proof in proofs if isinstance(proof, Grounds)), None)
+    if grounds is None or name not in OBSERVERS:
+        return {"name": name}
+    wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
+    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].optional}) != wanted:
+        row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
+        raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
+    return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}
+
+
+def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
+    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
+
+
+def _periods(signals: Iterable[Signal]) -> dict[str, dict[str, str]]:
+    """Return the periods of angles by name under the key "periods"; nothing where there are none."""
+    periods = {s.name: str(exact_turn(s.period)) for s in signals if s.period is not None}
+    return {"periods": periods} if periods else {}
+
+
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a certificate with its digest."""
+    return {**content, "digest": digest(content)}
+
+
+def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
+    """Return the digest `model` of a certificate, without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
+    content = sealed({**head(form, checks, observer), "claims": []})
+    try:
+        return read(json.dumps(content)).model
+    except Unreadable as error:
+        raise NotCertifiable(form.system.name, error.fault) from None

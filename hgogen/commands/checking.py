@@ -19,7 +19,6 @@ from rich.text import Text
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.analysis.evidence import NotCertifiable
 from hgogen.analysis.observability import Answer, Observability
 from hgogen.analysis.singularity import Singularity
 from hgogen.analysis.undefined import MAKER, undefined_slopes, undefined_values
@@ -303,7 +302,7 @@ def _form_table(plant: System, name: str) -> RenderableType:
 def _proof(form: Form, checks: Iterable[Check], observer: str, name: str) -> RenderableType:
     """Return a claim with its reason, its advice and the evidence that a certificate has of it. Raises: `BadParameter`
     for a name of no claim."""
-    from hgogen.certificates.certificate import certificate  # slow to import
+    from hgogen.certificates.certificate import NotCertifiable, certificate  # slow to import
 
     known = {str(check.id): check for check in checks}
     if name not in known:

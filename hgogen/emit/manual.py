@@ -15,7 +15,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.analysis.evidence import NotCertifiable, fingerprint
+from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cost import cost, counted
 from hgogen.emit.interface import FIRST_CALL

@@ -52,10 +52,10 @@ def suggested(name: str, known: Iterable[str], otherwise: str) -> str:
     return SYNONYMS[name].sentence if name in SYNONYMS else nearest(name, known, otherwise)
 
 
-def observer_called(name: str, cases: Mapping[str, Any]) -> Callable[..., Observer]:
-    """Return the function of the observer that has the other name `name`, from the `cases` of `hg.observers`."""
+def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..., Observer]:
+    """Return the function of the observer that has the other name `name`; `case_called` gives one of `hg.observers`."""
     known = SYNONYMS[name]
-    case = cases[known.observer]
+    case = case_called(known.observer)
     function = partial(_make, name, case)
     update_wrapper(function, case)
     parameters = (each for each in signature(case).parameters.values() if each.name not in known.fixed)

@@ -19,8 +19,8 @@ from hgogen.observer import remembered
 from hgogen.reading.given import requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, _missing = cases_of(__name__, lambda case: requires_switches(remembered(case)))
+__all__, __dir__, _case_called = cases_of(__name__, lambda case: requires_switches(remembered(case)))
 
 
 def __getattr__(name: str) -> Any:
-    return observer_called(name, globals()) if name in SYNONYMS else _missing(name)
+    return observer_called(name, _case_called) if name in SYNONYMS else _case_called(name)
