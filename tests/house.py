@@ -4,8 +4,8 @@
 
 prints measures, a row each; `--tests` also runs the ordinary tests, as a newcomer does. A *function* is a definition
 with a name, a method too; it has one caller where its name is used in one place of the package. A *door* is the
-function of a command, and all that only it calls. A *climb* is a pair of folders: right after a function of the first
-runs one of the second, which stands above it.
+function of a command, and all that only it calls. A *climb* is a pair of folders: a function of the first calls one of
+the second, which stands above it, by a value that was handed down.
 """
 
 import argparse
@@ -17,7 +17,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 
@@ -238,23 +237,37 @@ def run(command: list[str]) -> str:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
 
-def climbs(call: Callable[[], object]) -> list[tuple[str, str]]:
-    """The pairs of folders by which a call climbs."""
-    visits: list[str] = []
+@cache
+def folder(file: str) -> str:
+    """The folder of the package in which a file stands, "" for one at its root or of a library."""
+    path = Path(file)
+    inner = path.relative_to(PACKAGE).parts if path.is_relative_to(PACKAGE) else ()
+    return inner[0] if len(inner) > 1 else ""
 
-    def visit(frame: FrameType, event: str, _: object) -> None:
-        path = frame.f_code.co_filename
-        if event == "call" and path.startswith(str(PACKAGE)):
-            folder = path[len(str(PACKAGE)) + 1 :].partition("/")[0]
-            if folder in COLUMN and visits[-1:] != [folder]:
-                visits.append(folder)
 
-    sys.setprofile(visit)
+def calls(function: Callable[[], object]) -> set[tuple[str, str]]:
+    """The pairs of folders of which one calls the other, by whatever way between them, while a function runs."""
+    pairs: set[tuple[str, str]] = set()
+
+    def called(frame: FrameType, event: str, _: object) -> None:
+        callee, caller = folder(frame.f_code.co_filename), frame.f_back
+        while event == "call" and callee and caller is not None:
+            if above := folder(caller.f_code.co_filename):
+                pairs.add((above, callee))
+                return
+            caller = caller.f_back
+
+    sys.setprofile(called)
     try:
-        call()
+        function()
     finally:
         sys.setprofile(None)
-    return sorted((a, b) for a, b in set(pairwise(visits)) if COLUMN.index(b) > COLUMN.index(a))
+    return {(caller, callee) for caller, callee in pairs if caller != callee}
+
+
+def climbs(call: Callable[[], object]) -> set[tuple[str, str]]:
+    """The pairs of folders by which a call climbs."""
+    return {pair for pair in calls(call) if COLUMN.index(pair[0]) < COLUMN.index(pair[1])}
 
 
 def walks() -> tuple[int, int]:
