@@ -18,12 +18,14 @@ from hgogen.extras.page import mathml
 from hgogen.registry import version as number
 
 project, author, version = "hgogen", "the authors of hgogen", number()
-extensions = ["myst_nb", "sphinx_design"]
-exclude_patterns = ["**/.ipynb_checkpoints", "whole_way.ipynb"]  # a notebook that is a page here
+extensions = ["myst_nb", "sphinx_design", "sphinxcontrib.bibtex"]
+bibtex_bibfiles, bibtex_reference_style = ["references.bib"], "author_year"
+exclude_patterns = ["**/.ipynb_checkpoints"]
 myst_enable_extensions = ["colon_fence", "dollarmath", "attrs_inline"]
 myst_heading_anchors = 4
 nb_render_markdown_format = "myst"  # as a notebook has equations and tables
 nb_execution_mode, nb_execution_raise_on_error, nb_execution_timeout = "force", True, 300
+nb_execution_in_temp = True  # a tutorial writes files
 html_theme, html_title, html_show_sourcelink = "pydata_sphinx_theme", f"hgogen {version}", False
 html_extra_path = [f"{site_pages.PAGES}/extra"]  # reports, which are pages already
 html_static_path, html_css_files = ["_static"], ["site.css"]

@@ -1,5 +1,5 @@
 """The generated pages of the site, from the package itself: a page for each observer, form, method and target, the
-gallery of the shipped models with their live reports, the Python interface and the command line.
+gallery of the shipped models with their live reports, the Python interface, the command line and the bibliography.
 """
 
 import inspect
@@ -8,6 +8,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def write_all(folder: Path) -> None:
     """Write all generated pages into the folder of the site's sources."""
     pages = folder / PAGES
     shutil.rmtree(pages, ignore_errors=True)
-    for path, content in {**dict(cases()), **dict(gallery()), **dict(interface()), **dict(commands())}.items():
+    for path, content in chain(cases(), gallery(), interface(), commands(), bibliography()):
         (pages / path).parent.mkdir(parents=True, exist_ok=True)
         (pages / path).write_bytes(content.encode() if isinstance(content, str) else content)
 
@@ -73,7 +74,7 @@ def cases() -> Iterator[tuple[str, str | bytes]]:
             if shown:
                 yield f"{folder}/{name}.svg", shown[1]
                 lines += [*when(name), "", shown[0], ""]
-            lines += ["## In full", "", signature(f"hg.{folder}.{name}", case), docstring(case)]
+            lines += ["## In full", "", signature(f"hg.{folder}.{name}", case), docstring(case), "", *cited(case)]
             yield f"{folder}/{name}.md", "\n".join(lines)
 
 
@@ -88,6 +89,22 @@ def docstring(value: Any) -> str:
     """Return a docstring as Markdown, where an indented equation is code already."""
     text = inspect.getdoc(value) or ""
     return re.sub(r"(?<![`\w])<(?=[a-z])", r"\\<", text).replace("*", "\\*") if "\n    " not in text else text
+
+
+def cited(value: Any) -> list[str]:
+    """Return the section of the papers that a docstring cites: by the authors, and the year after them."""
+    text = re.sub(r"\b[A-Z]\.(-[A-Z]\.)? ", "", " ".join((inspect.getdoc(value) or "").split()))
+    alone = r"(?!, [A-Z][a-z]+,)"  # and not the first of more authors
+    keys = [key for key, authors, year in papers() if re.search(rf"\b{authors}\b{alone}.{{0,200}}?\b{year}\b", text)]
+    return ["## Literature", "", ", ".join(f"{{cite:t}}`{key}`" for key in keys), ""] if keys else []
+
+
+def papers() -> Iterator[tuple[str, str, str]]:
+    """Yield the key of each paper of the bibliography, its authors' family names as texts join them, and its year."""
+    for entry in (ROOT / "docs" / "references.bib").read_text(encoding="utf-8").split("\n@"):
+        key, authors, year = re.search(r"{(\w+),\s+author = {(.*?)},\n.*?year = {(\d+)}", entry, re.DOTALL).groups()
+        names = (name.split(",")[0].strip("{}") for name in authors.split(" and "))
+        yield key, ", ".join(names), year
 
 
 def signature(name: str, value: Any) -> str:
@@ -210,3 +227,8 @@ def commands() -> Iterator[tuple[str, str | bytes]]:
                 "",
             ]
     yield "commands.md", "\n".join(lines)
+
+
+def bibliography() -> Iterator[tuple[str, str | bytes]]:
+    """Yield the page of all papers."""
+    yield "bibliography.md", "# Bibliography\n\n```{bibliography}\n:all:\n```\n"

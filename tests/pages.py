@@ -20,7 +20,7 @@ def everywhere() -> dict[str, str]:
 
 def blocks(language: str, of: str) -> list[str]:
     """The blocks of code of this language in a text."""
-    return re.findall(rf"^```{language}\n(.*?)^```", of, re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{re.escape(language)}\n(.*?)^```", of, re.MULTILINE | re.DOTALL)
 
 
 def shown(command: str) -> list[tuple[str, str]]:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from doc_tables import TABLE, TABLES, TRIED, settled, words, written
-from notebook import PAGE as NOTEBOOK
 from pages import PAGES, README, ROOT, blocks, everywhere, shown, text
 from pinned import differing
 from typer.testing import CliRunner
@@ -37,9 +36,7 @@ CASES = {  # pages that show files of tests/fixtures/, which are run where they 
     "contributing": ("observers/luenberger.py", "tests/test_luenberger.py"),
     "new_proof": ("recheck/rules/below_lipschitz.py",),
 }
-PYTHON = [  # the cells of the notebook have their own test
-    page for page in PAGES if page not in (NOTEBOOK, *CASES) and blocks("python", text(page))
-]
+PYTHON = [page for page in PAGES if page not in CASES and blocks("python", text(page))]
 
 
 @pytest.mark.ordinary("python", "tuning")
@@ -289,12 +286,3 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
     first, *_ = re.findall(r"^## (\S+) - ", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert first in (version, "Unreleased")
-
-
-def test_the_papers_are_those_of_the_observers() -> None:
-    """Each title stands in the docstring of an observer or a form, word by word."""
-    titles = re.findall(r'title: "(.*)"', (ROOT / "CITATION.cff").read_text())
-    cases = [path for folder in ("observers", "forms") for path in (ROOT / "hgogen" / folder).glob("*.py")]
-    said = " ".join(" ".join(path.read_text() for path in cases).split())
-    assert len(titles) >= 12
-    assert [title for title in titles if title.lower() not in said.lower()] == []

@@ -59,7 +59,7 @@ def test_a_change_that_no_test_sees_survives(tmp_path: Path) -> None:
     blind.write_text("def test_blind():\n    pass\n")
     rows = [Mutation(*change, (test,)) for test in (str(blind), SEEN)]
     assert survivors(rows) == rows[:1]
-    full = "tests/test_notebook.py::test_it_goes_from_a_record_to_c"
+    full = "tests/test_tutorials.py::test_it_goes_from_a_record_to_c"
     rows = [Mutation(*change, tests) for tests in ((full,), (full, SEEN))]
     assert survivors(rows, ordinary=True) == rows[:1]
 

@@ -1,6 +1,8 @@
 """The pages that the site generates from the package; the site itself is built with warnings as errors by .ci/run."""
 
 import importlib.util
+import inspect
+import re
 import sys
 from types import ModuleType
 
@@ -9,6 +11,8 @@ from pages import ROOT
 
 import hgogen as hg
 from hgogen.commands.app import known
+
+CASES = [(kind, name) for kind in ("observers", "forms", "methods") for name in getattr(hg, kind).__all__]
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +64,26 @@ def test_every_public_name_and_every_command_has_a_section(site: ModuleType) -> 
     listed = [line[len("## hgogen ") :] for line in commands.splitlines() if line.startswith("## hgogen ")]
     assert listed == known()
     assert "| `model` |" in commands
+
+
+def test_a_page_cites_the_papers_of_its_docstring(site: ModuleType) -> None:
+    """By all authors and the year, which may be those of a shorter list; a paper of one of them is another one."""
+    cited = {name: " ".join(site.cited(getattr(hg.observers, name))) for name in hg.observers.__all__}
+    assert [name for name, text in cited.items() if "{cite:t}" not in text] == []
+    assert cited["riccati"].endswith("{cite:t}`boizot_busvelle_gauthier_2010` ")
+    assert "`boizot_2010`" in " ".join(site.cited(hg.forms.block_triangular))
+    assert site.cited(hg.methods.euler) == []
+
+
+def test_the_bibliography_has_what_cases_cite(site: ModuleType) -> None:
+    """And nothing else, with the titles as docstrings write them."""
+    texts = [inspect.getdoc(getattr(getattr(hg, kind), name)) or "" for kind, name in CASES]
+    keys = {
+        key
+        for kind, name in CASES
+        for key in re.findall("`(.*?)`", " ".join(site.cited(getattr(getattr(hg, kind), name))))
+    }
+    assert keys == {key for key, _, _ in site.papers()}
+    titles = re.findall(r" title = {(.*)},", (ROOT / "docs" / "references.bib").read_text())
+    said = " ".join(" ".join(texts).split()).lower()
+    assert len([title for title in titles if title.lower() in said]) >= len(titles) - 2  # by their journals

@@ -1,38 +1,29 @@
-"""The way from a record to C: the notebook is its page, and its cells run, on the record that they make and on a
-measured one."""
+"""The way from a record to C: the cells of its tutorial run, on the record that they make and on a measured one. The
+others run where the site is built."""
 
-import json
 import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from notebook import NOTEBOOK, PAGE, cells, notebook
-from pages import text
+from pages import ROOT, blocks
 
 from hgogen.run import native
 
 DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 MEASURED = DATA / "pendulum_energy_shaping.csv"
-
-
-def test_the_notebook_is_the_page() -> None:
-    """`python tests/notebook.py` writes it."""
-    assert NOTEBOOK.read_text(encoding="utf-8") == notebook(text(PAGE))
-    read = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    sources = [("".join(cell["source"]), cell["cell_type"]) for cell in read["cells"]]
-    assert sources == [(source, kind) for kind, source in cells(text(PAGE))]
+PAGE = ROOT / "docs" / "tutorials" / "log_to_c.md"
 
 
 def ran(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The names after all cells but the end of the first, which makes the record, where there is one."""
     monkeypatch.chdir(folder)
     names: dict[str, Any] = {}
-    first, *others = (source for kind, source in cells(text(PAGE)) if kind == "code")
+    first, *others = blocks("{code-cell}", PAGE.read_text(encoding="utf-8"))
     made = (folder / "record.csv").exists()
     for source in (first.partition("rich = ")[0] if made else first, *others):
-        exec(compile(source, f"{PAGE}.md", "exec"), names)
+        exec(compile(source, PAGE.name, "exec"), names)
     return names
 
 
