@@ -108,13 +108,37 @@ def papers() -> Iterator[tuple[str, str, str]]:
 
 
 def signature(name: str, value: Any) -> str:
-    """Return the line that calls a function, or nothing for another value."""
+    """Return the line that calls a function, or nothing for another value; a long one with a parameter in each line."""
     if not callable(value):
         return ""
     try:
-        return f"```python\n{name}{inspect.signature(value)}\n```\n"
+        called = inspect.signature(value)
     except (TypeError, ValueError):
         return ""
+    parts = [spelled(one) for one in called.parameters.values()]
+    first = next((k for k, one in enumerate(called.parameters.values()) if one.kind is one.KEYWORD_ONLY), None)
+    if first is not None and not any(one.kind is one.VAR_POSITIONAL for one in called.parameters.values()):
+        parts.insert(first, "*")
+    returned = called.return_annotation
+    end = ")" if returned in (None, called.empty) else f") -> {inspect.formatannotation(returned)}"
+    whole = short_types(f"{name}({', '.join(parts)}{end}")
+    if len(whole) > 80:
+        whole = short_types("\n".join([f"{name}(", *(f"    {part}," for part in parts), end]))
+    return f"```python\n{whole}\n```\n"
+
+
+def spelled(parameter: inspect.Parameter) -> str:
+    """Return a parameter with its type, and its default where that is short: a function or a method has no text."""
+    if parameter.default is parameter.empty or (
+        len(repr(parameter.default)) < 40 and " at 0x" not in repr(parameter.default)
+    ):
+        return str(parameter)
+    return str(parameter.replace(default=...)).replace("Ellipsis", "...")
+
+
+def short_types(text: str) -> str:
+    """Return types without their modules and without the quotes of those that are imported for their names alone."""
+    return re.sub(r"\b[a-z_]+(\.[a-z_]+)*\.(?=[A-Zn])|(?<=: )'|(?<=, )'(?=\w+ \|)|'(?= =)|(?<=\])'(?=\])", "", text)
 
 
 @cache

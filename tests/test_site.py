@@ -87,3 +87,15 @@ def test_the_bibliography_has_what_cases_cite(site: ModuleType) -> None:
     titles = re.findall(r" title = {(.*)},", (ROOT / "docs" / "references.bib").read_text())
     said = " ".join(" ".join(texts).split()).lower()
     assert len([title for title in titles if title.lower() in said]) >= len(titles) - 2  # by their journals
+
+
+def test_a_signature_is_short(site: ModuleType) -> None:
+    """Types without modules, a long one a parameter a line, and no memory address."""
+    line = "```python\nhg.forms.triangular(plant: System, *, measured: bool = False) -> Form\n```\n"
+    assert site.signature("hg.forms.triangular", hg.forms.triangular) == line
+    fit = site.signature("hg.fit", hg.fit)
+    assert "    *records: Log,\n    free: Iterable[str | Signal] | None = None,\n" in fit
+    assert "    each: Callable[[Progress], None] = ...,\n" in fit
+    assert "    *,\n    theta: float,\n" in site.signature("high_gain", hg.observers.high_gain)
+    every = [site.signature(name, getattr(hg, name)) for name in hg.__all__]
+    assert [one for one in every if " at 0x" in one or "hgogen." in one.partition("(")[2]] == []
