@@ -6,8 +6,9 @@ The forms are the rows of the survey, whose table follows. The observer's own fo
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,11 +25,10 @@ from hgogen.analysis.singularity import Singularity
 from hgogen.analysis.undefined import MAKER, undefined_slopes, undefined_values
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.commands import library
-from hgogen.commands import short_answer as short
-from hgogen.commands.advice import Advice, advice
+from hgogen.commands.advice import KNOWN, Admitted, Advice, advice
 from hgogen.commands.claims import COLOURS, Checked, _text, checked, checks_table, few, theorem_table
-from hgogen.commands.command import ModelReport, Tuned, command
-from hgogen.commands.output import Bar, filled, headed, json_text, note, print_result, results
+from hgogen.commands.command import PRINTED, ModelReport, Report, Tuned, command, json_file, print_report
+from hgogen.commands.output import Bar, filled, headed, note, results
 from hgogen.errors import HgogenError, nearest
 from hgogen.form import Form
 from hgogen.model import Model, load
@@ -36,11 +36,11 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
 from hgogen.run.gramian import Sight, as_share, sight
 from hgogen.sentence import NONE, Reason, Sentence, because, down, point, up
-from hgogen.system import System
 from hgogen.target import demand as demand_place
-from hgogen.theorem import convergence
+from hgogen.theorem import Convergence, convergence
 from hgogen.trial import Trial
-from hgogen.which_forms import Survey, of
+from hgogen.which_forms import NOT_TRIED, Survey, of
+from hgogen.which_forms import Row as FormRow
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -56,7 +56,6 @@ Limit = Annotated[
     float | None,
     typer.Option(min=0.1, help=f"Processor seconds for each model of a library, by default {library.LIMIT:g}."),
 ]
-_PRINTED = "-"  # the standard output instead of a file
 
 
 class OptionalFile(TyperCommand):
@@ -68,7 +67,7 @@ class OptionalFile(TyperCommand):
         words: list[str] = []
         for arg, following in zip(args, [*args[1:], None], strict=False):
             bare = arg == "--json" and (not several or following is None or following.startswith("-"))
-            words.append(f"--json={_PRINTED}" if bare else arg)
+            words.append(f"--json={PRINTED}" if bare else arg)
         return super().parse_args(ctx, words)
 
 
@@ -92,25 +91,283 @@ class NamedRange:
     range: Range
 
 
-@dataclass(frozen=True)
+_SINGULAR = "where the plant is not observable; its checks do not count for the exit status"
+
+
+@dataclass(frozen=True, eq=False)
 class CheckReport(ModelReport):
-    """The report of a check of a model."""
+    """The report of a check of a model. A part is computed when it is first read, so that the user has the first tables
+    if a later one takes long or fails.
 
-    json_keys = "model headline observability forms=survey.rows bounds *claims undefined singular *advice"
+    `name`: the tuning, None for the model's own observer; `certificate`: the file that becomes the certificate.
+    """
 
-    headline: Annotated[str, "the whole in one line"]
-    observability: Annotated[ObservedPlant, "what is generically observable"]
-    survey: Survey
+    json_keys = "model headline observability=observed forms=survey.rows bounds *claims undefined singular *advice"
+
+    loaded: Model
+    name: str | None
     bounds: Annotated[tuple[NamedRange, ...], "the range of each --bound"]
-    claims: Checked
-    undefined: Annotated[tuple[Check, ...], "rows and derivatives without a finite value somewhere in the ranges"]
-    singular: Annotated[Singularity, "where the plant is not observable; its checks do not count for the exit status"]
-    advice: Advice | None
+    deep: bool
+    certificate: Path | None
+
+    @cached_property
+    def observability(self) -> Observability:
+        """The observability of the plant."""
+        return hg.observability(self.loaded.plant)
+
+    @cached_property
+    def weakest(self) -> Sight | None:
+        """The direction that the outputs show least; None where it is not measured."""
+        model, known = self.loaded, self.observability
+        if known.rank < known.n or model.plant.discrete:
+            return None
+        trials: list[Trial | None] = [None]
+        try:
+            trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
+        except HgogenError as error:
+            note(str(error))
+        for trial in trials:
+            try:
+                return sight(model.plant, trial)
+            except HgogenError as error:
+                note(str(error))
+        return None
+
+    @property
+    def observed(self) -> Annotated[ObservedPlant, "what is generically observable"]:
+        """The observability of the plant, with its least direction."""
+        return ObservedPlant(self.observability, self.weakest)
+
+    @cached_property
+    def survey(self) -> Survey:
+        """The forms of the plant."""
+        return hg.survey(self.loaded.plant, deep=self.deep)
+
+    @cached_property
+    def claims(self) -> Checked:
+        """The claims about the observer, or about the best form without one."""
+        return checked(self.loaded, self.survey, self.name)
+
+    @cached_property
+    def undefined(self) -> tuple[Check, ...]:
+        """Rows and derivatives without a finite value somewhere in the ranges."""
+        return (*undefined_values(self.loaded.plant), *undefined_slopes(self.loaded.plant))
+
+    @cached_property
+    def singular(self) -> Annotated[Singularity, _SINGULAR]:
+        """The singular set of the plant."""
+        return hg.singularity(self.observability.system)
+
+    @cached_property
+    def advice(self) -> Advice:
+        """The advice on the model file, without the options that are set."""
+        written, claims = self.loaded.set(AS_WRITTEN), self.claims
+        if self.loaded.setting:
+            claims = checked(written, self.survey, self.name)
+        return advice(written, self.observability, self.survey, claims, deep=self.deep)
+
+    @property
+    def headline(self) -> str:
+        """The whole in one line."""
+        return headline(self.observability, self.survey, self.claims, self.weakest)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The limits of the claims, and the reasons."""
+        return self.claims.notes
 
     def latex(self) -> str:
         """Return the equations and the checks as LaTeX."""
         claims = self.claims
         return fragment(claims.form, claims.checks, claims.accepted) + self.singular.latex()
+
+    def tables(self) -> Iterator[Any]:
+        """Yield all tables."""
+        yield undefined_list(self.undefined)
+        known = ranges_table(self.bounds), observability_table(self.observability, self.weakest)
+        try:
+            first = self.headline
+        except BaseException:  # an observer that is refused, or Ctrl-C
+            yield from known
+            raise
+        yield from (first, "", *known)
+        claims, singular = self.claims, self.singular
+        yield survey_table(self.survey, claims.checks)
+        if claims.informative:
+            yield checks_table(claims.head, claims.checks, claims.accepted)
+        if self.observability.rank == self.observability.n:
+            yield checks_table(singular.head, singular.checks, ())
+        yield theorem_table(claims.theorem, claims.hypotheses)
+        yield advice_tables(self.advice)
+
+    def demand(self) -> None:
+        """Print the notes and write the certificate; raise `Refuted` if a claim on the observer is refuted that nobody
+        accepted."""
+        claims, model = self.claims, self.loaded
+        note(*(sentence for sentence in self.notes if sentence not in model.notes))
+        if self.certificate is not None:
+            _certify(claims, self.certificate)
+        if claims.demanded and claims.open:
+            raise Refuted(claims.open, claims.form, claims.accepted, plain=model.plain)
+
+
+def _certify(claims: Checked, path: Path) -> None:
+    """Write the proofs as a certificate, and note which claims can be verified again."""
+    from hgogen.certificates.certificate import asserted, certificate, stated
+
+    content = certificate(claims.form, claims.checks, claims.observer)
+    hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
+    again = f"hgogen recheck {path} verifies it" if asserted(content) else "nothing in it can be verified"
+    note(f"wrote {path}; {again} again")
+    for id, reason in stated(content):
+        note(f"{path} only states {id}, it cannot be verified again: {reason}")
+
+
+KINDS = ("high_gain", "uniform_injection", "riccati")
+
+
+@dataclass(frozen=True, eq=False)
+class ShortAnswer(CheckReport):
+    """The short answer of a check: at most ten lines, in the order of a user's questions, or the claim `proof` alone.
+
+        what is observable, and in which forms the plant is; which state the outputs show least
+        which observer to take, and the line that makes it
+        what is proved of it, what is not, and what to fix first
+
+    An observer with proved convergence is preferred, of those the model's own; where none is proved, the model's own,
+    else the extended Kalman filter. Only `KINDS` are tried beside the tuned ones, so that the answer takes seconds.
+    """
+
+    proof: str | None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The limits of the claims on an observer; the lines say what to take without one."""
+        return self.claims.notes if self.claims.demanded else ()
+
+    @cached_property
+    def advice(self) -> Advice:
+        """The advice on the model as it is set, about few observers."""
+        claims = self.claims
+        kinds = (claims.observer, *KINDS)
+        return advice(self.loaded, self.observability, self.survey, claims, deep=self.deep, kinds=kinds)
+
+    @property
+    def as_set(self) -> bool:
+        """Whether options set the observer, so that none is advised."""
+        return self.claims.step is not None and bool(self.loaded.setting)
+
+    @property
+    def preferred(self) -> Admitted | None:
+        """The observer to take, of those advised."""
+        own = self.claims.observer
+
+        def place(one: Admitted) -> tuple[int, bool, bool, tuple[int, int, int]]:
+            return KNOWN[one.convergence][1], one.observer != own, one.observer != "riccati", one.rank
+
+        return min(self.advice.admitted, key=place, default=None)
+
+    @property
+    def judged(self) -> tuple[str, Form, tuple[Check, ...]]:
+        """The name, form and checks of the observer that the lines are about."""
+        claims, one = self.claims, None if self.as_set else self.preferred
+        if one is None or (one.observer == claims.observer and not one.proposed):
+            return claims.observer, claims.form, claims.checks
+        observer = one.step.observer
+        return observer.name, observer.form, observer.checks
+
+    def tables(self) -> Iterator[Any]:
+        """Yield the lines."""
+        if self.proof:
+            name, form, checks = self.judged
+            yield _proof(form, checks, name, self.proof)
+            return
+        if self.bounds:
+            yield ranges_table(self.bounds)
+        least = self.weakest
+        observed = _observed(self.observability, least)
+        yield Text(f"{self.survey.plant.name}: {observed}; {in_forms(self.observability, self.survey)}", style="bold")
+        if least is not None:
+            yield line("weakest", weakest(least))
+        yield from self._observer()
+        name, _, checks = self.judged
+        yield from standing(name, checks)
+        yield line("fix first", self._fix(convergence(name, checks)))
+        yield line("details", "--all, --form NAME, --proof NAME, --json")
+
+    def _observer(self) -> Iterator[RenderableType]:
+        claims = self.claims
+        if self.as_set:
+            words = f"{claims.observer} in {claims.form.kind} form", *self.loaded.setting.words
+            yield line("observer", " ".join(words))
+            return
+        one, notes = self.preferred, self.advice.notes
+        if one is None:
+            yield line("take", notes[0] if notes else f"no observer admits {self.survey.plant.name}")
+            return
+        gains = "with first gains, untried" if one.proposed else "with the gains of the model"
+        name = "riccati, the extended Kalman filter," if one.observer == "riccati" else one.observer
+        yield line("take", f"{name} in {one.form} form, {gains}:")
+        yield Group(Text(f"{'':12}{one.line}", no_wrap=True, overflow="ignore"))
+
+    def _fix(self, known: Convergence) -> str:
+        """Return the one thing to fix first; `known`: of the observer's convergence."""
+        for gap in self.undefined:
+            return f"{gap.id}: {gap.reason}"
+        if self.observability.known.rank.unobservable:
+            advised = self.observability.known.advice
+            return advised or "ask a trial: its motion may show what the plant at a point hides"
+        for check in self.claims.open if self.claims.demanded else ():
+            return f"{check.id} is refuted: {check.advice or check.reason}"
+        if self.weakest is not None and self.weakest.below_resolution:
+            take = "measure more, or take its estimate as the model's, not the sensor's"
+            return f"{next(iter(self.weakest.direction))} hardly moves the outputs: {take}"
+        try_it = "try it on trials (hgogen simulate) or on a log (hgogen run, hgogen inspect)"
+        return f"no proof of convergence: {try_it}" if known is Convergence.UNKNOWN else "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class FormClaims(Report):
+    """The claims of one form, each with its verdict; why the plant has no such form."""
+
+    plant: str
+    row: FormRow
+
+    def tables(self) -> Iterator[Any]:
+        """Yield a row for each claim."""
+        form = self.row.form
+        if form is None:
+            yield Text(f"{self.plant} in {self.row.name} form: {self.row.why}")
+        else:
+            yield checks_table(form.head, form.checks, ())
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryReport(Report):
+    """The answers to the models of a library."""
+
+    json_keys = "*answers"
+
+    answers: Mapping[str, Mapping[str, Any]]
+
+    def tables(self) -> Iterator[Any]:
+        """Yield how often each field has which answer, and what is wrong with models."""
+        each = self.answers.values()
+        table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(each)} models")
+        for field in library.FIELDS:
+            values = [answer[field] for answer in each]
+            true, false, none = (sum(value is kind for value in values) for kind in (True, False, None))
+            table.add_row(field, *map(str, (true, false, len(values) - true - false - none, none)))
+        for name, answer in self.answers.items():
+            if "error" in answer:
+                table.add_row(f"{name}: {answer['error']}")
+        yield table
+
+    def demand(self) -> None:
+        """Print a note on how many models have errors."""
+        bad = sum("error" in answer for answer in self.answers.values())
+        if bad:
+            note(f"{bad} of {len(self.answers)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
 @command(CheckReport, library.LibraryAnswer, cls=OptionalFile)
@@ -145,7 +402,7 @@ def check_(
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
-    _demand_places(certificate, _file(as_json))
+    _demand_places(certificate, json_file(as_json))
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
     options |= {"--all": everything, "--proof": proof, "--observer": observer}
     options |= dict(word.split(maxsplit=1) for word in setting.words)
@@ -154,38 +411,29 @@ def check_(
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
         raise typer.BadParameter(reason, param_hint=unused)
     if many is not None:
-        _library(many, limit or library.LIMIT, as_json)
+        print_report(_answered_library(many, limit or library.LIMIT), as_json)
         return
-    loaded = load(str(model)).set(setting)
-    if loaded.setting.form and not (latex or as_json or everything):
-        print_result(False, {}, _form_table(loaded.plant, loaded.setting.form))
+    loaded, whole = load(str(model)).set(setting), latex or bool(as_json) or everything
+    if loaded.setting.form and not whole:
+        print_report(FormClaims(loaded.plant.name, of(loaded.setting.form, loaded.plant)), None)
         return
-    if latex or as_json or everything:
-        report = _checked(loaded, observer, bounds or (), deep, silent=latex or bool(as_json), advised=not latex)
-        claims = report.claims
-    else:
-        claims = _short(loaded, observer, bounds or (), deep, proof)
+    if observer is not None:
+        loaded.tuned(observer)
+    note(*loaded.notes)  # before any verdict is printed
+    ranges = tuple(NamedRange(text, hg.bound(text, loaded.plant)) for text in bounds or ())
+    parts = loaded.path, loaded, observer, ranges, deep, certificate
+    report = CheckReport(*parts) if whole else ShortAnswer(*parts, proof)
     if latex:
         print(report.latex(), file=results())
-    elif as_json:
-        _print_json(report, as_json)
-    note(*(sentence for sentence in claims.notes if sentence not in loaded.notes))
-    if certificate is not None:
-        _certify(claims, certificate)
-    if claims.demanded and claims.open:
-        raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
+        report.demand()
+    else:
+        print_report(report, as_json)
 
 
-def _certify(claims: Checked, path: Path) -> None:
-    """Write the proofs as a certificate, and note which claims can be verified again."""
-    from hgogen.certificates.certificate import asserted, certificate, stated
-
-    content = certificate(claims.form, claims.checks, claims.observer)
-    hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
-    again = f"hgogen recheck {path} verifies it" if asserted(content) else "nothing in it can be verified"
-    note(f"wrote {path}; {again} again")
-    for id, reason in stated(content):
-        note(f"{path} only states {id}, it cannot be verified again: {reason}")
+def _answered_library(path: Path, limit: float) -> LibraryReport:
+    models = library.read(path)
+    with Bar("models", len(models)) as bar:
+        return LibraryReport(library.check(models, limit=limit, tick=bar.tick))
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
@@ -198,105 +446,54 @@ def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
         raise typer.BadParameter("one file cannot be the certificate and the JSON", param_hint="--certificate")
 
 
-def _file(as_json: str | None) -> Path | None:
-    return None if as_json in (None, _PRINTED) else Path(str(as_json))
+def in_forms(observability: Observability, forms: Survey) -> str:
+    """Return in which forms the plant is proved to be; without one, for an observable plant, what to take instead."""
+    if forms.proved:
+        return f"{', '.join(row.kind for row in forms.proved)}, proved"
+    rows = [row for row in forms.rows if row.kind != "original"]
+    complete = all(row.why != NOT_TRIED for row in rows)
+    settled = complete and all(row.verdict in (None, Verdict.REFUTED) for row in rows)
+    why = "high-gain observers do not apply" if settled else "no high-gain form is proved of it"
+    where = f"(why: --all{'' if complete else '; more forms: --deep'})"
+    take = "" if observability.known.rank.unobservable else "take the extended Kalman filter; "
+    return f"{take}{why} {where}"
 
 
-def _print_json(value: Any, as_json: str) -> None:
-    file = _file(as_json)
-    if file is None:
-        print_result(True, value)
-        return
-    new = "" if file.parent.is_dir() else ", in a new folder"
-    hg.write({file.name: json_text(value, indent=1) + "\n"}, file.parent)
-    note(f"wrote {file}{new}")
+def weakest(least: Sight) -> str:
+    """Return by how much the state that the outputs show least moves them."""
+    weak = next(iter(least.direction))
+    if least.by_motion:
+        return f"{weak}, which only the plant's motion shows, not its linearisation at a point"
+    over = f"along trial {least.trial}" if least.trial else "over the ranges"
+    return f"{weak}: an error as large as its range moves the outputs by {as_share(least.median)} times theirs, {over}"
 
 
-def _checked(
-    loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, silent: bool, advised: bool
-) -> CheckReport:
-    """Return the report on a model. Unless `silent`, each part is printed as soon as it is
-    computed, so that the user has the first parts if a later part takes long or fails."""
+def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]:
+    """Yield what is proved of an observer and its form, and what is not: the first claim of each in full, its
+    convergence if that is among them, and the names of the others."""
 
-    def say(*parts: Any) -> None:
-        print_result(False, {}, *(() if silent else parts))
+    def place(check: Check) -> tuple[bool, bool, bool]:  # a theorem about a form is none about the original
+        return check.id.fact != "convergence", check.id.maker != "original", check.id.maker != observer
 
-    plant = loaded.plant
-    if observer is not None:
-        loaded.tuned(observer)
-    note(*loaded.notes)  # before any verdict is printed
-    ranges = {text: hg.bound(text, plant) for text in bounds}
-    gaps = (*undefined_values(plant), *undefined_slopes(plant))
-    say(undefined_list(gaps))
-    observability = hg.observability(plant)
-    least = _least(loaded) if observability.rank == observability.n else None
-    try:
-        forms = hg.survey(plant, deep=deep)
-        claims = checked(loaded, forms, observer)
-        first = headline(observability, forms, claims, least)
-        say(first, "")
-    finally:
-        say(ranges_table(ranges), observability_table(observability, least))
-    say(survey_table(forms, claims.checks))
-    singular = _print_claims(say, claims, observability)
-    take = None
-    if advised:  # about the file, without the options that are set
-        written = loaded.set(AS_WRITTEN)
-        take = advice(
-            written, observability, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep
-        )
-        say(advice_tables(take))
-    named = tuple(NamedRange(text, one) for text, one in ranges.items())
-    return CheckReport(
-        loaded.path, first, ObservedPlant(observability, least), forms, named, claims, gaps, singular, take
-    )
+    ordered = sorted(checks, key=place)
+    for label, proved in (("proved", True), ("not proved", False)):
+        chosen = [check for check in ordered if (check.verdict is Verdict.PROVED) is proved]
+        if not chosen:
+            yield line(label, "nothing" if proved else "nothing; what is left to you: --all")
+            continue
+        first, *others = chosen
+        known = first.claim if proved else first.reason
+        more = f"; also {few((check.id for check in others), 5)}" if others else ""
+        yield line(label, f"{first.id}: {known}{more}")
 
 
-def _short(loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, proof: str | None) -> Checked:
-    """Print the short answer, each line as soon as it is known, or the claim `proof` alone; return the claims."""
-
-    def say(*parts: Any) -> None:
-        print_result(False, {}, *(() if proof else parts))
-
-    plant = loaded.plant
-    if observer is not None:
-        loaded.tuned(observer)
-    note(*loaded.notes)
-    if bounds:
-        say(ranges_table({text: hg.bound(text, plant) for text in bounds}))
-    observability = hg.observability(plant)
-    least = _least(loaded) if observability.rank == observability.n else None
-    forms = hg.survey(plant, deep=deep)
-    first = f"{plant.name}: {_observed(observability, least)}; {short.in_forms(observability, forms)}"
-    say(Text(first, style="bold"))
-    if least is not None:
-        say(short.line("weakest", short.weakest(least)))
-    claims = checked(loaded, forms, observer)
-    form, checks, name = claims.form, claims.checks, claims.observer
-    if claims.step is not None and loaded.setting:
-        say(short.line("observer", " ".join([f"{name} in {form.kind} form", *loaded.setting.words])))
-    else:
-        advised = advice(loaded, observability, forms, claims, deep=deep, kinds=(name, *short.KINDS))
-        one = short.preferred(advised, name)
-        say(*short.observer_lines(one, advised, forms))
-        if one is not None and (one.proposed or one.observer != name):
-            built = one.step.observer
-            form, checks, name = built.form, built.checks, built.name
-    say(*short.standing(name, checks))
-    gaps = (*undefined_values(plant), *undefined_slopes(plant))
-    say(short.line("fix first", short.to_fix(gaps, observability, least, claims, convergence(name, checks))))
-    say(short.details())
-    if proof:
-        print_result(False, {}, _proof(form, checks, name, proof))
-    return replace(claims, notes=claims.notes if claims.demanded else ())  # what is taken without an observer was said
-
-
-def _form_table(plant: System, name: str) -> RenderableType:
-    """Return the claims of a form, each with its verdict; why the plant has no such form."""
-    row = of(name, plant)
-    if row.form is None:
-        return Text(f"{plant.name} in {name} form: {row.why}")
-    return checks_table(row.form.head, row.form.checks, ())
+def line(label: str, text: str) -> RenderableType:
+    """Return a line of the answer, whose text is indented where it is wrapped."""
+    grid = Table.grid(padding=(0, 2, 0, 0))
+    grid.add_column(width=10, no_wrap=True)
+    grid.add_column(overflow="fold")
+    grid.add_row(Text(label, style="bold"), Text(text))
+    return grid
 
 
 def _proof(form: Form, checks: Iterable[Check], observer: str, name: str) -> RenderableType:
@@ -318,53 +515,6 @@ def _proof(form: Form, checks: Iterable[Check], observer: str, name: str) -> Ren
     advised = (check.advice,) if check.advice else ()
     parts = (*advised, "evidence, whole by --certificate FILE, which hgogen recheck verifies again", *evidence)
     return Group(Text(str(check), style="bold"), *map(Text, parts))
-
-
-def _print_claims(say: Callable[..., None], claims: Checked, observability: Observability) -> Singularity:
-    if claims.informative:
-        say(checks_table(claims.head, claims.checks, claims.accepted))
-    singular = hg.singularity(observability.system)
-    if observability.rank == observability.n:
-        say(checks_table(singular.head, singular.checks, ()))
-    say(theorem_table(claims.theorem, claims.hypotheses))
-    return singular
-
-
-def _least(model: Model) -> Sight | None:
-    if model.plant.discrete:
-        return None
-    trials: list[Trial | None] = [None]
-    try:
-        trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
-    except HgogenError as error:
-        note(str(error))
-    for trial in trials:
-        try:
-            return sight(model.plant, trial)
-        except HgogenError as error:
-            note(str(error))
-    return None
-
-
-def _library(path: Path, limit: float, out: str | None) -> None:
-    models = library.read(path)
-    with Bar("models", len(models)) as bar:
-        answers = library.check(models, limit=limit, tick=bar.tick)
-    table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(answers)} models")
-    for field in library.FIELDS:
-        values = [answer[field] for answer in answers.values()]
-        true, false, none = (sum(value is kind for value in values) for kind in (True, False, None))
-        table.add_row(field, *map(str, (true, false, len(values) - true - false - none, none)))
-    for name, answer in answers.items():
-        if "error" in answer:
-            table.add_row(f"{name}: {answer['error']}")
-    if out is None:
-        print_result(False, answers, table)
-    else:
-        _print_json(answers, out)
-    bad = sum("error" in answer for answer in answers.values())
-    if bad:
-        note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
 _CUT = 200  # characters of a part of the evidence that are printed
@@ -392,11 +542,11 @@ def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
     return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")
 
 
-def ranges_table(bounds: Mapping[str, Range]) -> RenderableType:
+def ranges_table(bounds: Iterable[NamedRange]) -> RenderableType:
     """Return the table of the ranges of expressions; empty without one."""
     rows = (
-        (Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
-        for text, one in bounds.items()
+        (Text(each.expression), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
+        for each, one in ((each, each.range) for each in bounds)
     )
     title, columns = "ranges on the declared box, outward-rounded", ("expression", "from", "to", "boxes", "")
     return Group(*filled(headed(title, *columns, rows=rows)))

@@ -36,6 +36,7 @@ from hgogen.commands.output import (
     file_list,
     interrupted,
     interruptible,
+    json_text,
     listen,
     note,
     print_result,
@@ -48,6 +49,7 @@ from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
 from hgogen.sentence import Encoded, keys_of
+from hgogen.target import write
 
 if TYPE_CHECKING:  # slow to import, and not needed by `hgogen list` and `recheck`
     from hgogen.reading.measured import Record
@@ -66,7 +68,7 @@ class Report(Encoded):
         return ()
 
     def demand(self) -> None:
-        """Raise the error that sets the exit status, after the report was printed."""
+        """Do what follows the printed report: raise the error that sets the exit status."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +95,29 @@ def _options_of(
     return options | ({"as_json": (Json, False)} if reporting else {}) | behind, groups
 
 
-def _print_report(function: Callable[..., Report], as_json: bool, arguments: Mapping[str, Any]) -> None:
-    token = _AS_JSON.set(as_json)
-    try:
-        report = function(**arguments)
-        written = getattr(report, "files", ())
-        listed = (file_list(written),) if written else ()
-        print_result(as_json, report, *(() if as_json else (*report.tables(), *listed)))
-    finally:
-        _AS_JSON.reset(token)
+PRINTED = "-"  # the standard output as the file of --json
+
+
+def json_file(as_json: str | bool | None) -> Path | None:
+    """Return the file that --json names, None for the standard output and without --json."""
+    return Path(as_json) if isinstance(as_json, str) and as_json != PRINTED else None
+
+
+def print_report(report: Report, as_json: str | bool | None) -> None:
+    """Print a report: its tables, each when it is computed, and its files, or JSON, which may go into a file. Raises:
+    what the report demands."""
+    file = json_file(as_json)
+    if file is not None:
+        new = "" if file.parent.is_dir() else ", in a new folder"
+        write({file.name: json_text(report, indent=1) + "\n"}, file.parent)
+        note(f"wrote {file}{new}")
+    elif as_json:
+        print_result(True, report)
+    else:
+        for part in report.tables():
+            print_result(False, None, part)
+        if written := getattr(report, "files", ()):
+            print_result(False, None, file_list(written))
     report.demand()
 
 
@@ -129,7 +145,11 @@ def command(
                     for name, (kind, parts) in groups.items()
                 }
                 if reporting:
-                    _print_report(function, arguments.pop("as_json"), arguments | groups_by_name)
+                    token = _AS_JSON.set(arguments.pop("as_json"))
+                    try:
+                        print_report(function(**arguments, **groups_by_name), _AS_JSON.get())
+                    finally:
+                        _AS_JSON.reset(token)
                 else:
                     function(**arguments, **groups_by_name)
                 results().flush()
