@@ -177,7 +177,8 @@ def wide(
 ) -> Field:
     """Return a tunable gain of positive numbers, its range six decades to both sides; `labels` name the numbers."""
     numbers = tuple(map(float, values))
-    field = gain(name, numbers, min(numbers) / 1e6, 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
+    low, high = (float(f"{end:.6g}") for end in (min(numbers) / 1e6, 1e6 * max(numbers)))  # 0 where one is 0
+    field = gain(name, numbers, low, high, meaning, unit)
     return replace(field, labels=labels)
 
 
