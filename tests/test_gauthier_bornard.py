@@ -9,11 +9,17 @@ import sympy as sp
 from neuron import MODEL
 
 import hgogen as hg
-from hgogen.analysis.singularity import gauthier_bornard, of_plant
+from hgogen.analysis.singularity import UniformObservability, of_plant
+from hgogen.analysis.singularity import gauthier_bornard as of_model
 from hgogen.check import Verdict
+from hgogen.rigor.rank import Model
 
 x1, x2, x3, u, v = sp.symbols("x1 x2 x3 u v")
 X = (x1, x2, x3)
+
+
+def gauthier_bornard(*equations) -> UniformObservability:
+    return of_model(Model(*equations))
 
 
 def written_out(flow, output, states, inputs) -> bool:

@@ -13,7 +13,7 @@ import hgogen as hg
 from hgogen.analysis.observability import observability, symmetries
 from hgogen.analysis.singularity import of_plant
 from hgogen.check import Verdict
-from hgogen.rigor.rank import NowhereDefined
+from hgogen.rigor.rank import Model, NowhereDefined
 from hgogen.rigor.rank import observability as ranks
 
 a, b, c = (hg.Signal(name, "m", "") for name in "abc")
@@ -57,8 +57,9 @@ def test_the_kinds_of_symmetry() -> None:
         ([v * sp.sin(x1 - x2), 0, v], sp.cos(x1 - x2), ["x1 -> c + x1, x2 -> c + x2", "x3 -> c + x3"]),
     ]
     for flow, output, expected in cases:
-        rank = ranks(flow, [output], [x1, x2, x3], [v]).known
-        moves = symmetries(flow, [output], [x1, x2, x3], [v], [], hidden=rank.unobservable, order=rank.order)
+        model = Model(flow, [output], [x1, x2, x3], [v])
+        rank = ranks(model).known
+        moves = symmetries(model, rank.unobservable, rank.order)
         shown = {str(move) for move in moves}
         assert all(move.proved for move in moves)
         assert len(moves) == 3 - rank.rank
@@ -236,10 +237,10 @@ def test_sixty_states(bend) -> None:
     x = sp.symbols("x0:60")
     flow = [x[i + 1] * (1 + x[draw.randrange(60)]) + bend(x[draw.randrange(60)]) for i in range(59)] + [x[0] * x[7]]
     start = time.process_time()
-    part = ranks(flow, [x[0]], x, limit=4).known
+    part = ranks(Model(flow, [x[0]], x), limit=4).known
     assert not part.final
     assert part.rank == 5
-    whole = ranks(flow, [x[0], x[20], x[40]], x).known
+    whole = ranks(Model(flow, [x[0], x[20], x[40]], x)).known
     assert whole.rank == 60
     assert time.process_time() - start < 60  # some 3 s; a busy machine has room
 
@@ -269,12 +270,12 @@ def test_every_symmetry_of_the_library_is_one_for_the_oracle() -> None:
     """Of the models of + - * / with a deficiency; most have as many symmetries as the deficiency."""
     tried = full = deficient = 0
     for name, model in library():
-        flow, output, states, inputs, parameters = model
-        rank = ranks(flow, output, states, inputs, parameters).joint
+        flow, output, *_ = model
+        rank = ranks(Model(*model)).joint
         if not rank.unobservable or any(not e.is_rational_function() for e in (*flow, *output)):
             continue
         deficient += 1
-        moves = symmetries(*model, hidden=rank.unobservable, order=rank.order)
+        moves = symmetries(Model(*model), rank.unobservable, rank.order)
         full += len(moves) == rank.dimension - rank.rank
         for move in moves:
             assert annihilated(move.field, model, rank.order), (name, str(move))

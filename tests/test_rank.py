@@ -7,6 +7,7 @@ import random
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import flint
 import numpy as np
@@ -16,13 +17,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import observability as oracle
 
-from hgogen.rigor.rank import NothingMeasured, NowhereDefined, observability
+from hgogen.rigor.rank import Model, NothingMeasured, NowhereDefined, Ranks
+from hgogen.rigor.rank import observability as ranks
 from hgogen.rigor.series import Balls, Modular, Plant, gradients, random_point
 from hgogen.rigor.tape import NoTape, tape
 
 PRIME = 2**61 - 1
 x1, x2, x3, k, u = sp.symbols("x1 x2 x3 k u")
 JETS = sp.symbols("u0:8")
+
+
+def observability(*equations: Any, limit: int | None = None) -> Ranks:
+    return ranks(Model(*equations), limit=limit)
 
 
 def lie_gradients(flow, output, states, unknowns, count):

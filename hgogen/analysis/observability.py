@@ -25,6 +25,7 @@ conditions where it can. A scaling is printed as x -> c x, a translation as x ->
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import combinations_with_replacement
 from math import lcm, prod
 from typing import Annotated, Any, ClassVar
@@ -43,9 +44,9 @@ from hgogen.rigor.rank import (
     FEW_BITS,
     Blurred,
     Branch,
+    Model,
     NowhereDefined,
     Place,
-    Places,
     Rank,
     Ranks,
     Reached,
@@ -54,7 +55,6 @@ from hgogen.rigor.rank import (
     matrix_rows,
     modulus,
     new_rows,
-    plant_of,
     somewhere,
 )
 from hgogen.rigor.rank import observability as ranks
@@ -97,29 +97,14 @@ class _Sample:
     prime: int
 
 
-def symmetries(
-    flow: Iterable[sp.Expr],
-    output: Iterable[sp.Expr],
-    states: Iterable[sp.Symbol],
-    inputs: Iterable[sp.Symbol],
-    parameters: Iterable[sp.Symbol],
-    *,
-    hidden: Sequence[sp.Symbol],
-    order: int,
-    places: Places = (),
-    discrete: bool = False,
-    constraints: Sequence[sp.Expr] = (),
-) -> tuple[Symmetry, ...]:
-    """Return independent vector fields that change no output and move `hidden` unknowns, with components of degree 1,
-    else 2.
+def symmetries(model: Model, hidden: Sequence[sp.Symbol], order: int) -> tuple[Symmetry, ...]:
+    """Return independent vector fields that change no output of a model and move `hidden` unknowns, with components of
+    degree 1, else 2; along its constraints, where these are 0.
 
-    `order`: the order of the outputs' derivatives that attains the rank; `places`: real points are drawn near them;
-    `discrete`: of x+ = flow, the outputs at later samples in place of their derivatives; `constraints`: the fields are
-    along them, and all is asked where they are 0. There may be fewer symmetries than the deficiency of the rank, where
-    the search finds no more.
+    `order`: the order of the outputs' derivatives, or their sample, that attains the rank. There may be fewer
+    symmetries than the deficiency of the rank, where the search finds no more.
     """
-    flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places, discrete, constraints)
+    plant, unknowns = model.plant, model.unknowns
     first = _sample(plant, order, 0)
     missing = len(unknowns) - len(first.rows)
     samples = [first]
@@ -132,13 +117,11 @@ def symmetries(
         best = independent if len(independent) > len(best) else best
         if len(best) >= missing:
             break
-    parameters = unknowns[plant.n :]
-    rates = (*flow, *(parameters if discrete else (sp.S.Zero for _ in parameters)))
-    proved = _proved(best, rates, (*output, *constraints), unknowns, discrete, constraints)
-    return tuple(
-        Symmetry(tuple((s, v) for s, v in zip(unknowns, field, strict=True) if v != 0), proof)
-        for field, proof in zip(best, proved, strict=True)
-    )
+    return tuple(_symmetry(unknowns, field, proof) for field, proof in zip(best, _proved(best, model), strict=True))
+
+
+def _symmetry(unknowns: Sequence[sp.Symbol], field: Sequence[sp.Expr], proved: bool) -> Symmetry:
+    return Symmetry(tuple((s, v) for s, v in zip(unknowns, field, strict=True) if v != 0), proved)
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
@@ -243,17 +226,13 @@ def _independent(
         return [list(ordered[i]) for i in new_rows([list(map(value, field)) for field in ordered], sample.prime)]
 
 
-def _proved(
-    fields: Sequence[Sequence[sp.Expr]],
-    rates: Sequence[sp.Expr],
-    output: Sequence[sp.Expr],
-    unknowns: Sequence[sp.Symbol],
-    discrete: bool,
-    constraints: Sequence[sp.Expr],
-) -> list[bool]:
+def _proved(fields: Sequence[Sequence[sp.Expr]], model: Model) -> list[bool]:
     """Return for each vector field v whether L_v h = 0 and [f, v] in the span of such fields are proved where the
-    `constraints` are 0, f = `rates`, h = `output`: moving the unknowns along v then changes no output. Of a map f, (df/
-    dx) v in the span of such fields at f(x) in place of [f, v]."""
+    constraints of the model are 0, f its rates, h its outputs: moving the unknowns along v then changes no output. Of a
+    map f, (df/dx) v in the span of such fields at f(x) in place of [f, v]."""
+    unknowns, discrete, constraints = model.unknowns, model.discrete, model.constraints
+    rates = (*model.flow, *(model.parameters if discrete else (sp.S.Zero for _ in model.parameters)))
+    output = (*model.output, *constraints)
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -346,7 +325,6 @@ def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
 # ---------------------------------------------------------------- observability
 
 
-Exprs = Sequence[sp.Expr]
 _PROVED_BRANCHES = 8  # with a search for symmetries, which may take a second each
 _PARTS = 8  # places on constraints, where ranks may differ
 _CONDITIONS, _BRANCHES = 4, 3  # conditions of a branch, and branches, in a sentence
@@ -588,32 +566,23 @@ class _Question:
     branch: Branch
     parameters: tuple[sp.Symbol, ...]
 
-    @property
-    def rows(self) -> tuple[Exprs, Exprs, Exprs, Exprs, Exprs]:
-        """Flow, output, states, inputs and unknown parameters."""
-        n, p = len(self.plant.states), len(self.plant.outputs)
-        flow, output = self.branch.rows[:n], self.branch.rows[n : n + p]
-        return flow, output, self.plant.states, self.plant.inputs, self.parameters
-
-    @property
-    def constraints(self) -> Exprs:
-        """The plant's constraints on the branch."""
-        return self.branch.rows[len(self.plant.states) + len(self.plant.outputs) :]
-
-    @property
-    def setting(self) -> dict[str, Any]:
-        """The places of the branch, whether the plant is discrete, and its constraints, as keyword arguments."""
-        return {"places": self.branch.places, "discrete": self.plant.discrete, "constraints": self.constraints}
+    @cached_property
+    def model(self) -> Model:
+        """The equations on the branch, with its places."""
+        plant, n, p = self.plant, len(self.plant.states), len(self.plant.outputs)
+        flow, output, constraints = self.branch.rows[:n], self.branch.rows[n : n + p], self.branch.rows[n + p :]
+        signals = plant.states, plant.inputs, self.parameters
+        return Model(flow, output, *signals, self.branch.places, plant.discrete, constraints)
 
     @property
     def key(self) -> tuple[Any, ...]:
         """The rows, and on constraints the conditions, on which the ranks depend."""
-        return self.branch.rows, self.branch.where if self.constraints else ()
+        return self.branch.rows, self.branch.where if self.model.constraints else ()
 
     def parts(self) -> list["_Question"]:
         """Return the question itself; of a plant with constraints one for each result that is found at places of the
         branch: what is 0 where they are may have several parts, as sin(x) at 0 and at pi."""
-        if not self.constraints or self.irreducible:
+        if not self.model.constraints or self.irreducible:
             return [self]
         places_by_ranks: dict[Ranks | None, list[Place]] = {}
         for place in self.branch.places[:_PARTS]:
@@ -626,9 +595,10 @@ class _Question:
     def irreducible(self) -> bool:
         """Whether the rows are rational functions on the zeros of one irreducible polynomial in states over the
         rationals: its parts are conjugate, so that all have the same ranks."""
-        if len(self.constraints) > 1 or not exact_numbers(plant_of(*self.rows)[0]):
+        c, *more = self.model.constraints
+        if more or not exact_numbers(replace(self.model, constraints=()).plant):
             return False
-        c, product = self.constraints[0], factors(self.constraints[0])
+        product = factors(c)
         polynomial = c.free_symbols <= {*self.plant.states} and c.is_polynomial(*self.plant.states)
         return bool(polynomial and product and [one.exponent for one in product.factors] == [1])
 
@@ -638,14 +608,14 @@ class _Question:
 
     def near(self) -> "_Question":
         """Return the question with its first place as a condition, for the states that the constraints read."""
-        place, read = self.branch.places[0], sp.Tuple(*self.constraints).free_symbols
+        place, read = self.branch.places[0], sp.Tuple(*self.model.constraints).free_symbols
         here = (sp.Eq(x, sp.Float(float(place[x]), 3)) for x in self.plant.states if x in read)
         return replace(self, branch=replace(self.branch, where=(*self.branch.where, *here)))
 
     def ranks(self) -> Ranks | None:
         """The ranks of d(y, y', ..)/dx on the branch; None if no random point decides them."""
         try:
-            return ranks(*self.rows, **self.setting)
+            return ranks(self.model)
         except NowhereDefined:
             return None
 
@@ -655,11 +625,6 @@ class _Question:
         return tuple(one for one in where if isinstance(one, sp.Eq) or not enclose(one.gts - one.lts, around)[0] >= 0)
 
     @property
-    def unknowns(self) -> tuple[sp.Symbol, ...]:
-        """The states and the unknown parameters."""
-        return (*self.plant.states, *self.parameters)
-
-    @property
     def tests(self) -> tuple[sp.Expr, ...]:
         """The expressions whose signs are the conditions of the branch."""
         return tuple(one.lhs - one.rhs for one in self.branch.where if not isinstance(one, sp.Eq))
@@ -667,20 +632,16 @@ class _Question:
     @property
     def may_be_left(self) -> bool:
         """Whether the plant may leave the branch: unless g' = k g is proved of each g > 0, k finite."""
-        rates = dict(zip(self.plant.states, self.rows[0], strict=True))
+        rates = dict(zip(self.plant.states, self.model.flow, strict=True))
         moving = {*self.plant.inputs, *(self.plant.states if self.plant.discrete else ())}
         return any(g.free_symbols & moving or divided(rate(g, rates), [g]).remainder != 0 for g in self.tests)
 
     def symmetries(self, fields: Sequence[Sequence[sp.Expr]]) -> list[Sequence[sp.Expr]]:
         """Return the vector fields that change neither an output nor the sign of a condition on the branch, each with
         the others."""
-        flow, output, *_ = self.rows
-        rates = (*flow, *(self.parameters if self.plant.discrete else (sp.S.Zero for _ in self.parameters)))
-        rows = (*output, *self.constraints)
-        proved = _proved(fields, rates, rows, self.unknowns, self.plant.discrete, self.constraints)
-        along = [dict(zip(self.unknowns, field, strict=True)) for field in fields]
+        along = [dict(zip(self.model.unknowns, field, strict=True)) for field in fields]
         inside = [all(divided(rate(g, field), [g]).remainder == 0 for g in self.tests) for field in along]
-        return [field for field, *sure in zip(fields, proved, inside, strict=True) if all(sure)]
+        return [field for field, *sure in zip(fields, _proved(fields, self.model), inside, strict=True) if all(sure)]
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
         hidden, discrete = rank.unobservable, self.plant.discrete
@@ -689,11 +650,11 @@ class _Question:
         if passing or not hidden or not proofs:
             orders, where = self.orders(rank) if proofs else (), self.where if hidden or passing else ()
             return Answer(rank, orders, where=where, discrete=discrete, passing=passing)
-        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, **self.setting)
+        fields = symmetries(self.model, hidden, rank.order)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
         changed = {s for field in fields if field.proved for s, _ in field.field}
-        if not any(e.free_symbols & {*self.plant.states} for e in self.rows[1]):
+        if not any(e.free_symbols & {*self.plant.states} for e in self.model.output):
             changed |= {*self.plant.states}
         proved = tuple(s for s in hidden if s in changed)
         repairs = self.repairs(rank) if proved else ()
@@ -702,7 +663,7 @@ class _Question:
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
         """Return for each observable unknown the order of y', y'', .. from
         which its unit vector is in the row space of d(y, y', ..)/dx."""
-        plant, unknowns = plant_of(*self.rows, **self.setting)
+        plant, unknowns = self.model.plant, self.model.unknowns
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
             orders: dict[sp.Symbol, int] = {}
@@ -721,10 +682,8 @@ class _Question:
         """Return the unobservable unknowns whose measurement alone gives full
         rank. Each order of derivatives up to the stationary one adds to the
         rank, so `rank.order` and as many more as the deficiency suffice."""
-        flow, output, states, inputs, parameters = self.rows
-        hidden, p = rank.unobservable, len(output)
-        discrete, every = self.plant.discrete, (*output, *hidden)
-        plant, _ = plant_of(flow, every, states, inputs, parameters, **self.setting)
+        output, hidden, discrete = self.model.output, rank.unobservable, self.plant.discrete
+        p, plant = len(output), replace(self.model, output=(*output, *hidden)).plant
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
             count = rank.dimension if discrete else rank.order + rank.dimension - rank.rank + 1
@@ -741,8 +700,8 @@ class _Question:
     def determined_later(self, rank: Rank) -> tuple[sp.Symbol, ...]:
         """Return the unobservable states of a discrete plant whose value at sample n is a function of the outputs: the
         rows of d(x at sample n)/d(x, p) that are in the row space of d(y_0, y_1, ..)/d(x, p)."""
-        flow, output, states, inputs, parameters = self.rows
-        plant, _ = plant_of(flow, (*output, *states), states, inputs, parameters, **self.setting)
+        output, states = self.model.output, self.model.states
+        plant = replace(self.model, output=(*output, *states)).plant
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
             orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, plant.wide + 1)]
@@ -756,7 +715,7 @@ class _Question:
     def direction(self, order: int) -> tuple[Any, Any]:
         """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
         v = 0 at a random real point, and the point; or ()."""
-        plant, unknowns = plant_of(*self.rows, **self.setting)
+        plant, unknowns = self.model.plant, self.model.unknowns
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
             rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
@@ -794,16 +753,14 @@ def _whole(ranked: Sequence[tuple[_Question, Rank]], every: bool) -> Answer:
 
 def _shared(answer: Answer, best: _Question, questions: Sequence[_Question]) -> tuple[Symmetry, ...]:
     """Return the symmetries of the answer on the best branch that are symmetries on every branch."""
-    fields: list[Sequence[sp.Expr]]
-    fields = [[dict(one.field).get(s, sp.S.Zero) for s in best.unknowns] for one in answer.symmetries if one.proved]
+    unknowns, fields = best.model.unknowns, list[Sequence[sp.Expr]]()
+    fields += [[dict(one.field).get(s, sp.S.Zero) for s in unknowns] for one in answer.symmetries if one.proved]
     count = -1
     while count != len(fields):
         count = len(fields)
         for question in questions:
             fields = question.symmetries(fields)
-    return tuple(
-        Symmetry(tuple((s, v) for s, v in zip(best.unknowns, field, strict=True) if v != 0), True) for field in fields
-    )
+    return tuple(_symmetry(unknowns, field, True) for field in fields)
 
 
 def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check:

@@ -42,14 +42,13 @@ from hgogen.rigor.box import exact
 from hgogen.rigor.factors import ROUGH, Row, branches, codistribution_product, powers, split_roots, tower
 from hgogen.rigor.field import TooLarge, is_zero
 from hgogen.rigor.rank import (
+    Model,
     NowhereDefined,
-    Places,
     believe_zeros,
     exact_numbers,
     matrix_rows,
     modulus,
     new_rows,
-    plant_of,
     somewhere,
 )
 from hgogen.rigor.rank import branches as switches_of
@@ -376,8 +375,7 @@ def singular_set(
 
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
     """Return choices of n (output, order of derivative) with independent gradients at a random point."""
-    plant, _ = plant_of(flow, output, states, ())
-    n = len(states)
+    plant, n = Model(flow, output, states).plant, len(states)
     by_order = [(j, k) for k in range(n) for j in range(len(output))]
 
     def chosen(numbers: Arithmetic, point: Point) -> list[tuple[Row, ...]]:
@@ -465,29 +463,20 @@ class UniformObservability:
         return Verdict.GENERIC if self.answer else Verdict.REFUTED
 
 
-def gauthier_bornard(
-    flow: Iterable[sp.Expr],
-    output: Iterable[sp.Expr],
-    states: Iterable[sp.Symbol],
-    inputs: Iterable[sp.Symbol],
-    places: Places = (),
-) -> UniformObservability:
-    """Return the result of Gauthier and Bornard's test of observability for every input of x' = flow, y = output at
-    random points, real ones near `places`; symbols that are neither state nor input are random constants. Raises:
-    `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule."""
-    flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
-    plant, _ = plant_of(flow, output, states, inputs, (), places)
-    outside = _outside(flow, output, inputs)
+def gauthier_bornard(model: Model) -> UniformObservability:
+    """Return the result of Gauthier and Bornard's test of observability for every input of a model at random points.
+    Raises: `NowhereDefined`; `NoTape` for a function without a rule."""
+    plant, outside = model.plant, _outside(model.flow, model.output, model.inputs)
     if outside:
         return UniformObservability(None, False, outside)
     ranks = []
     for k in range(POINTS):
-        rank, violation = somewhere(plant, partial(_span_test, plant, inputs), first=k, power=2)
+        rank, violation = somewhere(plant, partial(_span_test, plant, model.inputs), first=k, power=2)
         if violation:
             return UniformObservability(False, True, violation)
         ranks.append(rank)
     if max(ranks) < plant.n:
-        return _deficient(max(ranks), flow, output[0], states, inputs)
+        return _deficient(max(ranks), model)
     if switches_of(plant):
         pattern = "it holds at {points} points, but on one branch of {branches}"
         return UniformObservability(None, True, because(pattern, points=POINTS, branches=switches_of(plant)))
@@ -510,7 +499,8 @@ def of_plant(plant: System) -> UniformObservability:
     if outside:
         return UniformObservability(None, False, outside)
     for branch in reached.branches:
-        one = gauthier_bornard(branch.rows[:n], branch.rows[n:], plant.states, plant.inputs, branch.places)
+        model = Model(branch.rows[:n], branch.rows[n:], plant.states, plant.inputs, places=branch.places)
+        one = gauthier_bornard(model)
         if not reached.branching:
             return one
         at = because("where {conditions: and }: {reason}", conditions=branch.where, reason=one.reason)
@@ -540,13 +530,11 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
     return NONE
 
 
-def _deficient(
-    rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
-) -> UniformObservability:
-    n = len(states)
+def _deficient(rank: int, model: Model) -> UniformObservability:
+    states, inputs, n = model.states, model.inputs, len(model.states)
     reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
-    drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
-    visible = [x for x in states if x in output.free_symbols]
+    drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, model.flow, strict=True)}
+    visible = [x for x in states if x in model.output[0].free_symbols]
     for x in visible:  # the list grows while it is read
         visible += [other for other in states if other in drift[x].free_symbols and other not in visible]
     hidden = [x for x in states if x not in visible]

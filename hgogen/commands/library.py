@@ -40,7 +40,7 @@ from hgogen.reading.text_model import FORMAT, Entry, entry
 from hgogen.rigor.bounds import Sign, bound, nonzero
 from hgogen.rigor.box import kind
 from hgogen.rigor.field import is_zero
-from hgogen.rigor.rank import observability
+from hgogen.rigor.rank import Model, observability
 from hgogen.rigor.singular import doubtful, one_sided, parts
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.sentence import Encoded
@@ -248,7 +248,7 @@ class _Forms:
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
     e, before = forms.entry, perf_counter()
-    ranks = observability(e.flow, e.output, e.states, e.inputs, e.unknown or e.known, sides=e.outer)
+    ranks = observability(Model(e.flow, e.output, e.states, e.inputs, e.unknown or e.known), sides=e.outer)
     yield "seconds", round(perf_counter() - before, 5)
     for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
         yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None
@@ -361,7 +361,7 @@ def _several(forms: _Forms) -> Iterator[Answer]:
 
 def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
-    condition = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
+    condition = gauthier_bornard(Model(e.flow, e.output, e.states, e.inputs))
     yield "gb_uniform", condition.answer if condition.applies else "na"
 
 

@@ -19,7 +19,7 @@ from hgogen.rigor.box import Box, put
 from hgogen.rigor.factors import factors as factored
 from hgogen.rigor.field import Exp, Half, TooLarge, Writer, vanishes
 from hgogen.rigor.lookup import Table
-from hgogen.rigor.rank import NowhereDefined, Places, plant_of, somewhere
+from hgogen.rigor.rank import Model, NowhereDefined, Places, somewhere
 from hgogen.rigor.series import Arithmetic, Point, Undecided, values
 from hgogen.rigor.singular import Resolved, resolved
 from hgogen.rigor.tape import NoTape
@@ -96,9 +96,8 @@ def finite_on(
         return False
 
     def finite_somewhere(chosen: Iterable[sp.Expr]) -> bool:
-        plant, _ = plant_of(
-            map(_every_piece, chosen), constraints, states, others, places=places, constraints=constraints
-        )
+        rows = tuple(map(_every_piece, chosen))
+        plant = Model(rows, constraints, states, others, places=places, constraints=constraints).plant
 
         def finite(numbers: Arithmetic, point: Point) -> bool:
             inputs = (u for j in range(plant.m) for u in point.inputs(j, 1))

@@ -515,6 +515,50 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 
 @dataclass(frozen=True)
+class Model:
+    """A plant x' = flow, y = output, or x+ = flow if it is `discrete`, with unknown `parameters`; every symbol that is
+    none of its own is a random constant.
+
+    `places`: values of all symbols, near which real points are drawn; `constraints`: of the states, kept at 0 by the
+    flow: the points are on them. Raises: `NothingMeasured`.
+    """
+
+    flow: Sequence[sp.Expr]
+    output: Sequence[sp.Expr]
+    states: Sequence[sp.Symbol]
+    inputs: Sequence[sp.Symbol] = ()
+    parameters: Sequence[sp.Symbol] = ()
+    places: Places = ()
+    discrete: bool = False
+    constraints: Sequence[sp.Expr] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("flow", "output", "states", "inputs", "parameters", "constraints"):
+            object.__setattr__(self, name, tuple(map(sp.sympify, getattr(self, name))))
+        for what, part in (("states", self.states), ("outputs", self.output)):
+            if not part:
+                raise NothingMeasured(what)
+
+    @property
+    def unknowns(self) -> tuple[sp.Symbol, ...]:
+        """Return the states, then the unknown parameters."""
+        return (*self.states, *self.parameters)
+
+    @cached_property
+    def plant(self) -> Plant:
+        """Return the plant as a tape, with the constraints as further outputs. Raises: `NoTape`."""
+        rows = (*self.flow, *self.output, *self.constraints)
+        declared = (*self.states, *self.inputs, *self.parameters)
+        free = set().union(*(e.free_symbols for e in rows)) - {*declared}
+        symbols = (*declared, *sorted(free, key=lambda symbol: symbol.name))
+        points = tuple(tuple(place[s] for s in symbols) for place in self.places)
+        zero = tape(self.constraints, symbols) if self.constraints else None
+        counted = tuple(j for j, u in enumerate(self.inputs) if isinstance(u, Time))
+        sizes = len(self.states), len(self.parameters), len(self.inputs)
+        return Plant(tape(rows, symbols), *sizes, points, self.discrete, zero, counted)
+
+
+@dataclass(frozen=True)
 class Rank:
     """The observability rank, of the gradients d(y, y', .., y^(k))/d(unknowns). `observable`: the unknowns whose unit
     vector is in the row space; `final`: whether the rank was stationary; if not, more derivatives may raise it and add
@@ -543,42 +587,29 @@ class Ranks:
     local: str
 
 
-def observability(
-    flow: Iterable[sp.Expr],
-    output: Iterable[sp.Expr],
-    states: Iterable[sp.Symbol],
-    inputs: Iterable[sp.Symbol] = (),
-    parameters_unknown: Iterable[sp.Symbol] = (),
-    *,
-    limit: int | None = None,
-    places: Places = (),
-    sides: Sides | None = None,
-    discrete: bool = False,
-    constraints: Iterable[sp.Expr] = (),
-) -> Ranks:
-    """Return the observability ranks of x' = flow, y = output with known parameters and jointly, at a random point;
-    every other symbol is a random constant. With kinks, jumps or tables the least ranks over the branches that are
-    found. `discrete`: of x+ = flow, y at samples in place of its derivatives, up to as many as there are unknowns.
+def observability(model: Model, *, limit: int | None = None, sides: Sides | None = None) -> Ranks:
+    """Return the observability ranks of a model with known parameters and jointly, at a random point. With kinks, jumps
+    or tables the least ranks over the branches that are found. Of a discrete model: by y at samples in place of its
+    derivatives, up to as many as there are unknowns.
 
-    `limit`: the highest order of derivatives (None: until the rank is stationary); `places`: values of all symbols,
-    near which real points are drawn, by default from the ranges `sides` of symbols that have one; `constraints`: of the
-    states, kept by the flow: the points are on them, and the ranks are those of the plant that has only such states.
+    `limit`: the highest order of derivatives (None: until the rank is stationary); `sides`: ranges of symbols that have
+    one, from which places are drawn where the model has none. On constraints the ranks are those of the plant that has
+    only such states.
 
-    Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
+    Raises: `NowhereDefined`; `NoTape` for a function without a rule.
     """
-    flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
-    inputs, parameters = tuple(inputs), tuple(parameters_unknown)
-    plant, symbols = plant_of(flow, output, states, inputs, parameters, places, discrete, constraints)
-    if exact_numbers(plant) or places or not (sides or branches(plant)):
-        return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
+    plant = model.plant
+    if exact_numbers(plant) or model.places or not (sides or branches(plant)):
+        return somewhere(plant, lambda numbers, point: _ranks(plant, model.unknowns, numbers, point, limit))
     around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
-    on_box = reached((*flow, *output), around)
-    n, each = len(flow), dict[tuple[sp.Expr, ...], Ranks]()
+    on_box = reached((*model.flow, *model.output), around)
+    n, each = len(model.flow), dict[tuple[sp.Expr, ...], Ranks]()
     for branch in on_box.branches:
-        rows = branch.rows[:n], branch.rows[n:], states, inputs, parameters
+        flow, output = branch.rows[:n], branch.rows[n:]
         if branch.rows not in each:
             with suppress(NowhereDefined):
-                each[branch.rows] = observability(*rows, limit=limit, places=branch.places, discrete=discrete)
+                there = replace(model, flow=flow, output=output, places=branch.places, constraints=())
+                each[branch.rows] = observability(there, limit=limit)
     if not each:
         raise NowhereDefined(on_box.points)
     answers = list(each.values())
@@ -599,35 +630,6 @@ def _least(a: Rank, b: Rank) -> Rank:
     lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
     observable = tuple(s for s in low.observable if s not in hidden)
     return Rank(low.dimension, low.rank, low.order, observable, lost, a.final and b.final)
-
-
-def plant_of(
-    flow: Iterable[sp.Expr],
-    output: Iterable[sp.Expr],
-    states: Iterable[sp.Symbol],
-    inputs: Iterable[sp.Symbol],
-    parameters: Iterable[sp.Symbol] = (),
-    places: Places = (),
-    discrete: bool = False,
-    constraints: Iterable[sp.Expr] = (),
-) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """Return the plant x' = flow, or x+ = flow, y = (output, constraints) as a tape, and its unknowns: states, then
-    unknown `parameters`; `places`: values of all symbols, near which real points are drawn, on the constraints."""
-    constraints = tuple(constraints)
-    flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
-    inputs, parameters = tuple(inputs), tuple(parameters)
-    for what, part in (("states", states), ("outputs", output)):
-        if not part:
-            raise NothingMeasured(what)
-    declared = {*states, *inputs, *parameters}
-    rows = (*flow, *output, *constraints)
-    free = set().union(*(e.free_symbols for e in rows)) - declared
-    symbols = (*states, *inputs, *parameters, *sorted(free, key=lambda symbol: symbol.name))
-    points = tuple(tuple(place[s] for s in symbols) for place in places)
-    zero = tape(constraints, symbols) if constraints else None
-    counted = tuple(j for j, u in enumerate(inputs) if isinstance(u, Time))
-    plant = Plant(tape(rows, symbols), len(states), len(parameters), len(inputs), points, discrete, zero, counted)
-    return plant, (*states, *parameters)
 
 
 def exact_numbers(plant: Plant) -> bool:

@@ -41,7 +41,7 @@ from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.given import Misfit, real, requires_plant
 from hgogen.rigor.box import box
-from hgogen.rigor.rank import NowhereDefined, observability
+from hgogen.rigor.rank import Model, NowhereDefined, observability
 from hgogen.rigor.singular import limited
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Encoded
@@ -251,7 +251,7 @@ def _observable_frozen(plant: System) -> bool:
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
     sides = {**box(plant.signals, plant.nominal), **dict.fromkeys(e, (-1, 1))}
     try:
-        return observability(A * e, C * e, tuple(e), sides=sides).known.rank == len(e)
+        return observability(Model(A * e, C * e, tuple(e)), sides=sides).known.rank == len(e)
     except (NoTape, NowhereDefined):
         return False
 
