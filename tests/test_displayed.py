@@ -10,7 +10,8 @@ from matplotlib import pyplot
 import hgogen as hg
 from hgogen.model import load
 from hgogen.run.samples import BadShape
-from hgogen.trial import Trial
+from hgogen.system import valued
+from hgogen.trial import Trial, simulate
 
 q = hg.Signal("q", "rad", "angle | of a_b", low=-4, high=4)
 w, y = hg.Signal("w", "rad/s", low=-20, high=20), hg.Signal("y", "rad")
@@ -69,6 +70,24 @@ def test_a_run_is_its_states_and_status_bits() -> None:
     assert run.raised == {"MISSING_Y": 3, "REJECTED_Y": 1}
     assert f"| `q` | {run['q'][0]:.4g} | {run['q'].min():.4g} | {run['q'].max():.4g} | {run['q'][-1]:.4g} |" in text
     assert "0 samples" in markdown(STEP.run(y=np.zeros((0, 1))))
+
+
+def test_a_fit_and_a_calibration_are_tables() -> None:
+    """The estimates by kind, and the row to take with the table of its tuning."""
+    a = hg.Signal("a", "1/s2", "gravity over length", 12, low=5, high=40)
+    free = hg.System("free_", states=(q, w), outputs=(y,), parameters=(a,), flow=[w, -a * sp.sin(q)], output=[q])
+    truth = simulate(valued(free, {"a": 19.6}), Trial("swing", 2, {"q": 0.4, "w": 0}), 0.01)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=(len(truth.t), 1))
+    log = hg.Log(np.zeros((len(truth.t), 0)), truth.x[:, :1] + noise, 0.01)
+    fit = hg.fit(free, log, starts=1, offset=["y"])
+    text = markdown(fit)
+    assert f"| parameter | `a` | {fit.values['a']:.5g} | {fit.deviation['a']:.5g} | 12 | 1/s2 |  |" in text
+    assert "| offset | `y` |" in text
+    assert f"| `y` | {fit.error['y']:.4g} | {fit.unfitted['y']:.4g} | {fit.spread['y']:.4g} |" in text
+    tuned = hg.tune(fit.plant, log, observers=["riccati", "high_gain"], segments=2)
+    text = markdown(tuned)
+    assert f"| **riccati** | triangular | {tuned['riccati'].error:.3g} |" in text
+    assert f"To take: riccati, `form` = `triangular`, `Q` = `{tuned['riccati'].table['Q']}`" in text
 
 
 def test_a_run_is_drawn_with_its_samples_and_the_truth() -> None:

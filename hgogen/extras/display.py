@@ -20,6 +20,8 @@ from hgogen.emit.document import (
 )
 from hgogen.emit.formula import plain, table
 from hgogen.form import Form
+from hgogen.logs.fit import Fit
+from hgogen.logs.tune import Calibration
 from hgogen.model import Model
 from hgogen.observer import Observer
 from hgogen.run import continuous, figures, gramian
@@ -87,6 +89,40 @@ def _(run: Run) -> Iterable[str]:
 def _(model: Model) -> Iterable[str]:
     known = ", ".join(f"`{name}`" for name in model.tuning.tables)
     return [*_lines(model.plant), "", f"tunings: {known or 'none'}"]
+
+
+@_lines.register
+def _(fit: Fit) -> Iterable[str]:
+    kinds = {"parameter": fit.parameters, "offset": fit.offsets, "lag": fit.lags}
+    rows = (
+        (kind, f"`{one.name}`", *(f"{x:.5g}" for x in (one.value, one.deviation, one.nominal)), plain(one.unit), one.at)
+        for kind, estimates in kinds.items()
+        for one in estimates
+    )
+    head = ("", "name", "estimate", "standard error", "before", "unit", "end of its range")
+    errors = ((f"`{name}`", *(f"{by[name]:.4g}" for by in (fit.error, fit.unfitted, fit.spread))) for name in fit.error)
+    return [
+        *table(head, rows),
+        "",
+        *table(("output", f"RMS error of {fit.by}", "before", "RMS about the mean"), errors),
+        *(f"\n{plain(note)}" for note in fit.notes()),
+    ]
+
+
+@_lines.register
+def _(tuned: Calibration) -> Iterable[str]:
+    best = tuned.best
+    rows = (
+        (f"**{row.name}**" if row is best else row.name, row.first.step.observer.form.kind, f"{row.error:.3g}")
+        for row in tuned.rows
+    )
+    unit = "of the mean" if tuned.truth else f"of copying, {tuned.ahead} ahead"
+    return [
+        *table(("observer", "form", f"error, in errors {unit}"), rows),
+        "",
+        f"To take: {best.name}, " + ", ".join(f"`{name}` = `{value}`" for name, value in best.table.items()),
+        *(f"\n{name}: {plain(why)}" for name, why in tuned.refused.items()),
+    ]
 
 
 # --- figures, which methods of the values return

@@ -30,6 +30,7 @@ from hgogen.logs.problem import (
 )
 from hgogen.logs.records import BadLog, Log, demanded, middle_of
 from hgogen.reading.given import count, requires_any_plant, requires_switches, signals_named
+from hgogen.registry import Displayed
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.campaign import Workers
@@ -96,7 +97,7 @@ def _by_name(each: Iterable[Estimate], what: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Encoded):
+class Fit(Encoded, Displayed):
     """The result of `fit`.
 
     `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `fitted`: the

@@ -33,6 +33,7 @@ from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chose
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
 from hgogen.observer import OF_MAPS, Observer
 from hgogen.reading.given import count, requires_any_plant, requires_switches
+from hgogen.registry import Displayed
 from hgogen.run.backends import quickest_engine
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
@@ -370,7 +371,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Displayed):
     """The result of `tune`: `rows` of observers, the best first; `refused`: by observer why others have none. Gains
     were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log;
     `gates`: the samples beyond gates, which were left out; `final`: the rows that were estimated again from all rows,
