@@ -142,7 +142,7 @@ def oscillator(end: float | None, a: float | None = None, unit: float = 1.0) -> 
 @pytest.mark.parametrize(
     ("end", "a", "why"),
     [
-        (None, 1.0, "first errors are those of states in ranges, and x2 has none"),
+        (None, 1.0, "initial errors are those of states in ranges, and x2 has none"),
         (1.0, None, "the gains of its chain are no numbers"),
     ],
 )

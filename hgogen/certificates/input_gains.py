@@ -219,8 +219,7 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
         return rows
     if flow.fastest is None or not flow.fastest.alpha:
         return flow.obstacle(form.states)
-    fields = [*zip(scales, error.layout.index, error.layout.fed, strict=True)]
-    columns = [rational([-scale * row[i] * fed for scale, i, fed in fields]) for row in rows]
+    columns = [-error.lifted(scales) @ rational(row) for row in rows]
     phrases = _phrases("noise of {y} of {size}", system.outputs, noises)
     phrases += _phrases("{y}' disturbed by {size}", system.declared.states, disturbed)
     noisy = error.at(theta).driven_by(rational(np.diag(noises))[:, [size > 0 for size in noises]])

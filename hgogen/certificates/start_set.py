@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import product
 
 import casadi as ca
 import sympy as sp
@@ -29,6 +28,7 @@ from hgogen.prove.inequality import NOW, Contracts, Steps
 from hgogen.prove.plant_step import Heads, PlantStep, Sizes
 from hgogen.prove.quadratic import Array, rational
 from hgogen.prove.questions import InputBound, confined, peak_errors, step_input_bound
+from hgogen.prove.region import no_corners
 from hgogen.rigor.bounds import bound
 from hgogen.rigor.outward import number
 from hgogen.sentence import Down, Sentence, Up, because
@@ -38,7 +38,6 @@ from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import MARGIN, SHARE
 
 NO_WAY = because("no bound is found of how far errors go on the way")
-_STATES = 8  # the most states whose corners of initial errors are checked
 _ROUNDED = Fraction(1, 10**9)  # of a limit: more than its rounding errors
 
 
@@ -119,25 +118,17 @@ def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
     touch the outer box, different initial values of one state, or a chain whose gains contain parameters."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
-    endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
     if scales is None:
         return Nothing(NO_SCALES)
-    if form.n > _STATES:
-        many = "the corners of the first errors are asked of {most} states at most, and there are {n}"
-        return Nothing(because(many, most=_STATES, n=form.n))
-    if endless:
-        return Nothing(because("first errors are those of states in ranges, and {names} has none", names=endless))
+    if endless := no_corners(form):
+        return Nothing(endless)
     first = _first(observer, error)
     if isinstance(first, Nothing):
         return first
     limits = _limits(observer, error)
     if min(limits.values()) <= 0:
         return Nothing(because("the limits of the estimate do not hold the ranges with room around"))
-    layout, n = error.layout, form.n
-    sides = [scale * first[i] * fed for scale, i, fed in zip(scales, layout.index, layout.fed, strict=True)]
-    signs = product((1,), *((1, -1) for _ in range(n - 1)))
-    corners = [[side * each[i] for side, i in zip(sides, layout.index, strict=True)] for each in signs]
-    return Start(scales, first, rational(corners), limits)
+    return Start(scales, first, error.corners(scales, first), limits)
 
 
 @lru_cache(maxsize=32)

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -222,6 +223,18 @@ class Inclusion:
             return None
         index, power = self.layout.index, self.layout.power
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
+
+    def lifted(self, scales: Sequence[Fraction]) -> Array:
+        """Return the matrix s (N, n), in FLINT's rationals, with e = s times the errors of the form's states, 0 for
+        components of filters; `scales` (N) as the method of this name gives them."""
+        fields = zip(scales, self.layout.index, self.layout.fed, strict=True)
+        return rational([[s * (fed and i == at) for at in range(len(self.scale))] for s, i, fed in fields])
+
+    def corners(self, scales: Sequence[Fraction], sides: Sequence[Fraction]) -> Array:
+        """Return the e (2^(n-1), N) at the corners, one of each opposite pair, of the box in which the errors of the
+        form's states are at most `sides` (n); `scales` (N) as the method of this name gives them."""
+        signs = rational([*product((1,), *[(1, -1)] * (len(sides) - 1))])
+        return np.asarray((signs * rational(sides)) @ self.lifted(scales).T)
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
         """Return the factors (N) by which e_k = factor_k times the error of scalar k in the program's memory, at this

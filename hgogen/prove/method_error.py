@@ -420,10 +420,9 @@ class CoreDeviation:
     @cached_property
     def lifted(self) -> Array:
         """The matrix s (N, n) with e = s times the errors of the form's states, 0 for components of filters."""
-        scales, layout = self.error.scales(self.theta), self.error.layout
+        scales = self.error.scales(self.theta)
         assert scales is not None  # a plant's step is asked of numbers alone
-        fields = zip(scales, layout.index, layout.fed, strict=True)
-        return rational([[s * int(fed and i == at) for at in range(self.plant.form.n)] for s, i, fed in fields])
+        return self.error.lifted(scales)
 
     @cached_property
     def sample_input(self) -> Array:

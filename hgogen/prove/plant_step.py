@@ -32,7 +32,7 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.inequality import Inequality, Inputs
-from hgogen.prove.quadratic import identity, rational
+from hgogen.prove.quadratic import identity
 from hgogen.prove.questions import InputBound
 from hgogen.rigor.bounds import bound
 from hgogen.rigor.box import Box, box, exact
@@ -342,14 +342,13 @@ class Sizes:
     def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], heads: Heads) -> Inputs:
         """Return the terms that the inputs of nonzero size add to `step`, each scaled by its size; `scales` (N) as
         `Inclusion.scales` gives them, `heads` as `heads_of`."""
-        each = list[Inputs]()
+        each, lifted = list[Inputs](), error.lifted(scales)
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]
         for output, row in enumerate(self.stages):
             each += [step.stages[i][output] * size for i, size in enumerate(row) if size]
         for state, size in enumerate(self.deviation):
-            fields = zip(scales, error.layout.index, error.layout.fed, strict=True)
-            effect = step.additive_input(rational([-scale * (fed and i == state) for scale, i, fed in fields]))
+            effect = step.additive_input(-lifted[:, state])
             for output, (head, slope) in heads.items():
                 effect += step.ends(output)[1] * (step.h * slope * (head == state))
             each += [effect * size] if size else []

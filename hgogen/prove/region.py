@@ -18,7 +18,6 @@ multiple of a box is taken: half of each state's range, no more than half a turn
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import product
 
 from hgogen.analysis.evidence import Grounds, outward
 from hgogen.check import Check, ClaimId, Verdict
@@ -32,7 +31,7 @@ from hgogen.prove.questions import confined
 from hgogen.prove.semidefinite import NoSolver
 from hgogen.rigor.definite import fraction, root
 from hgogen.rigor.periodic import half_turn
-from hgogen.sentence import Reason, Sentence, because, down
+from hgogen.sentence import NONE, Reason, Sentence, because, down
 
 STATES = 8  # the most states whose corners of initial errors are checked
 _CHAINS = ("triangular", "block_triangular")
@@ -125,27 +124,33 @@ def _tried(search: Flow, known: _Question) -> Iterator[tuple[Fraction, Weights]]
 
 
 def _question(form: Form, search: Flow) -> _Question | Reason:
-    scales, slopes, layout = search.error.scales(search.theta), heads_of(form), search.error.layout
-    endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
+    error, slopes = search.error, heads_of(form)
+    scales = error.scales(search.theta)
     if form.kind not in _CHAINS:
         return because("that is proved in chains of the plant's own states only")
     if scales is None or slopes is None:
         return NO_SCALES
-    if endless:
-        return because("initial errors are those of states in ranges, and {names: and } has none", names=endless)
-    if form.n > STATES:
-        return because("it is asked of {most} states at most, and there are {n}", most=STATES, n=form.n)
+    if endless := no_corners(form):
+        return endless
     sides = [(Fraction(high) - Fraction(low)) / 2 for low, high in (state.interval for state in form.states)]
     rows = dict[int, Array]()
     for j, (head, slope) in slopes.items():
         period = form.system.outputs[j].period
         if period is not None:
             half = half_turn(period) / abs(slope)
-            rows[j] = state_row(scales, layout.picks[head]) / rational(half)
+            rows[j] = state_row(scales, error.layout.picks[head]) / rational(half)
             sides[head] = min(sides[head], half)
     if not rows:
         return because("no periodic output has a part in the correction")
-    fields = [*zip(scales, layout.index, layout.fed, strict=True)]
-    signs = product((1,), *((1, -1) for _ in range(form.n - 1)))
-    corners = rational([[scale * fed * sides[i] * each[i] for scale, i, fed in fields] for each in signs])
-    return _Question(rows, corners, sides)
+    return _Question(rows, error.corners(scales, sides), sides)
+
+
+def no_corners(form: Form) -> Reason:
+    """Return why the corners of a box of initial errors of a form's states are not computed: a state without a range,
+    or more than 8 states; `NONE` where they are."""
+    endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
+    if endless:
+        return because("initial errors are those of states in ranges, and {names: and } has none", names=endless)
+    if form.n > STATES:
+        return because("the corners of initial errors are computed for up to {most} states", most=STATES)
+    return NONE
