@@ -6,17 +6,19 @@ both, and `emit.cost` reports the first. An operation is one of the program's in
 comparison, a choice, a function.
 """
 
+import ast
+import inspect
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache, reduce
-from operator import add, mul, sub, truediv
+from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.discretisation.notation import DEGREE, HALVINGS, SWEEPS
 from hgogen.graph import Graph
@@ -28,116 +30,77 @@ from hgogen.rigor.lookup import called, instructions
 def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...] = ()) -> ca.Function:
     """Return the kernel `name` with its `counts` as a CasADi function: from its arguments, of these sizes, to their new
     values and its result. A kernel on columns of a matrix has them as first argument, a matrix (n, n)."""
-    if name not in _ON_ARRAYS:
+    if name in _ON_MATRICES:
         arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
         return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
     symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate([(n, n), *((size, 1) for size in sizes)])]
-    columns, *others = map(_array, symbols)
-    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others, *counts)
-    after = [ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(each))) for each in (columns, *others)]
+    matrix, *vectors = symbols
+    others = [*map(ca.vertsplit, vectors)]
+    L = [SimpleNamespace(v=ca.vertsplit(column)) for column in ca.horzsplit(matrix)]
+    kinds = [*KERNELS[name].__annotations__.values()][1:]
+    values = [each[0] if kind is float else each for each, kind in zip(others, kinds, strict=False)]
+    result = FunctionType(_with_choices(name), {**notation.sizes(n), **_WORDS})(L, *values, *counts)
+    after = [ca.horzcat(*(ca.vertcat(*column.v) for column in L)), *(ca.vertcat(*each) for each in others)]
     return ca.Function(name, symbols, [*after, ca.SX(0) if result is None else result])
 
 
-# --- on L D L', without a choice: the operations of numpy on arrays of scalars
+# --- on L D L': the kernel itself, on scalars
 
 
-def _operation(apply: Callable[[Graph, Graph], Graph], swapped: bool = False) -> Callable[..., Any]:
-    def operation(scalar: "_Scalar", other: Any) -> Any:
-        if isinstance(other, np.ndarray):  # numpy then calls element by element
-            return NotImplemented
-        pair = (_value(other), scalar.value) if swapped else (scalar.value, _value(other))
-        return _Scalar(apply(*pair))
-
-    return operation
-
-
-@dataclass(frozen=True, eq=False)
-class _Scalar:
-    """An SX scalar as an element of an array of objects: SX
-    itself would replace the operations of the array."""
-
-    value: Graph
-    __add__, __radd__ = _operation(add), _operation(add, swapped=True)
-    __sub__, __rsub__ = _operation(sub), _operation(sub, swapped=True)
-    __mul__, __rmul__ = _operation(mul), _operation(mul, swapped=True)
-    __truediv__, __rtruediv__ = _operation(truediv), _operation(truediv, swapped=True)
+@cache
+def _with_choices(name: str) -> CodeType:
+    """Return the code of a kernel in which a branch on numbers computes both of its ways and chooses one."""
+    (function,) = ast.parse(inspect.getsource(KERNELS[name])).body
+    assert isinstance(function, ast.FunctionDef)
+    function.decorator_list = []
+    module = ast.Module([_Choices().visit(function)], [])
+    code = compile(ast.fix_missing_locations(module), f"<{name} with choices>", "exec")
+    return next(each for each in code.co_consts if isinstance(each, CodeType))
 
 
-def _value(number: Any) -> Graph:
-    return number.value if isinstance(number, _Scalar) else ca.SX(float(number))
+class _Choices(ast.NodeTransformer):
+    """A transformer of a kernel's syntax: `choice`, `both` and `opposite` in place of if, and, not. A name that a
+    branch assigns is used in it alone; an element that it assigns keeps its value where the branch is not taken."""
+
+    test: ast.expr | None = None
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
+        return _call("choice", *map(self.visit, (node.test, node.body, node.orelse)))
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        return _call("both", *map(self.visit, node.values))
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        return _call("opposite", self.visit(node.operand)) if isinstance(node.op, ast.Not) else node
+
+    def visit_If(self, node: ast.If) -> ast.If:
+        self.test = self.visit(node.test)
+        body = [self.visit(statement) for statement in node.body]
+        node, self.test = ast.If(_call("possible", self.test), body, []), None
+        return node
+
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign:
+        (target,), value = node.targets, self.visit(node.value)
+        if self.test and isinstance(target, ast.Subscript):
+            value = _call("choice", self.test, value, ast.Subscript(target.value, target.slice, ast.Load()))
+        return ast.Assign([target], value)
 
 
-def _array(matrix: Graph) -> np.ndarray:
-    rows, columns = matrix.shape
-    scalars = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
-    return scalars if columns > 1 else scalars[0]
+def _call(name: str, *arguments: ast.expr) -> ast.expr:
+    return ast.Call(ast.Name(name, ast.Load()), list(arguments), [])
 
 
-def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return P_ii of P = L D L', each summed from the diagonal's term, then from the
-    first column on: in the order of the emitted code, so that the bits are equal."""
-    variance = d.copy()
-    for k in range(len(d)):
-        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
-    return variance
+def _choice(test: Graph, yes: Graph, no: Graph) -> Graph:
+    return (yes if test else no) if isinstance(test, bool) else ca.if_else(test, yes, no)
 
 
-def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
-    """Scale variances down to `caps` without branches, with the bits of
-    the emitted code: a factor 1 and a choice of D >= 0 change no bit.
-    Return whether a variance exceeded its cap or a D was negative."""
-    values = [_value(v) for v in _variances(columns, d)]
-    pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
-    scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
-    for k in range(len(d)):
-        columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    each = [ca.logic_and(v <= c, _value(pivot) >= 0) for (v, c), pivot in zip(pairs, d, strict=True)]
-    sound = reduce(ca.logic_and, each)
-    for k in range(len(d)):
-        columns[k, k] = _Scalar(ca.if_else(sound, _value(columns[k, k]), 1.0))
-    scaled = [_value(pivot * s * s) for pivot, s in zip(d, scale, strict=True)]
-    d[:] = [_Scalar(ca.if_else(ca.logic_and(v >= 0, v <= c), v, c)) for v, (_, c) in zip(scaled, pairs, strict=True)]
-    return ca.logic_not(sound)
-
-
-def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
-    """Bound variances by one measurement of each state with the variance
-    1/c_i^2; return whether sum P_ii/caps_i is then above 1/2."""
-    one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
-    for i, each in enumerate(c):
-        row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
-        KERNELS["correct"](columns, d, row, np.array([one]), np.array([zero] * len(c)), i + 1)
-    shares = zip(_variances(columns, d), caps, strict=True)
-    return ca.logic_not(reduce(add, (_value(variance / limit) for variance, limit in shares)) <= 0.5)
-
-
-def _decoupled(columns: np.ndarray, d: np.ndarray, w: np.ndarray) -> None:
-    """Apply the kernel `decouple`: the columns and D of P after P_ii = w_i, and 0 elsewhere in its row, where w_i >
-    0."""
-
-    def chosen(test: Graph, yes: Graph, no: Any) -> _Scalar:
-        return _Scalar(ca.if_else(test, _value(yes), _value(no)))
-
-    for i, each in enumerate(w):
-        clear, x = _value(each) > 0, columns[i].copy()
-        weight, d[i] = chosen(clear, d[i], 0.0), chosen(clear, each, d[i])
-        for k in range(i):
-            columns[k, i] = chosen(clear, 0.0, columns[k, i])
-        for m in range(i + 1, len(d)):
-            columns[i, m] = chosen(clear, 0.0, x[m])
-        for j in range(i + 1, len(d)):
-            a = x[j]
-            grown = d[j] + weight * a * a
-            f, weight, d[j] = weight * a / grown, weight * d[j] / grown, grown
-            x[j + 1 :] = x[j + 1 :] - a * columns[j, j + 1 :]
-            columns[j, j + 1 :] = columns[j, j + 1 :] + f * x[j + 1 :]
-
-
-_ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
-    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "disturb", "correct", "project")},
-    "cap": _capped,
-    "renew": _renewed,
-    "decouple": _decoupled,
+_WORDS: Mapping[str, Callable[..., Any]] = {
+    "aligned": notation.aligned,
+    "array": notation.array,
+    "choice": _choice,
+    "both": ca.logic_and,
+    "opposite": ca.logic_not,
+    "possible": lambda test: test is not False,
 }
 
 
