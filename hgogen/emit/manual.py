@@ -21,7 +21,7 @@ from hgogen.emit.cost import cost, counted
 from hgogen.emit.interface import FIRST_CALL
 from hgogen.emit.naming import renaming_sentence
 from hgogen.emit.syntax import Real, Syntax
-from hgogen.estimators.joint import WAITS
+from hgogen.estimators.factored import WAITS
 from hgogen.estimators.noise import deviation_lines
 from hgogen.observer import Observer
 from hgogen.program import Place

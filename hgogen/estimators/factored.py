@@ -14,6 +14,16 @@ which has fewer operations and no loop control, unless its text becomes too long
 Operations are counted, not measured (`discretisation.kernel_graphs`). In loops over the columns of L, for many states,
 rotations make Phi L triangular again in the columns that Phi's diagonals above the main one fill, and rank-one updates
 add the noise: n^2 operations for each such diagonal, and n^3/3.
+
+Joint updates: the samples of a call wait, and correct together, with all outputs linearised at the prediction.
+
+    e = y - h(z),  C = dh/dz at the prediction z;  R_u = L diag(d) L' the block of R of the samples that are used
+    L^-1 e,  L^-1 C:   samples with independent noises of variances d, which correct one by one:
+    z <- z + K (e_j - c_j (z - z before all)),  P <- P - K c_j P
+
+This is K = P C' (C P C' + R_u)^-1, z <- z + K e, as a batch. Rows and columns of L of samples that are not used are
+those of the unit matrix, so that the pattern of missing samples needs no branch. Source: Bierman, "Factorization
+methods for discrete sequential estimation" (1977), the decorrelation of a measurement's noise.
 """
 
 from abc import ABC, abstractmethod
@@ -31,7 +41,6 @@ from hgogen.discretisation import kernels
 from hgogen.discretisation.kernel_graphs import carried_out, written
 from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
 from hgogen.estimators.gating import raised, with_gating
-from hgogen.estimators.joint import decorrelated, errors, waiting, where_waiting, whitened, with_joint
 from hgogen.estimators.riccati_part import (
     Riccati,
     factor,
@@ -48,7 +57,7 @@ from hgogen.graph import Graph
 from hgogen.part import Clock, Joint, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, Statement, When, column, scalar, sym
 from hgogen.reading.given import BadGain
-from hgogen.signal import LOST
+from hgogen.signal import LOST, Signal
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
@@ -199,8 +208,96 @@ def largest(part: Riccati) -> np.ndarray:
     return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, LOST))
 
 
+WAITS = "waits_"  # of names of flags in the state
+
+
+def _reading(y: Signal) -> str:
+    return f"sample_{y}"
+
+
+def _waits(y: Signal) -> str:
+    return f"{WAITS}{y}"
+
+
+def decorrelated(R: Graph, used: Sequence[Graph]) -> tuple[Graph, Graph]:
+    """Return L (p, p), unit lower triangular and sparse, and d (p) of R_u = L diag(d) L', the block of `R` (p, p) of
+    the samples that are `used` (p)."""
+    R, L, d = ca.sparsify(R), ca.SX.eye(len(used)), list[Graph]()
+    for j in range(len(used)):
+        for k in range(j):
+            value = R[j, k] - sum((L[j, m] * L[k, m] * d[m] for m in range(k)), ca.SX(0))
+            if not value.is_zero():
+                L[j, k] = ca.if_else(ca.logic_and(used[j], used[k]), value / d[k], 0)
+        d.append(R[j, j] - sum((L[j, k] ** 2 * d[k] for k in range(j)), ca.SX(0)))
+    return L, column(d)
+
+
+def whitened(L: Graph, rows: Graph) -> Graph:
+    """Return L^-1 rows (p, k) for a unit lower triangular L (p, p), sparse."""
+    known = list[Graph]()
+    for j, row in enumerate(ca.vertsplit(rows)):
+        known.append(ca.sparsify(row - sum((L[j, k] * known[k] for k in range(j) if not L[j, k].is_zero()), 0)))
+    return ca.vertcat(*known)
+
+
+def used_block(R: Graph, used: Sequence[Graph]) -> Graph:
+    """Return R (p, p) with 0 for the correlations of samples that are not `used` (p)."""
+    block = ca.SX(R)
+    for j, k in zip(*ca.sparsify(R).sparsity().get_triplet(), strict=True):
+        if j != k:
+            block[j, k] = ca.if_else(ca.logic_and(used[j], used[k]), R[j, k], 0)
+    return block
+
+
 class FactoredStep(FilterStep, ABC):
-    """A step of a Riccati filter on factors of P, whose innovations may have gates."""
+    """A step of a Riccati filter on factors of P, whose innovations may have gates, and whose updates may be joint."""
+
+    def completed(self, pieces: Pieces) -> Pieces:
+        """Return the memory and statements of the filter with those of its gates. Where updates are joint, each stores
+        its sample, and the correction comes after all."""
+        pieces = with_gating(pieces, self)
+        if not self.part.joint:
+            return pieces
+        waits = "1 where the sample waits for the correction"
+        fields = [scalar(_reading(y), 0.0, unit=y.unit, meaning="sample of this period") for y in self._outputs]
+        flags = [scalar(_waits(y), 0, kind="index", high=1, meaning=waits) for y in self._outputs]
+        none = Block("no sample waits", {Place("state", _waits(y)): ca.SX(0) for y in self._outputs})
+
+        def stored(y: Signal) -> Program:
+            writes = {Place("state", _reading(y)): sym("work", "reading"), Place("state", _waits(y)): ca.SX(1)}
+            return (Block(f"the sample of {y} waits for those of other outputs", writes),)
+
+        return replace(
+            pieces,
+            fields=(*pieces.fields, *fields, *flags),
+            predict=(*pieces.predict, none),
+            update=tuple(map(stored, self._outputs)),
+            correct=(*self.joint_correction(), none),
+        )
+
+    @property
+    def _outputs(self) -> tuple[Signal, ...]:
+        return self.part.dynamics.form.system.outputs
+
+    @property
+    def waiting(self) -> list[Graph]:
+        """Whether each output has a sample that waits (p), SX."""
+        return [sym("state", _waits(y)) > 0 for y in self._outputs]
+
+    def errors(self, predicted: Graph, drift: Graph | None = None) -> Graph:
+        """Return e (p), the sample less `predicted` + `drift` of each output, 0 where none waits."""
+        shift = ca.SX.zeros(len(self._outputs)) if drift is None else drift
+        dynamics, each = self.part.dynamics, []
+        for j, (y, waits) in enumerate(zip(self._outputs, self.waiting, strict=True)):
+            error = dynamics.output_error(j, sym("state", _reading(y)), predicted[j])
+            each.append(ca.if_else(waits, dynamics.output_error(j, error, shift[j]), 0))
+        return column(each)
+
+    def where_waiting(self, programs: Sequence[Program]) -> Program:
+        """Return the statements of each output (p), run where it has a sample that waits."""
+        places = [Place("work", f"{_waits(y)}_now") for y in self._outputs]
+        test = Block("which samples wait?", dict(zip(places, self.waiting, strict=True)))
+        return (test, *(When(place, program) for place, program in zip(places, programs, strict=True)))
 
     def used_variance(self, output: int) -> Graph:
         """Return r, as far as a gate has raised it, with which a sample of an output corrects, SX scalar."""
@@ -223,18 +320,18 @@ class FactoredStep(FilterStep, ABC):
     def joint_correction(self) -> Program:
         """Return the statements that correct by all samples that wait, linearised at the prediction."""
         every, start = range(self.clock.outputs), Place("work", "predicted_z")
-        L, d = decorrelated(self.used_noise(), waiting(self))
+        L, d = decorrelated(self.used_noise(), self.waiting)
         predicted = self.part.dynamics.output(self.z, self.clock.u_now)
         rows, slopes = _in_memory("rows", whitened(L, ca.vertcat(*map(self.row, every))))
         variances, computed = _in_memory("variances", d)
-        error = {Place("work", "errors"): whitened(L, errors(self, predicted)), start: self.z}
+        error = {Place("work", "errors"): whitened(L, self.errors(predicted)), start: self.z}
         read, shift = sym("work", "errors", len(every)), self.z - sym(*start, self.part.dynamics.n)
         each = [self.scalar_update(rows[j, :], variances[j], read[j] - rows[j, :] @ shift) for j in every]
         return (
             Block(
                 "the innovations and rows at the prediction, with independent noises", {**error, **slopes, **computed}
             ),
-            *where_waiting(self, each),
+            *self.where_waiting(each),
         )
 
     @abstractmethod
@@ -341,7 +438,7 @@ class Unrolled(FactoredStep):
             update=tuple(map(self.correction, range(self.clock.outputs))),
             rule=self.named,
         )
-        return with_joint(with_gating(pieces, self), self)
+        return self.completed(pieces)
 
     def prediction(self) -> Program:
         """Return the statements that advance z, and the factors to those of Phi P Phi' + h Q_theta."""
@@ -498,7 +595,7 @@ class Looped(FactoredStep):
             update=tuple(map(self.correction, range(self.clock.outputs))),
             rule="discrete, L D L'" if self.motion.map else "",
         )
-        return with_joint(with_gating(pieces, self), self)
+        return self.completed(pieces)
 
     def projected(self, rows: Graph) -> tuple[Program, Graph]:
         """Return C P C' (k, k), C = `rows` (k, n), SX, and the program that computes f = L'c for each row c."""

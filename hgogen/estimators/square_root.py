@@ -57,8 +57,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.dynamics import HUGE, near
-from hgogen.estimators.factored import Unrolled, Writes, largest
-from hgogen.estimators.joint import decorrelated, errors, used_block, waiting, where_waiting, whitened
+from hgogen.estimators.factored import Unrolled, Writes, decorrelated, largest, used_block, whitened
 from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, solve, unpack_lower
 from hgogen.graph import Graph
 from hgogen.part import Joint, Pieces
@@ -204,7 +203,7 @@ class SquareRoot(Unrolled):
         z = {Place("state", self.part.z.name): self.z + self.root @ w}
         return (
             Block("units of the prediction", {root: pack(ca.SX.eye(n)), **none}),
-            *where_waiting(self, each),
+            *self.where_waiting(each),
             Block("correct by the offset", {**z, **self.writes(self.root @ T)}),
         )
 
@@ -340,8 +339,8 @@ class Unscented(SquareRoot):
         """Return the statements that correct by all samples that wait, from the sigma points of the prediction."""
         n, every = self.part.dynamics.n, range(self.clock.outputs)
         a, curved, drift = self.observed(every)
-        L, d = decorrelated(self.used_noise() + curved, waiting(self))
-        error = whitened(L, errors(self, self.part.dynamics.output(self.z, self.clock.u_now), drift))
+        L, d = decorrelated(self.used_noise() + curved, self.waiting)
+        error = whitened(L, self.errors(self.part.dynamics.output(self.z, self.clock.u_now), drift))
         rows, values = Place("work", "rows"), {Place("work", "errors"): error, Place("work", "variances"): d}
         values[rows] = ca.densify(ca.vec(whitened(L, a)))
         read = ca.reshape(sym(*rows, n * len(every)), len(every), n)
@@ -390,7 +389,7 @@ class Iterated(SquareRoot):
 
     def joint_correction(self) -> Program:
         """Return the Gauss-Newton passes on the cost of all samples that wait, then z and S."""
-        n, every, used = self.part.dynamics.n, range(self.clock.outputs), waiting(self)
+        n, every, used = self.part.dynamics.n, range(self.clock.outputs), self.waiting
         if all(map(self.linear, every)):
             return super().joint_correction()
         w, dynamics = sym("work", "offset", n), self.part.dynamics
@@ -401,7 +400,7 @@ class Iterated(SquareRoot):
             return dynamics.output_jacobian(self.z + self.root @ w, self.clock.u_now) @ self.root
 
         def error(w: Graph) -> Graph:
-            return errors(self, dynamics.output(self.z + self.root @ w, self.clock.u_now))
+            return self.errors(dynamics.output(self.z + self.root @ w, self.clock.u_now))
 
         def cost(w: Graph) -> Graph:
             return ca.sumsqr(w) + ca.dot(whitened(L, error(w)) ** 2, 1 / d)

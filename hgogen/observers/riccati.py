@@ -78,7 +78,7 @@ def riccati(
     Q_per_sample/dt; `density` says that Q and R are densities (`estimators.noise`); `gate` innovation gates, by an
     output or a tuple of outputs that pass together: a probability such as 0.999, or an `hg.Gate` (`estimators.gate`),
     by default none; `update` "sequential", one output after the other, or "joint": h and dh/dz of all outputs at the
-    prediction, as other libraries do, with R a number, one for each output, or a matrix (p, p) (`estimators.joint`);
+    prediction, as other libraries do, with R a number, one for each output, or a matrix (p, p) (`estimators.factored`);
     `accept` ids of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q +
     Q')/2. Of a discrete plant Q, R and U are those of a sample, and theta is 1.
 
