@@ -70,6 +70,8 @@ def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
     """Return the lines of a step's Markdown document; `manual`: those on calls, below the title."""
     first, *others = title(step, "")
     observer = step.observer
+    works = dict.fromkeys(filter(None, (observer.reference, observer.theorem.reference, observer.form.reference)))
+    bounds = proved_bounds(step)
     parts_ = [
         plant_equations(observer.form.system.declared),
         form_equations(observer.form),
@@ -77,7 +79,9 @@ def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
         gains_table(step),
         method_equations(step),
         ["## Claims", "", *claims_table(observer.checks, observer.accepted)],
-        *(part(step) for part in (_as_it_runs, _hypotheses, _references)),
+        ["## As it runs", "", "```text", *bounds, "```"] if bounds else [],
+        _hypotheses(step),
+        ["## References", "", *(f"- {plain(each)}" for each in works)],
     ]
     lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
     lines += ["", *manual] if manual else []
@@ -97,17 +101,22 @@ def manual(step: Step, real: Real, check: bool) -> list[str]:
 
     `check`: whether there is a self-check.
     """
+    delays, costs = _list(late(step, real)), vars(cost(step, real))
+    files = ", ".join(f"`{step.name}{end}`" for end in (".h", ".c", *["_check.c"] * check))
     sections = {
         "Use from C": _use(step),
         "State, inputs, outputs": _signals(step, real),
         "Status bits": _status(step),
-        "Missing samples and faults": [*_list(faults(step)), *_late(step, real)],
+        "Missing samples and faults": [
+            *_list(faults(step)),
+            *(["", "### Late samples", "", *delays] if delays else []),
+        ],
         **({"How sure the estimate is": _list(reports(step, f"{step.name}_{{name}}"))} if step.code.reports else {}),
         "Changing gains": _list(gains(step, f"{step.name}_tune")),
         "Saving and restoring": _list([*state(step, "after init or reset and before the first call"), *marks(step)]),
         "Self-check": _list([*[_CHECK.format(name=step.name, upper=step.name.upper())] * check, *_COMPILED]),
-        "Cost": _cost(step, real),
-        "Source": _list(_source(step, check)),
+        "Cost": _list(each.format(**costs) for each in _COST),
+        "Source": _list(each.format(version(), files, step.observer.reference) for each in _SOURCE),
     }
     lines = [line for name, inner in sections.items() for line in (f"## {name}", "", *inner, "")]
     return lines[:-1]
@@ -144,6 +153,20 @@ _TIMED = (
     "more.",
     f"The counter may wrap round: differences are taken modulo {ROUND}. {UNTIMELY} A sample older by a multiple of "
     f"{ROUND} periods cannot be told from one of now. Before the first predict every sample is early.",
+)
+
+
+_COST = (
+    "A call takes up to {operations} operations and {functions} functions (root, sine, ..).",
+    "RAM: {state} bytes of state and {params} bytes of parameters, where unsigned has 4 bytes.",
+    "Flash, stack and instructions depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and writes "
+    "them to `cost.json`. Its worst call is the worst of a hostile record, and no proven bound.",
+)
+_SOURCE = (
+    "hgogen {0} generated {1} from the model.",
+    "Observer: {2}.",
+    "The sections below have the plant, the form, the observer and the method as equations, the claims with their "
+    "evidence, and the hypotheses of the theorem.",
 )
 
 
@@ -314,34 +337,6 @@ def _status(step: Step) -> list[str]:
     return [numbers, "", *table(("bit", "value", "what happened", "what to do"), bits)]
 
 
-def _late(step: Step, real: Real) -> list[str]:
-    sentences = late(step, real)
-    return ["", "### Late samples", "", *_list(sentences)] if sentences else []
-
-
-def _cost(step: Step, real: Real) -> list[str]:
-    known = cost(step, real)
-    return _list(
-        [
-            f"A call takes up to {known.operations} operations and {known.functions} functions (root, sine, ..).",
-            f"RAM: {known.state} bytes of state and {known.params} bytes of parameters, where unsigned has 4 bytes.",
-            "Flash, stack and instructions depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and "
-            "writes them to `cost.json`. Its worst call is the worst of a hostile record, and no proven bound.",
-        ]
-    )
-
-
-def _source(step: Step, check: bool) -> list[str]:
-    name, observer = step.name, step.observer
-    files = [f"`{name}{end}`" for end in (".h", ".c", *["_check.c"] * check)]
-    return [
-        f"hgogen {version()} generated {', '.join(files)} from the model.",
-        f"Observer: {observer.reference}.",
-        "The sections below have the plant, the form, the observer and the method as equations, the claims with their "
-        "evidence, and the hypotheses of the theorem.",
-    ]
-
-
 def _displayed(lines: Iterable[str]) -> list[str]:
     return [text for line in lines for formula in formulas(line) for text in ("$$", formula, "$$", "")]
 
@@ -443,11 +438,6 @@ def claims_table(checks: Iterable[Check], accepted: Collection[str] = ()) -> lis
     return table(("verdict", "claim", "what it says", "evidence"), lines)
 
 
-def _as_it_runs(step: Step) -> list[str]:
-    lines = proved_bounds(step)
-    return ["## As it runs", "", "```text", *lines, "```"] if lines else []
-
-
 def _hypotheses(step: Step) -> list[str]:
     theorem = step.observer.theorem
     known = sorted(rows(theorem, step.observer.checks), key=lambda row: row.verdict is Verdict.PROVED)
@@ -462,9 +452,3 @@ def _hypotheses(step: Step) -> list[str]:
         "",
         *table(("standing", "hypothesis", "what is known", "where", "claims behind it"), lines),
     ]
-
-
-def _references(step: Step) -> list[str]:
-    observer = step.observer
-    works = dict.fromkeys(filter(None, (observer.reference, observer.theorem.reference, observer.form.reference)))
-    return ["## References", "", *(f"- {plain(each)}" for each in works)]

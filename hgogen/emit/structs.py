@@ -148,15 +148,12 @@ def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, text: Callab
         inner = _members(each.members, text)
         if kind == "parameters":
             inner = _members((member for member in inside if not member.kind), text)
-            inner += [line for member in inside if member.kind for line in _nested(structs[member.kind], text)]
+            for part in (structs[member.kind] for member in inside if member.kind):
+                inner += ["struct {", *indented(_members(part.members, text))]
+                inner.append(f"}} {part.kind}; {trailing_doc(text(part.comment))}".rstrip())
             inner = inner or [none]
         about = list(filter(None, [documented(text(each.comment))]))
         yield [*about, "typedef struct {", *indented(inner), f"}} {C.struct(prefix, kind)};"]
-
-
-def _nested(struct: Struct, text: Callable[[str], str]) -> list[str]:
-    inner = indented(_members(struct.members, text))
-    return ["struct {", *inner, f"}} {struct.kind}; {trailing_doc(text(struct.comment))}".rstrip()]
 
 
 def _members(members: Iterable[Member], text: Callable[[str], str]) -> list[str]:

@@ -42,10 +42,6 @@ def harmless(text: str) -> str:
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
-def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
-    return (f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",)
-
-
 def _c_limited(table: Rows) -> Sequence[str]:
     rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(table.places, table.rows, strict=True))
     return (
@@ -105,7 +101,9 @@ C = Syntax(
     gathered="const {type} {name}[{size}] = {{{values}}};",
     condition="if ({}) {{",
     repeated="while ({}) {{",
-    loop=_c_loop,
+    loop=lambda k, first, end, also, _: (
+        f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",
+    ),
     falling="for (unsigned {k} = {first}; {k} > {end}; --{k}) {{",
     increment="++{};",
     index=lambda array, k: f"{array}[{k}]",
