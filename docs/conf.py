@@ -26,6 +26,7 @@ myst_heading_anchors = 4
 nb_render_markdown_format = "myst"  # as a notebook has equations and tables
 nb_execution_mode, nb_execution_raise_on_error, nb_execution_timeout = "force", True, 300
 nb_execution_in_temp = True  # a tutorial writes files
+smartquotes = False  # x' is a derivative, and --all an option
 html_theme, html_title, html_show_sourcelink = "pydata_sphinx_theme", f"hgogen {version}", False
 html_extra_path = [f"{site_pages.PAGES}/extra"]  # reports, which are pages already
 html_static_path, html_css_files = ["_static"], ["site.css"]

@@ -8,7 +8,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from functools import cache
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +147,12 @@ def loaded(name: str) -> Model:
     return hg.load(str(next(path for path in MODELS if path.stem == name)))
 
 
+def numbered(text: str, name: str) -> str:
+    """Return Markdown whose equations have numbers, as papers have them."""
+    labels = (f"$$ ({name}-{k})" for k in count(1))
+    return re.sub(r"(?<=\n)\$\$(?=\n\n|$)", lambda _: next(labels), text)
+
+
 def example(observer: str) -> tuple[str, bytes] | None:
     """Return the page of an observer's example and its figure: its equations, gains, cost, claims and trial."""
     for name in (*EXAMPLES, *(path.stem for path in MODELS)):
@@ -170,7 +176,7 @@ def example(observer: str) -> tuple[str, bytes] | None:
             "",
             f"![{observer} on {name}]({observer}.svg){{.figure}}",
             "",
-            *observer_equations(step.observer)[2:],
+            numbered("\n".join(observer_equations(step.observer)[2:]), observer),
             "",
             f"Cost: up to {operations.operations} operations and {operations.functions} functions a call, "
             f"{operations.state} bytes of state in float.",

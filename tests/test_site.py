@@ -33,6 +33,12 @@ def test_an_equation_has_its_rows(site: ModuleType) -> None:
     assert site.rows(matrix) == [matrix]
 
 
+def test_equations_are_numbered(site: ModuleType) -> None:
+    assert site.numbered("$$\na = b\n$$\n\nand\n\n$$\nc\n$$", "riccati") == (
+        "$$\na = b\n$$ (riccati-1)\n\nand\n\n$$\nc\n$$ (riccati-2)"
+    )
+
+
 @pytest.mark.parametrize("name", hg.observers.__all__)
 def test_each_observer_says_when_to_take_it(site: ModuleType, name: str) -> None:
     first, _, second = site.when(name)
