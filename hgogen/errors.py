@@ -1,5 +1,6 @@
 """The base of every error hgogen raises: a sentence that names the thing and the fix."""
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -31,6 +32,12 @@ class BadArgument(HgogenError):
 
 class ReportedWarning(UserWarning):
     """A warning about samples, which the report of a command says in its own words."""
+
+
+def is_ignored(category: type[Warning]) -> bool:
+    """Return whether warnings of a `category` are ignored wherever they come from."""
+    rules = (action for action, text, kind, module, line in warnings.filters if issubclass(category, kind) and not text)
+    return next(rules, "default") == "ignore"
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:

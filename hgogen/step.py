@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from hgogen.discretisation.stability import Lengths
-from hgogen.errors import BadArgument, HgogenError
+from hgogen.errors import BadArgument, HgogenError, is_ignored
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, Prefer, Varying, clock_of
@@ -457,6 +457,8 @@ def _demand_varying(observer: Observer, periods: Any) -> None:
 
 
 def _demand_length(observer: Observer, method: Method, dt: float) -> None:
+    if is_ignored(StepMayFail) and dt <= min(each.refused for each in _lengths(observer, method, dt, advice=False)):
+        return  # an advice takes as long as all else
     lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     error, proof = observer.error, ""
@@ -484,9 +486,9 @@ def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
 
 
 @lru_cache(maxsize=_LAST)
-def _lengths(observer: Observer, method: Method, dt: float) -> tuple[Lengths, ...]:
+def _lengths(observer: Observer, method: Method, dt: float, advice: bool = True) -> tuple[Lengths, ...]:
     with one_thread():
-        return (Lengths(), *discretise.lengths(observer, method, dt))
+        return (Lengths(), *discretise.lengths(observer, method, dt, advice))
 
 
 @lru_cache(maxsize=_LAST)

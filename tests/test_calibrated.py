@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.logs import tune
 from hgogen.logs.advise import advise
 from hgogen.logs.judged import Judged, verdicts
-from hgogen.logs.likelihood import Likelihood, Noise
+from hgogen.logs.likelihood import MIDDLE, STARTS, Likelihood, Noise
 from hgogen.logs.records import Log, quantum_of
 from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, thetas, together
 from hgogen.modelfiles.json_file import BadFile, read_tunings
@@ -220,11 +220,11 @@ def test_noise_of_a_sample_is_not_below_that_of_its_steps() -> None:
         return Likelihood(form, (log,), scale(form, 0.1, {}), "hold", 1)
 
     walk = likelihood(2 * np.sin(0.03 * np.arange(N)))
-    best = walk.maxima([walk.ended(4)])[0]
+    best = walk.maxima([walk.ended(MIDDLE)])[0]
     assert q / np.sqrt(12) < best.sample["y"] < 1.03 * q / np.sqrt(12)  # two digits of its square are not below
     assert walk.below_quantum(best) == {"y": best.sample["y"]}
     quiet = likelihood(1.0 + 0.95 * q / np.sqrt(12) * draw.normal(size=N))
-    best = quiet.maxima(map(quiet.ended, (0, 1, 4)))[0]
+    best = quiet.maxima(map(quiet.ended, (*STARTS[:2], MIDDLE)))[0]
     assert quiet.below_quantum(best) == {}
     slow = replace(quiet, scale=replace(quiet.scale, longest=1e4))
     least = math.exp(slow._least[0]) * slow.scale.units["x"] * 0.1  # of Q, in a sample: what float rounds

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 import hgogen as hg
 from hgogen.commands.calibrating import gates_of
 from hgogen.estimators.gate import gated_groups
-from hgogen.logs.likelihood import Likelihood, truncated_mean
+from hgogen.logs.likelihood import STARTS, Likelihood, truncated_mean
 from hgogen.logs.tune import likelihood_of
 
 DT, N, SIGMA, Q = 0.1, 500, 0.1, 0.01
@@ -52,7 +52,7 @@ def likelihood(sigmas: float, gate: Any, unit: float = 1.0) -> Likelihood:
 def noise(one: Likelihood) -> tuple[float, float]:
     """Sigma of the output and Q of the rate at the most likely noise without outliers."""
     left = replace(one, records=one.without_outliers())
-    best = left.maxima([left.ended(number) for number in (0, 4)])[0]
+    best = left.maxima([left.ended(STARTS[number]) for number in (0, 4)])[0]
     return best.sample["y"], best.process["rate"]
 
 

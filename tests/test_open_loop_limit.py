@@ -13,6 +13,7 @@ from hgogen.discretisation.stability import Ranges, open_loop_limit
 from hgogen.estimators.step_lengths import Loops
 from hgogen.model import load
 from hgogen.step import StepMayFail
+from hgogen.stepping import discretise
 from hgogen.stepping.discretise import unmeasured
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -47,6 +48,17 @@ def test_the_limit_is_that_of_the_fastest_point(rate: float, low: float, power: 
     assert searched.basis.startswith(f"beyond it w diverges while samples are missing, at v = {low:g}, w = ")
     assert f"eigenvalue {-rate / low**power:.3g} 1/s" in searched.basis
     assert all(warned(observer, factor * limit) for factor in (1.01, 2, 5))
+
+
+def test_no_advice_is_computed_where_warnings_of_it_are_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The refusal stays, with its advice."""
+    monkeypatch.setattr(discretise, "unmeasured", None)
+    observer = slow_and_fast(60, 2, 1)
+    with warnings.catch_warnings(action="ignore", category=StepMayFail):
+        step = hg.sample(observer, dt=0.01)
+    assert step.dt == 0.01
+    with pytest.raises(TypeError):
+        hg.sample(slow_and_fast(60, 2, 1), dt=0.01)
 
 
 def test_the_limit_is_that_of_every_value_that_can_be_tuned() -> None:

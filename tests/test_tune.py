@@ -83,7 +83,7 @@ def likelihood(*records: hg.Log) -> Likelihood:
 
 
 def maxima(own: Likelihood, *starts: int) -> tuple[Noise, ...]:
-    return own.maxima([own.ended(number) for number in starts])
+    return own.maxima([own.ended(STARTS[number]) for number in starts])
 
 
 def kalman(record: hg.Log, density: float, sigma: float, start: np.ndarray, P: np.ndarray) -> tuple[float, np.ndarray]:
@@ -760,6 +760,22 @@ def test_processes_choose_the_same_gains() -> None:
     assert tried[1].count("likelihood") == len(STARTS)
     first, second = ([(row.name, row.table, row.errors.tolist()) for row in one.rows] for one in made)
     assert first == second
+
+
+def test_all_rows_are_searched_from_the_noise_of_a_part_of_them() -> None:
+    """Two searches in place of nine end at the same maximum."""
+    record, _ = log(1, 400)
+    part = hg.tune(PLANT, replace(record, u=record.u[:280], y=record.y[:280]), observers=("riccati",), between="hold")
+    forms, labels = (part["riccati"].first.row,), list[str]()
+    options = {"observers": ("riccati",), "between": "hold", "rows": forms}
+    begun = hg.tune(PLANT, record, begin=part.rows, each=labels.append, **options)
+    assert labels.count(tune_module.Start.label) == 2
+    begun_noise, expected = (one["riccati"].noise for one in (begun, hg.tune(PLANT, record, **options)))
+    assert begun_noise is not None
+    assert expected is not None
+    assert begun_noise.likelihood == pytest.approx(expected.likelihood, abs=1e-6)
+    assert begun_noise.sample["y"] == pytest.approx(expected.sample["y"], rel=1e-3)
+    assert begun_noise.process["v"] == pytest.approx(expected.process["v"], rel=1e-2)
 
 
 def test_one_search_ends_before_the_next_begins() -> None:

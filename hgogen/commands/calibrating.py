@@ -397,7 +397,8 @@ def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibr
     again = [name for name in dict.fromkeys((best.name, FILTER)) if name in names]
     forms = {id(row): row for row in (calibration[name].first.row for name in again)}
     try:
-        result = tune_on_all_rows(observers=again, rows=forms.values())
+        known = [calibration[name] for name in again]
+        result = tune_on_all_rows(observers=again, rows=forms.values(), begin=known)
     except HgogenError as error:
         return calibration, str(error)
     final = replace(result, rows=tuple(row for row in result.rows if row.name in again))

@@ -221,6 +221,7 @@ def truncated_mean(limit: float, k: int) -> float:
 
 Ended = tuple[float, Array, bool]  # log L per sample, logarithms, whether the search settled
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process and sample noise, in units
+MIDDLE = STARTS[len(STARTS) // 2]
 ROUNDS = 20  # of gates and fits
 BOUND = 32.0  # bound of these logarithms
 CONSTANT_NIS = 0.5  # NIS of a sensor that stands on one step
@@ -264,9 +265,12 @@ class Likelihood:
     gates: tuple[GatedGroup, ...] = ()
     robust: bool = False
 
-    def ended(self, number: int) -> Ended:
-        """Return where the search for a maximum ended that began from start `number` of `STARTS`."""
-        process, sample = STARTS[number]
+    def ended(self, begin: tuple[float, float] | Noise) -> Ended:
+        """Return where the search for a maximum ended that began from the logarithms of all process and all sample
+        noise, in units, or from a `Noise`."""
+        if isinstance(begin, Noise):
+            return self._ended(self._logs(begin))
+        process, sample = begin
         return self._ended([process] * len(self._noisy) + [sample] * len(self.form.output))
 
     def without_outliers(self) -> tuple[Log, ...]:
@@ -274,7 +278,7 @@ class Likelihood:
         if not self.gates:
             return tuple(self.records)
         robust = replace(self, gates=(), robust=True)
-        ends = [end for end in map(robust.ended, range(len(STARTS))) if np.isfinite(end[0])]
+        ends = [end for end in map(robust.ended, STARTS) if np.isfinite(end[0])]
         if not ends:
             return tuple(self.records)
         logs, cleaned = max(ends, key=lambda end: end[0])[1], list(self.records)

@@ -27,7 +27,7 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.estimators.synonyms import suggested
 from hgogen.form import Form
-from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
+from hgogen.logs.likelihood import MIDDLE, STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import demand_same, digests, paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
@@ -111,7 +111,8 @@ class Tuned:
 class Task:
     """The problem of tuning observers on logs: `judge` gives the errors of a step, `rows` are the candidate forms in
     order, `limits` the period of the logs, or the shortest and the longest dt for irregular ones, `sampling` the method
-    and its options, `gates` those of filters that have any."""
+    and its options, `gates` those of filters that have any; `begin`: noise that is likely on a part of the logs, by the
+    number of the form."""
 
     records: tuple[Log, ...]
     judge: Judge
@@ -119,6 +120,7 @@ class Task:
     sampling: Mapping[str, str]
     rows: tuple[Row, ...]
     gates: tuple[GatedGroup, ...] = ()
+    begin: Mapping[int, Sequence[Noise]] = field(default_factory=dict)
     _likelihoods: dict[int, Likelihood] = field(default_factory=dict)
 
     @property
@@ -133,6 +135,10 @@ class Task:
             assert form is not None
             self._likelihoods[row] = likelihood_of(form, self.records, self.dt, self.sampling["between"], self.gates)
         return self._likelihoods[row]
+
+    def starts(self, row: int) -> tuple[tuple[float, float] | Noise, ...]:
+        """Return where searches for a maximum of the likelihood on the form number `row` begin."""
+        return (*self.begin[row], MIDDLE) if row in self.begin else STARTS
 
     def make_step(self, name: str, row: Row, gains: Gains) -> First:
         """Return the step of the observer `name` on the form of a row with these gains, at the period of the logs, and
@@ -163,7 +169,7 @@ class Start:
 
     def result(self, task: Task) -> Ended:
         """Return where the search for a maximum of the likelihood ended."""
-        return task.likelihood(self.row).ended(self.number)
+        return task.likelihood(self.row).ended(task.starts(self.row)[self.number])
 
     def read(self, stored: Any) -> Ended:
         """Return the result from its numbers in lists."""
@@ -299,7 +305,7 @@ class Search:
         if not any(map(self._takes, self._grid(()))):  # before the likelihood, which takes longer
             return None
         if self._reads(noise=noisier):
-            ended = yield [Start(self.row, number) for number in range(len(STARTS))]
+            ended = yield [Start(self.row, number) for number in range(len(self.task.starts(self.row)))]
             maxima = self.task.likelihood(self.row).maxima(ended)
         errors = yield from self._tried(self._grid(maxima))
         if errors:
@@ -431,6 +437,7 @@ def tune(
     gate: Gates | None = None,
     robust: bool = False,
     dt: tuple[float, float] | None = None,
+    begin: Iterable[Tuned] = (),
     jobs: int | None = 1,
     done: MutableMapping[str, Any] | None = None,
     each: Callable[[str], None] = lambda what: None,
@@ -447,46 +454,34 @@ def tune(
     gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
     for all observers (`logs.likelihood`); `robust`: whether such outliers are left out without gates in the filters, as
     by gates of all outputs that a share of `GOOD_SHARE` of the good samples pass; `dt`: the shortest and the longest of
-    steps for logs at their own times, by default those of the logs; `jobs`: processes that try gains, None for one for
-    each core; `done`: the results by trial of an equal call that was stopped, as lists of numbers, which are not
-    computed again, and to which new ones are added; `each(what)` is called after every trial, `ended(calibration)` with
-    the result so far after every observer, those to come refused as `STOPPED`.
+    steps for logs at their own times, by default those of the logs; `begin`: rows tuned on a part of the logs, on whose
+    forms the likelihood is searched from their noise, and from one start more, in place of nine; `jobs`: processes that
+    try gains, None for one for each core; `done`: the results by trial of an equal call that was stopped, as lists of
+    numbers, which are not computed again, and to which new ones are added; `each(what)` is called after every trial,
+    `ended(calibration)` with the result so far after every observer, those to come refused as `STOPPED`.
 
     Raises: `CannotTune`; `CannotGoOn` for `done` of another call; `BadGain` for invalid counts; `UnknownObserver`;
     `BadLog`, `BadShape` for invalid records.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
-    names = observers_named(wanted, plant)
-    limits = dt or _common_period(records)
+    names, candidates = observers_named(wanted, plant), tuple(everywhere(plant, deep=deep) if rows is None else rows)
+    limits, gates = dt or _common_period(records), gated_groups(gate, plant.outputs)
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(readable(plant, record, k) for k, record in enumerate(records, 1))
     logs = tuple(log if isinstance(limits, tuple) else replace(log, dt=limits) for log in logs)
-    gates, candidates = gated_groups(gate, plant.outputs), tuple(everywhere(plant, deep=deep) if rows is None else rows)
     sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
     every_output = {y.name: GOOD_SHARE for y in plant.outputs} if robust else None
     sought = gates or gated_groups(every_output, plant.outputs)
     logs, shares = _without_outliers(logs, longest(limits), sought, candidates, sampling)
     true = _truth(plant, truth, logs)
-    named = {x.name: x for x in plant.declared.states}
-    hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
-    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments)
-    if judge.count < 2:
-        over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
-        reason = f"show no change of {over} in at least 2 of their segments"
-        raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
-    count("segments", segments, 2, judge.most)
-    task = Task(logs, judge, limits, sampling, candidates, gates)
+    judge = _judge(plant, logs, true, ahead, segments)
+    task = Task(logs, judge, limits, sampling, candidates, gates, _noise_by_form(begin, candidates))
     if done is not None:
-        true_values = [{name: course.tobytes() for name, course in each.items()} for each in true]
-        form_equations = [(row.name, row.form and (row.form.flow, row.form.to_form)) for row in candidates]
-        options = {"judged": (ahead, segments, true_values), "sampled": (limits, sampling, gates)}
-        identity = digests(plant, logs, {**options, "forms": form_equations})
-        demand_same("the stopped tuning", done.get(TASK, identity), identity)
-        done[TASK] = identity
+        _demand_same_task(task, plant, (ahead, segments, true), done)
     work = partial(_results, Workers(task, jobs), {} if done is None else done, each)
     gains: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
-    best: list[Tuned] = []
     searches = {name: tuned(task, name) for name in sorted(names, key=FILTER.__ne__)}  # the filter first
+    best: list[Tuned] = []
     for name, one in together(searches, work, jobs or os.cpu_count() or 1):
         gains[name] = one
         if name == FILTER and isinstance(one, Tuned):
@@ -498,6 +493,43 @@ def tune(
     if not best:
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(gains)}")
     return calibration
+
+
+def _judge(
+    plant: System, logs: tuple[Log, ...], true: tuple[Mapping[str, np.ndarray], ...], ahead: int, segments: int
+) -> Judge:
+    """Return the judge by predictions `ahead`, or by the `true` courses of hidden states if there are any. Raises:
+    `CannotTune` for logs that show no change; `BadGain` for more segments than samples."""
+    named = {x.name: x for x in plant.declared.states}
+    hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
+    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments)
+    if judge.count < 2:
+        over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
+        reason = f"show no change of {over} in at least 2 of their segments"
+        raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
+    count("segments", segments, 2, judge.most)
+    return judge
+
+
+def _noise_by_form(tuned_rows: Iterable[Tuned], candidates: Sequence[Row]) -> dict[int, list[Noise]]:
+    noise: dict[int, list[Noise]] = {}
+    for one in tuned_rows:
+        for k, row in enumerate(candidates):
+            if row is one.first.row and one.noise is not None and one.noise not in noise.get(k, ()):
+                noise.setdefault(k, []).append(one.noise)
+    return noise
+
+
+def _demand_same_task(task: Task, plant: System, judged: tuple[Any, ...], done: MutableMapping[str, Any]) -> None:
+    """Raise `CannotGoOn` for results `done` of another tuning, else note there which one it is; `judged`: how its gains
+    are judged, last the truth."""
+    *options, true = judged
+    courses = [{name: course.tobytes() for name, course in each.items()} for each in true]
+    forms = [(row.name, row.form and (row.form.flow, row.form.to_form)) for row in task.rows]
+    sampled = task.limits, task.sampling, task.gates
+    identity = digests(plant, task.records, {"judged": (*options, courses), "sampled": sampled, "forms": forms})
+    demand_same("the stopped tuning", done.get(TASK, identity), identity)
+    done[TASK] = identity
 
 
 def _without_outliers(

@@ -138,29 +138,31 @@ def tuned(part: Part, clock: Clock) -> Program:
     return ()
 
 
-def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
+def lengths(observer: Observer, method: Method, dt: float, advice: bool = True) -> Iterator[Lengths]:
     """Yield the step lengths, advised and refused, of each part that limits them, computed as far as `dt` requires;
-    none of a discrete plant."""
+    none of a discrete plant. `advice`: whether also those of the model while samples are missing, which none
+    refuses."""
+    without_samples = unmeasured if advice else lambda *_: Lengths()
     if observer.form.system.discrete:
         return
     for part in observer.parts:
         match part:
             case Ode():
                 yield method.ode_lengths(part, observer, dt)
-                yield unmeasured(observer, method.prediction, dt, part)
+                yield without_samples(observer, method.prediction, dt, part)
             case Riccati():
                 yield method.riccati_lengths(part, dt)
-                yield unmeasured(observer, method.prediction, dt)
+                yield without_samples(observer, method.prediction, dt)
             case Curved():
                 yield from curved_lengths(part, method, dt)
-                yield unmeasured(observer, method.prediction, dt)
+                yield without_samples(observer, method.prediction, dt)
             case AtSamples(plain=plain):
                 yield factored_lengths(plain, dt)
-                yield unmeasured(observer, RK4, dt)
+                yield without_samples(observer, RK4, dt)
             case Predictors(predictor=predictor):
                 yield predictor.lengths
             case Parallel(member=member):
-                yield from (*lengths(member, method, dt), *judge_lengths(part, dt))
+                yield from (*lengths(member, method, dt, advice), *judge_lengths(part, dt))
 
 
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:

@@ -74,13 +74,14 @@ its model for a time that depends on its own rate, such as a tank that overflows
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from math import ceil, log
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.linearised import Singular, jacobians_on_box
 from hgogen.estimators.core import core, nominal, numbers
 from hgogen.estimators.riccati_part import Around, Riccati, frozen_riccati
@@ -104,19 +105,20 @@ SAMPLES = 10  # the inverse of a rate, where none is known
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
     """Return the settling time T = max(2 ln(100 r)/mu, 2/lambda) in the model's time unit, mu the observer's slowest
     rate, lambda the plant's typical rate, `r` the width of the outer box over the declared one."""
-    plant = plant_rate(observer)
+    plant = plant_rate(observer.dynamics)
     return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
 
-def plant_rate(observer: Observer) -> float | None:
+@lru_cache(maxsize=32)
+def plant_rate(dynamics: Dynamics) -> float | None:
     """Return lambda, the median over points of the box of the geometric mean of the plant's |eigenvalues|, of a
     discrete plant of their |log|; None where the Jacobian is 0, or not finite at a point."""
     try:
-        slopes, _ = jacobians_on_box(observer.dynamics, POINTS)
+        slopes, _ = jacobians_on_box(dynamics, POINTS)
     except Singular:
         return None
     sizes = np.abs(np.linalg.eigvals(slopes))
-    if observer.form.system.discrete:
+    if dynamics.form.system.discrete:
         sizes = np.abs(np.log(np.maximum(sizes, GONE)))
     return _typical(sizes)
 
@@ -300,7 +302,7 @@ class Recovery:
         if not self.clock.guarded or not (outputs or ranges):
             return ()
         time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.longest
-        signs, rate = [], plant_rate(self.observer)
+        signs, rate = [], plant_rate(self.observer.dynamics)
         if not self.observer.form.system.discrete:
             demand_countable(self.observer.form, dt, most // 2, SHARE)
         for j in outputs:
