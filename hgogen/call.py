@@ -138,14 +138,9 @@ class CallableStep(Step, Displayed):
         for output, age in zip(self.late, self.ages, strict=True):
             if age.name in y and output.name not in y:
                 raise BadShape(f"update({age.name}=)", f"tells the age of no sample; give {output.name} with it")
-        ending = ""
+        ending = "" if at is None else "_at"
         if at is not None:
-            if not self.code.timed:
-                raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
-            if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
-                raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
-            self._kept.places[AT][0] = int(at) % ROUND
-            ending = "_at"
+            self._take_at(at)
         status = self._entries["estimate"]() if not y else 0
         joint = [self._entries[name] for name in ("innovate", "gate") if y and name in self._entries]
         for name in set(known) - samples.keys() if joint else ():
@@ -155,6 +150,13 @@ class CallableStep(Step, Displayed):
         for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._output_bytes(), status)
+
+    def _take_at(self, at: int) -> None:
+        if not self.code.timed:
+            raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
+        if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
+            raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
+        self._kept.places[AT][0] = int(at) % ROUND
 
     def adapt(self) -> Sample:
         """Adapt an adaptive gain, once after the updates of a sample, and return the estimate."""
@@ -489,20 +491,25 @@ def sample(
     with one_thread():
         planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report, substeps))
     demand_motion(observer.form, planned.shortest, real)
-    for x, turn in observer.form.system.growing.items():
-        why = "has no range, and all is the same a turn further: its number grows with the turns and loses its digits"
-        declare = f"declare period={turn} of it, and of outputs that are this angle"
-        warnings.warn(f"{x} {why}; {declare}", GrowingAngle, stacklevel=2)
-    start = next((item.initial for item in planned.layout.state if item.name == "z"), None)
-    if start and observer.form.kind == "original" and corrects_nothing(observer.form.system, start):
-        at = ", ".join(f"{x.name} = {value:g}" for x, value in zip(observer.form.system.states, start, strict=True))
-        why = "where the plant rests and no output has a slope, so that no sample corrects it"
-        text = f"the estimate starts at {at}, {why}; start elsewhere, by initial="
-        warnings.warn(text, StartsUncorrected, stacklevel=2)
+    _warn_of_angles_and_start(planned)
     for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine, real=real)
+
+
+def _warn_of_angles_and_start(planned: Step) -> None:
+    form = planned.observer.form
+    for x, turn in form.system.growing.items():
+        why = "has no range, and all is the same a turn further: its number grows with the turns and loses its digits"
+        declare = f"declare period={turn} of it, and of outputs that are this angle"
+        warnings.warn(f"{x} {why}; {declare}", GrowingAngle, stacklevel=3)
+    start = next((item.initial for item in planned.layout.state if item.name == "z"), None)
+    if start and form.kind == "original" and corrects_nothing(form.system, start):
+        at = ", ".join(f"{x.name} = {value:g}" for x, value in zip(form.system.states, start, strict=True))
+        why = "where the plant rests and no output has a slope, so that no sample corrects it"
+        text = f"the estimate starts at {at}, {why}; start elsewhere, by initial="
+        warnings.warn(text, StartsUncorrected, stacklevel=3)
 
 
 def _quietly(observer: Observer, method: Method, dt: Any, options: Mapping[str, Any]) -> CallableStep:

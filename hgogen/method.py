@@ -208,8 +208,12 @@ class Staged:
             stages = advance(self.prediction, rate, start, clock.h)
             writes = {Place("state", name): value for name, value in stages.result.items()}
             yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names, notes=notes)
-            return
+        else:
+            yield from self._loop(rate, start, clock, title, notes)
 
+    def _loop(
+        self, rate: Rate, start: Values, clock: Clock, title: str, notes: tuple[str, ...]
+    ) -> Iterator[Block | Repeat]:
         h, scale = (1.0, clock.h) if clock.varying else (clock.dt, 1)  # the rows of a loop are constants
         plan = rounds(self.prediction, h)
         fraction, share, ahead = numbers = [sym("work", name) for name in ("fraction", "share", "ahead")]

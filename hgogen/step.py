@@ -47,6 +47,7 @@ from hgogen.stepping.reports import demand_reports
 from hgogen.stepping.sections import Assembly, flat, multiples
 from hgogen.stepping.substeps import ELAPSED, elapsed_bits, elapsed_signal
 from hgogen.stepping.times import set_time
+from hgogen.system import System
 
 
 class BadStep(BadArgument):
@@ -372,20 +373,12 @@ def plan(
     dt, varying = _limits_of(dt, substeps, system.time)
     demand_choice("between", between, ("line", "hold"))
     demand_choice("first", first, ("update", "predict"))
-    if first == "predict" and not system.discrete:
-        raise BadStep(
-            'first = "predict"', "is for discrete plants: no time passes before the first sample; leave it out"
-        )
     every = () if periods is None else multiples(periods, system, float(dt))
-    if first == "predict" and every:
-        raise BadStep('first = "predict"', "is for sensors that all have the period dt; leave out periods")
-    if guards == "none":
-        _demand_plain(observer, every)
-    if observer.form.clamped != (guards == "all"):
-        observer = observer.clamping(guards == "all")
-    if guards == "all":
-        dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
-        _demand_room(system.name, certain_bits(system.outputs, system.supplied, dated))
+    if first == "predict" and (every or not system.discrete):
+        whose = "sensors that all have the period dt; leave out periods"
+        why = whose if system.discrete else "discrete plants: no time passes before the first sample; leave it out"
+        raise BadStep('first = "predict"', f"is for {why}")
+    observer = _guarded(observer, guards, every)
     length, sampling = (1.0, dt) if system.discrete else (dt, None)
     options = {"every": every, "guards": guards, "prefer": prefer, "report": demand_reports(report)}
     clock = clock_of(system, length, between, **options, sampling=sampling, first=first, varying=varying)
@@ -393,17 +386,34 @@ def plan(
     pieces = _pieces(observer, method, clock)  # its errors come before those of the step's length
     if varying:
         _demand_varying(observer, periods)
+    _demand_sampled(system, pieces, method, guards, every)
+    _demand_length(observer, method, float(dt))
+    step = _assembled(observer, method, clock)
+    if every and not step.code.apart:
+        raise CannotUpdate(observer.name, step.code.rule)
+    return step
+
+
+def _guarded(observer: Observer, guards: Guards, every: Any) -> Observer:
+    """Return the observer with the clamps that `guards` asks for. Raises: `BadStep`."""
+    system, clamped = observer.form.system, guards == "all"
+    if not clamped:
+        _demand_plain(observer, every)
+    guarded = observer if observer.form.clamped == clamped else observer.clamping(clamped)
+    if clamped:
+        dated = [str(y) for y in system.outputs] if every else dict(guarded.delays)
+        _demand_room(system.name, certain_bits(system.outputs, system.supplied, dated))
+    return guarded
+
+
+def _demand_sampled(system: System, pieces: Sequence[Pieces], method: Method, guards: Guards, every: Any) -> None:
+    """Raise `BadStep` for a gate without guards or with periods; of a discrete plant, for a method without updates."""
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
         way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
         raise BadStep(f"{system.name} with a gate", f"is sampled {way}")
     if system.discrete and not any(piece.update for piece in pieces):
         reason = f"integrates differential equations, and {system.name} is discrete in time; take"
         raise BadStep(f"method {method.name}", f"{reason} continuous_discrete or cholesky")
-    _demand_length(observer, method, float(dt))
-    step = _assembled(observer, method, clock)
-    if every and not step.code.apart:
-        raise CannotUpdate(observer.name, step.code.rule)
-    return step
 
 
 def _limits_of(dt: Any, substeps: int | None, time: str) -> tuple[float, Varying | None]:

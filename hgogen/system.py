@@ -312,52 +312,54 @@ def _timed(name: str, fields: Mapping[str, Any]) -> Mapping[str, Any]:
     bare |= dict.fromkeys(known, t)
     rows = {kind: [row.xreplace(bare) for row in each] for kind, each in rows.items()}
     turns = list[sp.Expr]()
-
-    def recorded(turn: sp.Expr) -> sp.Symbol:
-        turns.append(turn)
-        return t
-
-    def over(choose: Choose) -> dict[str, tuple[sp.Expr, ...]]:
-        result = dict[str, list[sp.Expr]]((kind, []) for kind in rows)
-        for kind, each in rows.items():
-            for k, row in enumerate(each, 1):
-                try:
-                    result[kind].append(rewritten(row, t, values, choose))
-                except Aperiodic as error:
-                    way = "write it with sin, cos or Mod of t and constants, or give its values as an input"
-                    raise BadSystem(name, f"{kind} {k}: {error}; {way}") from None
-        return {kind: tuple(map(plain, each)) for kind, each in result.items()}
-
-    over(recorded)
+    _periodic_rows(name, rows, values, _recording(turns, t))
     groups = grouped(turns)
     names = ["t"] * (len(groups) == 1 and "t" not in used_names)
     names += [one for k in range(1, len(groups) + len(used_names) + 1) if (one := f"t_{k}") not in used_names]
     each = {turn: Time(one, turn, fields["time"]) for one, turn in zip(names, groups, strict=False)}
     inputs = (*supplied(fields["inputs"]), *each.values())
-    return {"inputs": inputs, **over(lambda turn: next(w for whole, w in each.items() if divides(turn, whole)))}
+
+    def within(turn: sp.Expr) -> sp.Symbol:
+        return next(time for whole, time in each.items() if divides(turn, whole))
+
+    return {"inputs": inputs, **_periodic_rows(name, rows, values, within)}
 
 
-def _counted(time: Time, row: sp.Expr, values: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    """Whether every period of a row in the time `time` divides its turn, for the present values of parameters."""
-    turns = list[sp.Expr]()
+def _periodic_rows(
+    name: str, rows: Mapping[str, Sequence[sp.Expr]], values: Mapping[sp.Symbol, sp.Expr], choose: Choose
+) -> dict[str, tuple[sp.Expr, ...]]:
+    """Return rows with t replaced by the symbols that `choose` returns for their periods. Raises: `BadSystem`."""
+    result = dict[str, list[sp.Expr]]((kind, []) for kind in rows)
+    for kind, each in rows.items():
+        for k, row in enumerate(each, 1):
+            try:
+                result[kind].append(rewritten(row, t, values, choose))
+            except Aperiodic as error:
+                way = "write it with sin, cos or Mod of t and constants, or give its values as an input"
+                raise BadSystem(name, f"{kind} {k}: {error}; {way}") from None
+    return {kind: tuple(map(plain, each)) for kind, each in result.items()}
+
+
+def _recording(turns: list[sp.Expr], time: sp.Symbol) -> Choose:
+    """Return a function that chooses the symbol `time` for each period, and appends the period to `turns`."""
 
     def recorded(turn: sp.Expr) -> sp.Symbol:
         turns.append(turn)
         return time
 
+    return recorded
+
+
+def _counted(time: Time, row: sp.Expr, values: Mapping[sp.Symbol, sp.Expr]) -> bool:
+    """Whether every period of a row in the time `time` divides its turn, for the present values of parameters."""
+    turns = list[sp.Expr]()
     with suppress(Aperiodic):  # a form's row, in which sums are expanded
-        rewritten(row, time, values, recorded)
+        rewritten(row, time, values, _recording(turns, time))
     return all(divides(turn, time.turn) for turn in turns)
 
 
 def _validate(system: System) -> None:
-    for kind in ("states", "outputs"):
-        if not getattr(system, kind):
-            raise BadSystem(system.name, f"has no {kind}; an observer needs at least one")
-    for kind, values in (("states", "flow"), ("outputs", "output")):
-        want, have = len(getattr(system, kind)), len(getattr(system, values))
-        if want != have:
-            raise BadSystem(system.name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
+    _validate_counts(system)
     by_name: dict[str, Signal] = {}
     for signal in system.signals:
         if signal.name in by_name:
@@ -371,6 +373,23 @@ def _validate(system: System) -> None:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(system.name, f"parameter {parameter.name!r} has no value; give it nominal=")
     _validate_periods(system, places)
+    _validate_symbols(system, by_name, places)
+    if system.discrete:
+        _validate_discrete(system)
+    _validate_invariants(system)
+
+
+def _validate_counts(system: System) -> None:
+    for kind in ("states", "outputs"):
+        if not getattr(system, kind):
+            raise BadSystem(system.name, f"has no {kind}; an observer needs at least one")
+    for kind, values in (("states", "flow"), ("outputs", "output")):
+        want, have = len(getattr(system, kind)), len(getattr(system, values))
+        if want != have:
+            raise BadSystem(system.name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
+
+
+def _validate_symbols(system: System, by_name: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
     allowed = set(system.states + system.inputs + system.parameters)
     for place, row in places.items():
         for symbol in sorted(row.free_symbols - allowed, key=str):
@@ -379,9 +398,6 @@ def _validate(system: System) -> None:
             tape([row], row.free_symbols)
         except NoTape as error:
             raise BadSystem(system.name, f"{place}, {error}") from None
-    if system.discrete:
-        _validate_discrete(system)
-    _validate_invariants(system)
 
 
 def _validate_discrete(system: System) -> None:

@@ -75,15 +75,7 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
 
     Raises: `CannotWrite`; `Misfit` for a value that is no mapping from names.
     """
-    if not isinstance(files, Mapping):
-        from hgogen.reading.given import Misfit  # slow to import
-
-        raise Misfit("write", files, "files by name, as of hg.targets.c99(step)")
-    paths = demand(files, folder)
-    for name, content in files.items():
-        if not isinstance(content, str | bytes):
-            reason = f"what it is to hold is of type {type(content).__name__}"
-            raise CannotWrite(quoted(name), reason, "give a text or bytes")
+    paths = _demand_files(files, folder)
     staged: list[Path] = []
     with ExitStack() as opened:
         try:
@@ -105,6 +97,19 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
         finally:
             for temporary in staged:
                 temporary.unlink(missing_ok=True)
+    return paths
+
+
+def _demand_files(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
+    if not isinstance(files, Mapping):
+        from hgogen.reading.given import Misfit  # slow to import
+
+        raise Misfit("write", files, "files by name, as of hg.targets.c99(step)")
+    paths = demand(files, folder)
+    for name, content in files.items():
+        if not isinstance(content, str | bytes):
+            reason = f"what it is to hold is of type {type(content).__name__}"
+            raise CannotWrite(quoted(name), reason, "give a text or bytes")
     return paths
 
 

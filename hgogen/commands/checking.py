@@ -406,10 +406,7 @@ def check_(
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
     options |= {"--all": everything, "--proof": proof, "--observer": observer}
     options |= dict(word.split(maxsplit=1) for word in setting.words)
-    inapplicable = {"--limit": limit} if many is None else options
-    if unused := next((name for name, value in inapplicable.items() if value), None):
-        reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
-        raise typer.BadParameter(reason, param_hint=unused)
+    _demand_unset({"--limit": limit} if many is None else options, many)
     if many is not None:
         print_report(_answered_library(many, limit or library.LIMIT), as_json)
         return
@@ -434,6 +431,13 @@ def _answered_library(path: Path, limit: float) -> LibraryReport:
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         return LibraryReport(library.check(models, limit=limit, tick=bar.tick))
+
+
+def _demand_unset(options: Mapping[str, Any], many: Path | None) -> None:
+    """Raise `BadParameter` for an option that is set, and is for a library alone, or for a model alone."""
+    if unused := next((name for name, value in options.items() if value), None):
+        reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
+        raise typer.BadParameter(reason, param_hint=unused)
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:

@@ -237,18 +237,35 @@ def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: b
     without a date run on over midnight. Raises: `Undecided`."""
     parts = [_part(cell) for cell in cells]
     dates = {part[0] for part in parts if part and part[0]}
-    there = [k for k, part in enumerate(parts) if part and bool(part[0]) == bool(dates)]
+    timed = {k: part for k, part in enumerate(parts) if part and bool(part[0]) == bool(dates)}
     seconds = np.full(len(cells), np.nan)
-    if not there:
+    if not timed:
         return Stamps(seconds)
-    keys, clock = zip(*(part for part in parts if part and bool(part[0]) == bool(dates)), strict=True)
+    example = cells[next(iter(timed))]
+    first, notes = _running(_readings([*timed.values()], order), example)
+    nights = np.cumsum(np.diff(first, prepend=0) < -_DAY // 2) if not dates and overnight else np.zeros(1, int)
+    if nights[-1]:
+        notes.append(f"times of day pass midnight {nights[-1]} times")
+    seconds[[*timed]] = (first + nights * _DAY) / _SECOND
+    if not dates and re.fullmatch(r"\d+:\d\d", example):
+        notes.append(f"times such as {example!r}: read as hours and minutes; of minutes and seconds take a 60th")
+    return Stamps(seconds, bool(dates), tuple(notes))
+
+
+def _readings(parts: Sequence[Part], order: DateOrder | None) -> dict[DateOrder, np.ndarray]:
+    """Return the times (N,) in ns since the first one, by each order in which all dates are."""
+    keys, clock = zip(*parts, strict=True)
     readings = dict[DateOrder, np.ndarray]()
     for each in get_args(DateOrder):
-        days = {one: _day(one, each) for one in dates} if order in (None, each) else {(): None}
+        days = {one: _day(one, each) if one else 0 for one in set(keys)} if order in (None, each) else {(): None}
         if None not in days.values():
-            at = np.array([days.get(key, 0) for key in keys]) * _DAY + np.array(clock)
+            at = np.array([days[key] for key in keys]) * _DAY + np.array(clock)
             readings[each] = at - at[0]
-    example = cells[there[0]]
+    return readings
+
+
+def _running(readings: Mapping[DateOrder, np.ndarray], example: str) -> tuple[np.ndarray, list[str]]:
+    """Return the times (N,) of the orders whose longest pause is the shortest, with a note. Raises: `Undecided`."""
     if not readings:
         raise Undecided(f"dates such as {example!r}, which are not all in one order of day, month and year")
     pauses = {each: int(np.abs(np.diff(at)).max(initial=0)) for each, at in readings.items()}
@@ -257,18 +274,8 @@ def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: b
     if any(np.any(first != other) for other in others):
         choices = " or ".join(f"--dates {each}" for each in running)
         raise Undecided(f"dates such as {example!r}, of which no cell tells day from month; say {choices} (dates=)")
-    notes = (
-        [f"dates such as {example!r}: read as {running[0]}, day, month and year"]
-        if len(running) < len(readings)
-        else []
-    )
-    nights = np.cumsum(np.diff(first, prepend=0) < -_DAY // 2) if not dates and overnight else np.zeros(1, int)
-    if nights[-1]:
-        notes.append(f"times of day pass midnight {nights[-1]} times")
-    seconds[there] = (first + nights * _DAY) / _SECOND
-    if not dates and re.fullmatch(r"\d+:\d\d", example):
-        notes.append(f"times such as {example!r}: read as hours and minutes; of minutes and seconds take a 60th")
-    return Stamps(seconds, bool(dates), tuple(notes))
+    note = f"dates such as {example!r}: read as {running[0]}, day, month and year"
+    return first, [note] * (len(running) < len(readings))
 
 
 def _part(cell: str) -> Part | None:

@@ -498,11 +498,7 @@ def column_of(log: Table, text: str, column: Callable[[str], Column] | None = No
     column = column or log.column
     if text in log.header or not _SIGNS.search(text):
         return column(text)
-    bracketed = _BRACKETS.findall(text)
-    numbers = iter(range(len(bracketed)))
-    plain = _BRACKETS.sub(lambda _: f" {_placeholder(log, next(numbers))} ", text)
-    names = {_placeholder(log, k): name for k, name in enumerate(bracketed)}
-    names |= {name: name for name in log.header if name.isidentifier()}
+    plain, names = _identifiers(log, text)
     symbols = {written: sp.Symbol(written, real=True) for written in names}
     try:
         expression = parse(plain, symbols)
@@ -525,6 +521,19 @@ def column_of(log: Table, text: str, column: Callable[[str], Column] | None = No
     return Column(text, np.where(known, values, np.nan), blank & ~known, next(examples, ""), notes=notes)
 
 
+def _identifiers(log: Table, text: str) -> tuple[str, dict[str, str]]:
+    """Return an expression with an identifier in the place of each name in brackets, and the columns by identifier."""
+    placeholders = dict[str, str]()
+    for bracketed in _BRACKETS.findall(text):
+        name = f"column_{len(placeholders)}"
+        while name in log.header:
+            name += "_"
+        placeholders[name] = bracketed
+    unused = iter(placeholders)
+    plain = _BRACKETS.sub(lambda _: f" {next(unused)} ", text)
+    return plain, placeholders | {name: name for name in log.header if name.isidentifier()}
+
+
 def operand(log: Table, text: str) -> str:
     """Return a column name, or an expression of columns, as text that can be an operand in a longer expression."""
     if text in log.header:
@@ -536,13 +545,6 @@ def quotient(text: str, divisor: int) -> str:
     """Return a column, or an expression of columns, over a number as an expression."""
     expression = f"({text})" if re.search(r"[-+*/]", text) else f"[{text}]"
     return f"{text if text.isidentifier() else expression}/{divisor}"
-
-
-def _placeholder(log: Table, k: int) -> str:
-    name = f"column_{k}"
-    while name in log.header:
-        name += "_"
-    return name
 
 
 # --- units --------------------------------------------------------------------------------------------------

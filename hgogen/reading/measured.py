@@ -264,23 +264,10 @@ def read(
     time = None if time is None else column_named(time)
     log = log_of(path, (*columns.values(), *([time] if time else ())), decimal, dates)
     columns, time = {name: log.called(text) for name, text in columns.items()}, time and log.called(time)
-    listed = ", ".join(filter(None, log.header))
-    if (time is None) == (period is None):
-        raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
-    if period is not None and not 0 < period < math.inf:
-        raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
+    _demand_times(log, time, period, unit, caller)
     differences = {name: of for name, of in rates.items() if columns.get(name) == name and name not in log.header}
     columns = {name: column for name, column in columns.items() if name not in differences}
-    for name in [name for name, column in columns.items() if name == column and name not in log.header]:
-        raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
-    series = {name: column_of(log, text) for name, text in columns.items()}
-    operands = {name: operand(log, text) for name, text in columns.items()}
-    for name, text in columns.items():
-        unit_of = signals[name].unit if name in signals else ""
-        log, series[name], operands[name] = converted(log, series[name], name, text, unit_of)
-    for name, signal in [(name, signal) for name, signal in signals.items() if signal.period and name in series]:
-        series[name], turned = _in_turn(series[name], name, signal, operands[name], caller)
-        log = replace(log, notes=(*log.notes, *turned))
+    log, series, operands = _series(log, columns, signals, caller)
     if time is not None:
         log, times = _times(log, time, unit, caller)
     else:
@@ -291,15 +278,48 @@ def read(
     _demand_one_run(log.path, times, selected)
     of_columns = (note for one in series.values() for note in one.notes)
     log = replace(log, notes=tuple(dict.fromkeys((*log.notes, *of_columns))))
-    record = _gridded(log, series, times, dt, unit, inputs, signals, own_times)
-    for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
-        example = f", but cells such as {series[name].example!r}" if series[name].example else ""
-        what = f"the column {series[name].name!r} holds no number for {name}{example}"
-        raise BadRecord(log.path, f"{what}; say {caller.fix(name)}")
+    record = _gridded(log, series, _grid(log.path, times, dt, unit, own_times), unit, inputs, signals)
+    _demand_numbers(record.report, series, caller)
     cells = np.column_stack([one.values for one in series.values()]) if series else np.empty((log.rows, 0))
     clock = ("", "") if time is None else (time, operand(log, time))
     record = replace(record, operands=operands, stamps=times, clock=clock, cells=cells, table=log, rows=selected)
     return record.with_rates(differences, signals)
+
+
+def _demand_times(log: Table, time: str | None, period: float | None, unit: str, caller: Caller) -> None:
+    if (time is None) == (period is None):
+        fix = f"give either {caller.times}, so that the rows have times; the columns are {_listed(log)}"
+        raise BadRecord(log.path, fix)
+    if period is not None and not 0 < period < math.inf:
+        raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
+
+
+def _demand_numbers(report: Report, series: Mapping[str, Column], caller: Caller) -> None:
+    for name in [name for name, absent in report.absent.items() if absent == report.samples]:
+        example = f", but cells such as {series[name].example!r}" if series[name].example else ""
+        what = f"the column {series[name].name!r} holds no number for {name}{example}"
+        raise BadRecord(report.path, f"{what}; say {caller.fix(name)}")
+
+
+def _listed(log: Table) -> str:
+    return ", ".join(filter(None, log.header))
+
+
+def _series(
+    log: Table, columns: Mapping[str, str], signals: Mapping[str, Signal], caller: Caller
+) -> tuple[Table, dict[str, Column], dict[str, str]]:
+    """Return the log with notes, and by name the column of each signal in its unit and turn, and its operand."""
+    for name in [name for name, column in columns.items() if name == column and name not in log.header]:
+        raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {_listed(log)}")
+    series = {name: column_of(log, text) for name, text in columns.items()}
+    operands = {name: operand(log, text) for name, text in columns.items()}
+    for name, text in columns.items():
+        unit_of = signals[name].unit if name in signals else ""
+        log, series[name], operands[name] = converted(log, series[name], name, text, unit_of)
+    for name, signal in [(name, signal) for name, signal in signals.items() if signal.period and name in series]:
+        series[name], turned = _in_turn(series[name], name, signal, operands[name], caller)
+        log = replace(log, notes=(*log.notes, *turned))
+    return log, series, operands
 
 
 def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Caller) -> tuple[Column, tuple[str, ...]]:
@@ -509,61 +529,121 @@ def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
     return float(number @ since / (number @ number)) if np.any(number) else middle
 
 
-def _gridded(
-    log: Table,
-    series: Mapping[str, Column],
-    stamps: np.ndarray,
-    step: float | None,
-    unit: str,
-    inputs: Mapping[str, Window],
-    signals: Mapping[str, Signal],
-    own_times: Literal["irregular", "always"] | None,
-) -> Record:
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """The samples of a log with times `stamps` (rows,): at multiples of `dt`, or at the times of the rows if `own`.
+
+    `ordered`: the numbers of the rows with a time, by time; `times`: theirs; `distinct`: without repetitions, `period`
+    between them; `point`: the sample of each of these rows, which is `away` in time.
+    """
+
+    stamps: np.ndarray
+    ordered: np.ndarray
+    times: np.ndarray
+    distinct: np.ndarray
+    period: float
+    dt: float
+    own: bool
+    point: np.ndarray
+    away: np.ndarray
+
+    @property
+    def steps(self) -> np.ndarray:
+        """The times between distinct ones."""
+        return np.diff(self.distinct)
+
+    @property
+    def samples(self) -> int:
+        """The number of samples."""
+        return int(self.point[-1]) + 1
+
+    @property
+    def t(self) -> np.ndarray:
+        """The times (samples,) of the samples."""
+        return self.distinct if self.own else self.times[0] + np.arange(self.samples) * self.dt
+
+    def first_numbers(self, columns: Iterable[np.ndarray]) -> np.ndarray:
+        """Return of each column (rows,) the number nearest to each sample (samples, columns), of equals the first."""
+        nearest = np.lexsort((self.away, self.point))
+        columns, point = [one[self.ordered][nearest] for one in columns], self.point[nearest]
+        values = np.full((self.samples, len(columns)), np.nan)
+        for c, numbers in enumerate(columns):
+            there = np.flatnonzero(np.isfinite(numbers))
+            places, first = np.unique(point[there], return_index=True)
+            values[places, c] = numbers[there[first]]
+        return values
+
+
+def _grid(
+    path: str, stamps: np.ndarray, step: float | None, unit: str, own_times: Literal["irregular", "always"] | None
+) -> _Grid:
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
     distinct = times[np.diff(times, prepend=-np.inf) > 0]
-    steps, period = np.diff(distinct), _typical(distinct) or step or 0.0
+    period = _typical(distinct) or step or 0.0
     dt = step or period
-    if not dt:
-        raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
-    own = own_times == "always" or (own_times == "irregular" and step is None and irregular(steps))
-    pauses = steps[steps > (HOLD_PERIODS if own else 1.5) * period]
+    if not dt or (own_times == "always" and len(distinct) < 2):
+        raise BadRecord(path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
+    own = own_times == "always" or (own_times == "irregular" and step is None and irregular(np.diff(distinct)))
     if own:
-        if len(distinct) < 2:
-            raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
         point, away = np.searchsorted(distinct, times), np.zeros(len(times))
     else:
-        _demand_samples(log.path, times, len(distinct), dt, unit)
+        _demand_samples(path, times, len(distinct), dt, unit)
         point = np.floor((times - times[0]) / dt + 0.5).astype(int)
         away = np.abs(times - times[0] - point * dt)
-    samples, used = int(point[-1]) + 1, 1 + int(np.count_nonzero(np.diff(point)))
-    nearest = np.lexsort((away, point))
-    values = _first_numbers([one.values[ordered][nearest] for one in series.values()], point[nearest], samples)
-    means = [name for name in series if not own and name in inputs and needs_averaging(steps, period, dt)]
-    notes = [*log.notes, *(() if own else _pace(period, dt, unit))]
-    if not own and len(steps) and irregular(steps):
-        low, high = f"{float(steps.min()):g}", f"{float(steps.max()):g}"
-        notes.append(
+    return _Grid(stamps, ordered, times, distinct, period, dt, own, point, away)
+
+
+def _gridded(
+    log: Table,
+    series: Mapping[str, Column],
+    grid: _Grid,
+    unit: str,
+    inputs: Mapping[str, Window],
+    signals: Mapping[str, Signal],
+) -> Record:
+    values, dt = grid.first_numbers(one.values for one in series.values()), grid.dt
+    averaging = not grid.own and needs_averaging(grid.steps, grid.period, dt)
+    means = [name for name in series if averaging and name in inputs]
+    for name in means:
+        signal = signals.get(name, _PLAIN)
+        course = signal.unwrapped(series[name].values[grid.ordered])
+        hold = max(HOLD_PERIODS * grid.period, dt)
+        mean = window_means(grid.times, course, float(grid.times[0]), grid.samples, dt, inputs[name], hold)
+        values[:, list(series).index(name)] = signal.turned(mean)
+    notes = [*log.notes, *_grid_notes(grid, unit)]
+    notes += [f"{', '.join(means)}: averaged over each step, {_HOLD_NOTE}"] * bool(means)
+    return Record(grid.t, tuple(series), values, _report(log, series, grid, values, unit, tuple(notes)))
+
+
+def _grid_notes(grid: _Grid, unit: str) -> Iterator[str]:
+    if grid.own:
+        return
+    yield from _pace(grid.period, grid.dt, unit)
+    if len(grid.steps) and irregular(grid.steps):
+        low, high = f"{float(grid.steps.min()):g}", f"{float(grid.steps.max()):g}"
+        yield (
             f"its rows are {low} to {high} {unit} apart, without a period, and moved to a grid: an observer with dt = "
             f"[{low}, {high}] takes them at their own times, and so do fit and tune without --dt (dt=)"
         )
-    notes += [f"{', '.join(means)}: averaged over each step, {_HOLD_NOTE}"] * bool(means)
-    hold = max(HOLD_PERIODS * period, dt)
-    for name in means:
-        signal = signals.get(name, _PLAIN)
-        course = signal.unwrapped(series[name].values[ordered])
-        mean = window_means(times, course, float(times[0]), samples, dt, inputs[name], hold)
-        values[:, list(series).index(name)] = signal.turned(mean)
+
+
+def _report(
+    log: Table, series: Mapping[str, Column], grid: _Grid, values: np.ndarray, unit: str, notes: tuple[str, ...]
+) -> Report:
+    timed, steps = np.sort(grid.ordered), grid.steps
+    pauses = steps[steps > (HOLD_PERIODS if grid.own else 1.5) * grid.period]
+    used, samples, stamps = 1 + int(np.count_nonzero(np.diff(grid.point))), grid.samples, grid.stamps
     cells = {name: column.select_rows(timed) for name, column in series.items()}
     absent = dict(zip(series, np.isnan(values).sum(axis=0).tolist(), strict=True))
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
-    report = Report(
+    return Report(
         path=log.path,
         rows=len(stamps) + log.malformed,
         samples=samples,
-        dt=dt,
-        period=period,
+        dt=grid.dt,
+        period=grid.period,
         columns={name: column.name for name, column in series.items()},
         missing={name: column.empty for name, column in cells.items()},
         not_numbers={name: column.not_numbers for name, column in cells.items()},
@@ -572,17 +652,16 @@ def _gridded(
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
         out_of_order=int(np.count_nonzero(stamps[timed][1:] < np.maximum.accumulate(stamps[timed])[:-1])),
-        duplicates=len(times) - len(distinct),
-        surplus=len(distinct) - used,
+        duplicates=len(timed) - len(grid.distinct),
+        surplus=len(grid.distinct) - used,
         gaps=len(pauses),
         longest_gap=float(pauses.max()) if len(pauses) else 0.0,
         filled=samples - used,
-        shift=float(away.max()),
+        shift=float(grid.away.max()),
         unit=unit,
-        notes=tuple(notes),
-        spacing=(float(steps.min()), float(steps.max())) if own else None,
+        notes=notes,
+        spacing=(float(steps.min()), float(steps.max())) if grid.own else None,
     )
-    return Record(distinct if own else times[0] + np.arange(samples) * dt, tuple(series), values, report)
 
 
 def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
@@ -594,15 +673,6 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
     if np.floor(span / dt + 0.5) < 1:
         one = f"its rows with a time, {len(times)}, make 1 sample of {dt:g} {unit}"
         raise BadRecord(path, f"{one}; give a record of at least 2")
-
-
-def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: int) -> np.ndarray:
-    values = np.full((samples, len(columns)), np.nan)
-    for c, numbers in enumerate(columns):
-        there = np.flatnonzero(np.isfinite(numbers))
-        places, first = np.unique(points[there], return_index=True)
-        values[places, c] = numbers[there[first]]
-    return values
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:

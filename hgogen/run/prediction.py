@@ -15,7 +15,7 @@ same ratio a map of units, and an offset last.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, ClassVar
@@ -23,7 +23,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.discretisation.runge_kutta import evaluated, open_loop
+from hgogen.discretisation.runge_kutta import OpenLoop, evaluated, open_loop
 from hgogen.errors import HgogenError
 from hgogen.reading.given import names_of
 from hgogen.run.gates import raised
@@ -89,9 +89,7 @@ def forecasts(
     spent = np.diff(run.t, append=run.t[-1:]) if limits else np.zeros(0)  # to the next sample
     steps = min(math.ceil(spent.max(initial=step.dt) / step.dt), limits.substeps) if limits else 1
     model = open_loop(step.observer.form, None if limits else step.clock.dt, step.clock.between, steps)
-    u = _as_used(np.where(raised(step, run.status, ("REUSED",), names_of(step.inputs)), np.nan, u), step.inputs)
-    plant = step.observer.form.system
-    u = with_times(plant.inputs, u, run.times or [0.0] * len(plant.times), run.t - run.t[:1])
+    u = _as_used(step, run, u)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # with the last one repeated
@@ -107,13 +105,15 @@ def forecasts(
             from_here = starts[starts + h < count]
             predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs, holding)[: len(from_here)]
             yield _compared(step.outputs, h, from_here + h, predicted, y, last[from_here], holding)
-    alone = np.empty((0, len(step.outputs)))
-    if count > 1:
-        start = evaluated(model.entry, run.x[:1], u[:1])
-        elapsed = [spent[: count - 1]] if limits else []
-        alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:], *elapsed)
-        alone = evaluated(model.read.map(count - 1), alone, u[1:])
+    alone = _alone(model, run.x[:1], u, [spent[: count - 1]] if limits else []) if count > 1 else y[:0]
     yield _compared(step.outputs, None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
+
+
+def _alone(model: OpenLoop, first: np.ndarray, u: np.ndarray, elapsed: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the outputs (N - 1, p) at inputs u (N, m), but for the first, from the estimate `first` (1, n) alone."""
+    start, later = evaluated(model.entry, first, u[:1]), len(u) - 1
+    z = evaluated(model.move.mapaccum(later), start, u[:-1], u[1:], *elapsed)
+    return evaluated(model.read.map(later), z, u[1:])
 
 
 def _starts(count: int) -> np.ndarray:
@@ -158,9 +158,14 @@ def rms(error: np.ndarray) -> float:
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
 
-def _as_used(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
-    holding, (low, high) = last_values(u), np.array([s.limits for s in inputs]).reshape(-1, 2).T
-    return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
+def _as_used(step: Step, run: Run, u: np.ndarray) -> np.ndarray:
+    """Return the inputs (N, m) as the step used them: the last ones that it did not refuse, then the times of the
+    plant."""
+    inputs, plant = step.inputs, step.observer.form.system
+    holding = last_values(np.where(raised(step, run.status, ("REUSED",), names_of(inputs)), np.nan, u))
+    low, high = np.array([s.limits for s in inputs]).reshape(-1, 2).T
+    used = np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high)
+    return with_times(plant.inputs, used, run.times or [0.0] * len(plant.times), run.t - run.t[:1])
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
