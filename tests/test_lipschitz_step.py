@@ -22,7 +22,7 @@ from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of
-from hgogen.recheck.local_error import _REALISATIONS, _by_steepness, _degree, _orders, lipschitz_error
+from hgogen.recheck.local_error import _REALISATIONS, _by_steepness, _degree, demand_remainder, lipschitz_error
 from hgogen.recheck.matrix import Matrix
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -306,10 +306,12 @@ def test_without_steepness_a_realised_core_has_no_derivatives_at_a_kink() -> Non
 
 @pytest.mark.parametrize("order", ["-1", "3", "3/2"])
 def test_an_order_is_one_of_the_method(order: str) -> None:
-    tableau = tableau_of({"method": "Heun"})
-    assert _orders({"orders": ["0", "2"]}, 2, tableau) == [0, 2]
-    with pytest.raises(Unproved, match="none of 0 to 2"):
-        _orders({"orders": ["1", order]}, 2, tableau)
+    tableau, n = tableau_of({"method": "Heun"}), 2
+    context: Any = SimpleNamespace(z=["x"] * n, file=SimpleNamespace(inputs=[]), form=SimpleNamespace(output=[None]))
+    follows = {"rates": [], "speeds": ["1"] * n, "slopes": [["1"] * n], "lines": [], "orders": ["1", order]}
+    share = {"follows": {**follows, "flow": [], "step": [], "steepness": [], "tree": "."}}
+    with pytest.raises(Unproved, match="its orders is none of 0 to 2"):
+        demand_remainder(context, tableau, H, share)
 
 
 @pytest.mark.parametrize(("name", "second"), [("the bilinear rule", True), ("the matrix exponential", False)])

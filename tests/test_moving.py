@@ -135,7 +135,7 @@ def test_v_falls_at_every_gain_and_rate(n: int, seed: int, easing: bool, fall: f
         return
     fact = known[0].proofs[0].fact
     assert isinstance(fact, FromTheta)
-    P = np.array([[float(x) for x in row] for row in fact.falls.written["P"]])
+    P = np.array([[float(x) for x in row] for row in fact.falls.weights.P])
     b, units = float(fact.error.core_evidence["b"]), np.array([float(x) for x in fact.error.units])
     least, alpha, rng = float(fact.theta), float(fact.falls.alpha), np.random.default_rng(seed)
     N = np.diag(np.ones(n - 1), 1) - np.outer(K, np.eye(n)[0])
@@ -161,7 +161,7 @@ def disturbed(low: float) -> hg.Observer:
 def test_the_error_decays_under_a_gain_that_jumps_up_and_falls_as_fast_as_it_may(seed: int) -> None:
     """gamma from 1 on, risen within .01 at random times, else falling by sigma gamma^2: V(t) <= exp(-2 r t) V(0)."""
     first, second = proofs(tuple(c for c in disturbed(1.0).checks if c.id.fact in ("convergence", "theta")))
-    P = np.array([[float(x) for x in row] for row in second.falls.written["P"]])
+    P = np.array([[float(x) for x in row] for row in second.falls.weights.P])
     b, rng = float(first.error.core_evidence["b"]), np.random.default_rng(seed)
     jumps, K = np.sort(rng.uniform(0, 1, size=4)), np.array(oracle.K)
     system = load(MODELS / "disturbed_pendulum.py").plant
@@ -257,4 +257,4 @@ def test_more_slopes_than_corners_are_taken_of_have_multipliers() -> None:
     known = pair(system, K, law(3.0, 0.1, True))
     fact = known[0].proofs[0].fact
     assert isinstance(fact, FromTheta)
-    assert len(fact.falls.written["S"]) == 10
+    assert len(fact.falls.weights.S) == 10

@@ -63,8 +63,8 @@ def by_fact(known: hg.Observer) -> dict[str, Check]:
 
 
 def evidence(known: hg.Observer) -> dict[str, Any]:
-    answer = by_fact(known)["region"].proofs[0].fact.facts
-    return {key: answer[key] for key in ("P", "level", "first")}
+    answer = by_fact(known)["region"].proofs[0].fact.facts["region"]
+    return {"P": answer.weights.P, "level": answer.level, "first": answer.first}
 
 
 # --- what is proved

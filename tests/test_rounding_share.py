@@ -386,11 +386,11 @@ def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: flo
     """Added to the fields of a run in doubles after each call, by the sign of the response to one."""
     step, known = step_of("pendulum", observer, dt), bounded(observer, dt)
     (proof,) = known.check.proofs
-    (one,) = (each for each in proof.fact.facts["shares"] if each["inputs"] == "rounding")  # type: ignore[union-attr]
+    (one,) = (each for each in proof.fact.facts["shares"] if each.what == "rounding")  # type: ignore[union-attr]
     error = step.observer.error
     assert isinstance(error, Inclusion)
     remembered = np.array(error.remembered(Fraction(20)), dtype=float)
-    rho, count = dt * np.array(one["fields"], dtype=float) / remembered, round(6 / dt)
+    rho, count = dt * np.array(one.sizes.fields, dtype=float) / remembered, round(6 / dt)
 
     def run(pushes: np.ndarray) -> np.ndarray:
         each, states = machine(step, "double"), []

@@ -1,13 +1,13 @@
 """The evidence of claims in a certificate: numbers and expressions as exact texts, bisections as prefix texts.
 
 Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. The proof of
-a claim is a value whose `evidence(form)` returns it. A value in the evidence that has evidence of its own is replaced
-by the names of that. Evidence is None where a certificate cannot show the claim.
+a claim is a dataclass, and its fields are the evidence, or what its `evidence(form)` returns. A proof in the evidence
+of another is replaced by the names of its own. Evidence is None where a certificate cannot show the claim.
 """
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -39,11 +39,12 @@ def spelled(expression: sp.Expr, names: set[str]) -> str:
 
 
 def exactly(form: Form, value: Any) -> Any:
-    """Return a number or expression as an exact text; also in lists and mappings; a text, or None, unchanged."""
+    """Return a number or expression as an exact text; also in lists, mappings and proofs; a text, or None,
+    unchanged."""
     if value is None or isinstance(value, str):
         return value
-    if isinstance(value, Mapping):
-        return {key: exactly(form, each) for key, each in value.items()}
+    if isinstance(value, Mapping) or is_dataclass(value):
+        return texts(form, value)
     if isinstance(value, Iterable):
         return [exactly(form, each) for each in value]
     return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
@@ -141,20 +142,25 @@ class Grounds:
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of `fact` and `numbers`; None for a kind of fact without evidence."""
-        if self.fact is None:
-            return {}
-        return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None
+        """Return the evidence of `fact`."""
+        return {} if self.fact is None else {"fact": self.fact}
 
 
 def texts(form: Form, value: Any) -> dict[str, Any] | None:
-    """Return the evidence of a proof `value` as texts for a certificate; None where a part of it has no evidence."""
-    parts = value.evidence(form)
+    """Return the evidence of a proof, or a mapping of values by name, as texts for a certificate; None where a part of
+    it has no evidence."""
+    parts: Evidence | None
+    if isinstance(value, Mapping):
+        parts = value
+    elif hasattr(value, "evidence"):
+        parts = value.evidence(form)
+    else:
+        parts = {each.name: getattr(value, each.name) for each in fields(value)}
     if parts is None:
         return None
     entries: dict[str, Any] = {}
     for name, part in parts.items():
-        inner = texts(form, part) if hasattr(part, "evidence") else {name: exactly(form, part)}
+        inner = texts(form, part) if is_dataclass(part) else {name: exactly(form, part)}
         if inner is None:
             return None
         entries |= inner

@@ -112,7 +112,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, _obstacle(observer, steps, h), _fix(far), far)
     pattern = "|e|_P falls at least like exp(-{rate} t), in {arithmetic} arithmetic"
     rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
-    facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, **proof.weights.written}
+    facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, "V": proof.weights}
     known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, facts)
     return Contraction((known, *_neighbour_checks(observer, rule, steps, far)), proof.rate, far, proof)
 
@@ -131,8 +131,7 @@ def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -
 
 
 def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
-    each = [{"low": one.low, "high": one.high, **one.weights.written} for one in pieces]
-    return {"method": rule, "theta": theta, "pieces": each}
+    return {"method": rule, "theta": theta, "pieces": pieces}
 
 
 def _claim(observer: Observer, rule: str, dt: float) -> str:

@@ -356,7 +356,7 @@ def _stated(
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     bounded_states = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
     reason = joined(bounded_states, _settling(step, settled, multiple), NONE if alone else because(_GUARDS))
-    facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
+    facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": shares}
     check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
     return ErrorBound(
         check,

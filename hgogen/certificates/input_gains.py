@@ -96,7 +96,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> N
         for (state, output), gain in gains.items()
     ]
     reason = because("{said}, in {arithmetic} arithmetic", said=phrases, arithmetic=proof.step.arithmetic)
-    written = [{"state": i + 1, "output": j + 1, **one.written} for (i, j), one in bounds.items()]
+    written = [{"state": i + 1, "output": j + 1, "bound": one} for (i, j), one in bounds.items()]
     facts = {"method": rule, "dt": Fraction(dt), "bounds": written}
     return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, facts))
 
@@ -152,7 +152,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
         "beside": known.disturbances,
         "counts": weights,
         "mu": bound.mu,
-        **bound.weights.written,
+        "V": bound.weights,
     }
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
 
@@ -177,7 +177,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     by_name = dict(zip(observer.form.names, bounds, strict=True))
     phrases = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
     reason = because("{said}, {inputs}, {while_}", said=phrases, inputs=known.phrases, while_=_WHILE)
-    facts = {"noise": known.noise, "beside": known.disturbances, "bounds": [one.written for one in bounds]}
+    facts = {"noise": known.noise, "beside": known.disturbances, "bounds": bounds}
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
     return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, facts))
 

@@ -159,8 +159,8 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
         "method": rule,
         "dt": Fraction(dt),
         "first": start.first,
-        "clear": {**clear.weights.written, "multiple": multiple, "limits": limits},
-        "peaks": [{**one.weights.written, "bound": max(one.bounds.values())} for one in peaks],
+        "clear": {"V": clear.weights, "multiple": multiple, "limits": limits},
+        "peaks": [{"V": one.weights, "bound": max(one.bounds.values())} for one in peaks],
     }
     check = claimed(observer, "start", claim, because("without noise {each}", each=phrases), proof.steps.error, facts)
     return StartSet(begun, number(multiple)[0], largest, check)

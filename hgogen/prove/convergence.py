@@ -123,9 +123,8 @@ class Falls:
         """The rate r = alpha/2 (1/time) with |e|_P <= exp(-r t) |e(0)|_P, rounded down."""
         return outward.number(self.alpha / 2)[0]
 
-    @property
-    def written(self) -> Evidence:
-        """P, the other parameters of V, and S where there are multipliers, under the keys of a certificate."""
+    def evidence(self, form: Form) -> Evidence:
+        """Return P, the other parameters of V, and S where there are multipliers, under the keys of a certificate."""
         return {"P": self.weights.P, **self.others} | ({"S": self.weights.S} if self.weights.S else {})
 
 
@@ -505,10 +504,9 @@ class FromTheta:
         """The bound above which every theta converges."""
         return self.falls.theta
 
-    def evidence(self, form: Form) -> Evidence | None:
+    def evidence(self, form: Form) -> Evidence:
         """Return the ranges of the slopes, the bound on theta, and P and S at it, under the keys of a certificate."""
-        function = self.falls.written
-        return None if function is None else {"error": self.error, "least": self.theta, **function}
+        return {"error": self.error, "least": self.theta, "V": self.falls}
 
 
 @dataclass(frozen=True)
@@ -517,11 +515,10 @@ class AtTheta:
 
     falls: Falls
 
-    def evidence(self, form: Form) -> Evidence | None:
+    def evidence(self, form: Form) -> Evidence:
         """Return alpha, P and S under the keys of a certificate; the ranges of the slopes are in
         `FromTheta.evidence`."""
-        function = self.falls.written
-        return None if function is None else {"alpha": self.falls.alpha, **function}
+        return {"alpha": self.falls.alpha, "V": self.falls}
 
 
 def claims(

@@ -8,11 +8,11 @@ disturbances leaves them within a step. `method_error` bounds the local error of
 
 The inputs of the error of a step, and their largest sizes (`Sizes`):
 
-samples     an error of an output's samples at both ends of a call, independent of each other, with the line between
-stages      an error of the injection at a stage deviation   the deviation of the plant from a step of the method in a
-row of its form, over h; the sample at the end of
-            the call contains it
-fields      a deviation of a field of the estimator itself, over h
+    samples     an error of an output's samples at both ends of a call, independent of each other, with the line between
+    stages      an error of the injection at a stage
+    deviation   the deviation of the plant from a step of the method in a row of its form, over h; the sample at the end
+                of the call contains it
+    fields      a deviation of a field of the estimator itself, over h
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -382,10 +382,9 @@ class Share:
         """Return the largest error under these inputs of the state that component `field` of e estimates."""
         return self.unit * self.proofs[field].bound
 
-    @property
-    def written(self) -> Evidence:
-        """The share with its sizes and proofs, under the keys of a certificate."""
-        bounds = [{"field": k + 1, **one.written, "bound": self.bound(k)} for k, one in self.proofs.items()]
+    def evidence(self, form: Form) -> Evidence:
+        """Return the share with its sizes and proofs, under the keys of a certificate."""
+        bounds = [{"field": k + 1, "proof": one, "bound": self.bound(k)} for k, one in self.proofs.items()]
         sizes = {"samples": self.sizes.samples, "stages": self.sizes.stages, "fields": self.sizes.fields}
         known = {"inputs": self.what, "follows": self.follows, **sizes, "beside": self.sizes.deviation}
         return {**known, "unit": self.unit, "bounds": bounds}

@@ -107,11 +107,6 @@ class Weights:
         """Return the weights from arrays of FLINT's rationals."""
         return cls(fractions(P), tuple(map(fraction, S)))
 
-    @property
-    def written(self) -> dict[str, Any]:
-        """Both weights under the keys "P" and "S" of a certificate."""
-        return {"P": self.P, "S": self.S}
-
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
     """Return rational weights near `P`, `S` (floats) with which all exact `forms` are proved negative, or None."""

@@ -76,11 +76,6 @@ class InputBound:
     weights: Weights
     bound: Fraction
 
-    @property
-    def written(self) -> dict[str, Any]:
-        """The bound under the keys "alpha", "P", "S" and "bound" of a certificate."""
-        return {"alpha": self.alpha, **self.weights.written, "bound": self.bound}
-
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
     """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course: the

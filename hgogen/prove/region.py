@@ -86,7 +86,7 @@ def _within(maker: str, form: Form, search: Flow, known: Sequence[Check], turnin
         reason = because(pattern, why=check.reason, below=below, theta=float(search.theta), start=start)
         yield replace(check, reason=reason) if check.verdict is Verdict.PROVED else check
     numbers = {"theta": float(search.theta), **search.error.numbers}
-    facts = Facts(search.error, {**answer.weights.written, "level": answer.level, "first": answer.first})
+    facts = Facts(search.error, {"region": answer})
     reason = because("{start}, by a quadratic V that does not grow; in exact arithmetic", start=start)
     yield Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, facts),))
 

@@ -34,7 +34,6 @@ import sympy as sp
 from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.evidence import Evidence
 from hgogen.analysis.linearised import jacobians_at
 from hgogen.analysis.ranges import fixed
 from hgogen.analysis.scaling import exponents
@@ -180,10 +179,6 @@ class Linear:
 
     A: definite.Matrix
     C: definite.Matrix
-
-    def evidence(self, form: Form) -> Evidence:
-        """Return both matrices under the keys "A" and "C" of a certificate."""
-        return {"A": self.A, "C": self.C}
 
 
 def linear(form: Form) -> Linear | Reason:

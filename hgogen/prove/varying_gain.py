@@ -607,7 +607,7 @@ class DwellProof:
     def evidence(self, form: Form) -> Evidence:
         """Return alpha, P of the high gain, and both factors, under a certificate's keys; P of the low gain is in the
         claim of theta."""
-        return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
+        return {"alpha": self.falls.alpha, "V": self.falls, "up": self.up, "down": self.down}
 
 
 def switching(

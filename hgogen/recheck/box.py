@@ -294,12 +294,20 @@ Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, how
 def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Attempt]:
     """Return a function of a box that tries to prove that expressions have finite values and slopes in `names`."""
 
+    def values(box: Box) -> Iterable[Interval]:
+        there = sides(box)
+        slopes = jacobian(expressions, there, names, intervals)
+        return *(evaluate(row, there, intervals) for row in expressions), *chain(*slopes)
+
+    return all_finite(values)
+
+
+def all_finite(values: Callable[[Box], Iterable[Interval]]) -> Callable[[Box], Attempt]:
+    """Return a function of a box that tries to prove that all `values` on it are finite."""
+
     def attempt(box: Box) -> Attempt:
         try:
-            there = sides(box)
-            slopes = jacobian(expressions, there, names, intervals)
-            values = (evaluate(row, there, intervals) for row in expressions)
-            return Attempt(all(x.finite for x in (*values, *chain(*slopes))))
+            return Attempt(all(x.finite for x in values(box)))
         except Undefined:
             return Attempt(False)
 

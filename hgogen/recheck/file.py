@@ -433,6 +433,14 @@ def _number_of(value: Any, key: str) -> Fraction:
     return value if isinstance(value, Fraction) else number(value)
 
 
+def whole(holder: Mapping[str, Any], key: str, least: int, most: int) -> int:
+    """Return the whole number from `least` to `most` under a key. Raises: `Unproved` for another number."""
+    value = scalar(holder, key)
+    if value.denominator > 1 or not least <= value <= most:
+        raise Unproved(f"its {key} is none of {least} to {most}")
+    return int(value)
+
+
 def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
     """Return the number > 0 under a key. Raises: `Unproved`."""
     value = scalar(holder, key)

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import product
+from operator import mul
 from typing import Any
 
 from .arithmetic import Unproved
@@ -228,6 +229,12 @@ class ErrorInclusion:
             raise Unproved("its scale is not of numbers")
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
+    def lifted(self, scales: Sequence[Fraction]) -> Matrix:
+        """Return the matrix s (N, n) with e = s times the errors of the form's states, 0 for fields that estimate none;
+        `scales` (N) as the method of this name gives them."""
+        each = zip(scales, self.index, self.fed, strict=True)
+        return Matrix([s * (fed and i == at) for at in range(len(self.picks))] for s, i, fed in each)
+
     def largest(self, scales: Sequence[Fraction], first: Sequence[Fraction], P: Matrix) -> Fraction:
         """Return the largest |e(0)|_P^2 for initial errors of states of at most `first` (n), at the corners, `scales`
         (N) those of e; a field that estimates no state begins with 0. Raises: `Unproved`."""
@@ -235,12 +242,9 @@ class ErrorInclusion:
             raise Unproved(f"it has more than {_CORNERS} states")
         if min(first) < 0:
             raise Unproved("a first error is negative")
-        sides = [s * first[i] * fed for s, i, fed in zip(scales, self.index, self.fed, strict=True)]
-        largest = Fraction(0)
-        for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
-            e = [side * signs[i] for side, i in zip(sides, self.index, strict=True)]
-            largest = max(largest, dot(e, P.applied(e)))
-        return largest
+        lifted, signs = self.lifted(scales), product((1,), *[(1, -1)] * (len(first) - 1))
+        corners = (lifted.applied([*map(mul, first, each)]) for each in signs)
+        return max(dot(e, P.applied(e)) for e in corners)
 
     def at(self, theta: Fraction) -> Parts:
         """Return `Parts` of e' at a theta: M and R with the middles of slopes, G, H and E with half their ranges."""

@@ -24,7 +24,7 @@ M by its finite end; the excess, -onto d reads e, d >= 0, decreases V' if P onto
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
@@ -50,7 +50,7 @@ from .context import (
     on,
     printed,
 )
-from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless
+from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless, whole
 from .interval import point
 from .matrix import (
     Matrix,
@@ -330,6 +330,23 @@ def demand_kept(
     demand_falls(parts, method, h, alpha, evidence, inputs)
 
 
+def demand_l2(
+    parts: Parts,
+    evidence: Mapping[str, Any],
+    inputs: Sequence[Input],
+    counted: Iterable[tuple[int, Fraction]],
+    mu: Fraction,
+) -> None:
+    """Demand V' + sum_k (c_k e_k)^2 - mu^2 |u|^2 < 0 in continuous time, by P and S of the evidence: the L2 gain from
+    the inputs u to the c_k e_k is at most mu. `counted`: the pairs (k, c_k). Raises: `Unproved`."""
+    if max(multipliers(evidence, inputs)) > mu**2:
+        raise Unproved("a lambda is above mu^2")
+    form = form_of(parts, FLOW, NOW, evidence, inputs)
+    for k, c in counted:
+        form[k][k] += c**2
+    demand_negative("its inequality", form)
+
+
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
     """Return the multipliers lambda_k of u_k^2, the last entries of the evidence's S. Raises: `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
@@ -356,10 +373,7 @@ def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fr
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
     """Return k - 1 for the whole number k from 1 to `count` under a key. Raises: `Unproved` for another number."""
-    value = scalar(holder, key)
-    if value.denominator > 1 or not 1 <= value <= count:
-        raise Unproved(f"its {key} is none of 1 to {count}")
-    return int(value) - 1
+    return whole(holder, key, 1, count) - 1
 
 
 # --- decay in continuous time

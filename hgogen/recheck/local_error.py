@@ -51,7 +51,7 @@ from typing import Any
 from .arithmetic import Undefined, Unproved
 from .box import Attempt, Box, covered, narrowed, no_steeper
 from .context import Context, numbers
-from .file import column, entries, matrix, part, scalar
+from .file import column, entries, matrix, part, scalar, whole
 from .inclusion import ErrorInclusion
 from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, Parts, Tableau, Weights
 from .interval import Interval, point
@@ -183,7 +183,7 @@ def demand_remainder(
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
     slopes = matrix(follows, "slopes", p, n + m)
-    orders = _orders(follows, n, tableau)
+    orders = [whole({"orders": q}, "orders", 0, tableau.order) for q in entries(follows, "orders", n)]
     steepness = Matrix([]) if all(orders) else matrix(follows, "steepness", n, n + m)
     if all(orders) and part(follows, "steepness", list):
         raise Unproved("none of its rows follows from their steepness")
@@ -193,14 +193,6 @@ def demand_remainder(
     stages, deviation = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
     demand_enough("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
     return motion, residual.demand()
-
-
-def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
-    """Return the order q (n) of the bound h^q (..) of each state's local error, from 0 to the method's."""
-    orders = column(follows, "orders", n)
-    if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
-        raise Unproved(f"one of its orders is none of 0 to {tableau.order}")
-    return [*map(int, orders)]
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
@@ -332,8 +324,7 @@ def demand_core_error(
     motion = motion_of(context, h, follows)
     bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
     flow, nonlinear, demanded = bounds(motion, follows, realisation)
-    each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
-    lifted = Matrix([s * int(fed and i == at) for at in range(n)] for s, i, fed in each)
+    lifted = error.lifted(error.scales(context, theta))
     injected = zeros(len(parts.L), n)  # B C
     for j, (head, slope) in motion.observed.items():
         for row, by in zip(injected, parts.B, strict=True):

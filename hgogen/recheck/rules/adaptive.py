@@ -61,17 +61,14 @@ from ..context import STEEP, Context, Finding, chains_rule, integrators, observe
 from ..file import Claim, Observer, ObserverKeys, above_zero, column, matrix, part, scalar, signless
 from ..inclusion import error_inclusion
 from ..inequality import (
-    FLOW,
-    NOW,
     WORK,
     Decay,
     Input,
     clamped,
     decays,
     demand_decays,
+    demand_l2,
     demand_negative,
-    form_of,
-    multipliers,
 )
 from ..matrix import (
     Matrix,
@@ -130,12 +127,8 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
         M = gamma * (error.N + sigma * D) + parts.M - parts.L
         B = error.measured @ Matrix([g]) - G.weighed(map(mul, units, powers))
         inputs = [Input(zeros(1, len(context.form.output)), each) for each in B.T]
-        if max(multipliers(weights, inputs)) > mu**2:
-            raise Unproved("a lambda is above mu^2")
-        form = form_of(replace(parts, M=M), FLOW, NOW, weights, inputs)
-        for i, unit_ in enumerate(units):
-            form[i][i] += (gamma ** (i + 1) / unit_) ** 2
-        demand_negative("its inequality", form)
+        counted = [(i, gamma ** (i + 1) / unit_) for i, unit_ in enumerate(units)]
+        demand_l2(replace(parts, M=M), weights, inputs, counted, mu)
     return _attenuated(context, G, Matrix([g]), mu, error.boxes)
 
 

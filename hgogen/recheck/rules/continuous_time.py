@@ -75,9 +75,7 @@ from ..inequality import (
     decays,
     demand_decays,
     demand_kept,
-    demand_negative,
-    form_of,
-    multipliers,
+    demand_l2,
     within,
 )
 from ..interval import intervals, point
@@ -165,13 +163,8 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
     """Prove that the L2 norm of the states' errors, weighted by `counts`, is at most mu times that of the claim's
     inputs v, noise and disturbances: V' + |C e|^2 - mu^2 |v|^2 < 0."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
-    evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
-    if max(multipliers(evidence, inputs)) > mu**2:
-        raise Unproved("a lambda is above mu^2")
-    form, counts = form_of(parts, FLOW, NOW, evidence, inputs), column(evidence, "counts", n)
-    for count, field in zip(counts, error.picks, strict=True):
-        form[field][field] += (count / scales[field]) ** 2
-    demand_negative("its inequality", form)
+    mu, counts = above_zero(claim.evidence, "mu"), column(claim.evidence, "counts", len(context.z))
+    demand_l2(parts, claim.evidence, inputs, [(k, x / scales[k]) for k, x in zip(error.picks, counts, strict=True)], mu)
     states = ", ".join(f"{printed(x)} {z}" for x, z in zip(counts, context.z, strict=True))
     return Finding(
         f"in continuous time, {phrase}, the L2 gain to the error of {states} is at most {printed(mu, 1)}", error.boxes
@@ -205,8 +198,7 @@ def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, P
             phrase.append(f"under noise of {printed(size)} in output {j + 1}")
     for added in part(evidence, "beside", list):
         rows = column({"beside": added}, "beside", len(context.z))
-        fields = zip(scales, error.index, error.fed, strict=True)
-        inputs.append(Input(zeros(1, p), [-scale * rows[i] * fed for scale, i, fed in fields]))
+        inputs.append(Input(zeros(1, p), (-1 * error.lifted(scales)).applied(rows)))
         phrase.append(f"under ({', '.join(printed(x) for x in rows)}) beside b")
     if not inputs:
         raise Unproved("nothing enters")

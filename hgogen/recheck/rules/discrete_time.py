@@ -287,9 +287,9 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
             if size:
                 context.demand_observed(j)
                 inputs.append(Input(outer(unit_row(i, stages), unit_row(j, p)), still) * size)
+    rows = (-1 * error.lifted(run.scales)).T
     for i, size in enumerate(_sizes(share, "beside", n)):
-        onto = [-s * (fed and at == i) for s, fed, at in zip(run.scales, error.fed, error.index, strict=True)]
-        deviation = Input(zeros(stages, p), onto)
+        deviation = Input(zeros(stages, p), rows[i])
         for j in (j for j, z in enumerate(context.observed) if z == context.z[i]):
             slope = context.first_gain(j).number
             if slope is None:

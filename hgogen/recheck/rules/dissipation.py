@@ -45,7 +45,20 @@ from operator import mul
 from typing import Any
 
 from ..arithmetic import Arithmetic, Dual, Undefined, Unproved, dual, evaluate, jacobian, seeded, total
-from ..box import Attempt, Box, End, by_mean_value, covered, cut, narrowed, points, positive, ranged, sides, unbounded
+from ..box import (
+    Box,
+    End,
+    all_finite,
+    by_mean_value,
+    covered,
+    cut,
+    narrowed,
+    points,
+    positive,
+    ranged,
+    sides,
+    unbounded,
+)
 from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, printed
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
@@ -391,27 +404,19 @@ def _regular(claimed: ClaimedGain) -> Any:
     finite partial derivatives in e, and that G is finite."""
     system = claimed.system
 
-    def attempt(box: Box) -> Attempt:
+    def values(box: Box) -> Iterable[Interval]:
         at = {**dict.fromkeys(claimed.box, point(Fraction(0))), **sides(box)}  # names that are not read have any value
-        try:
-            rates, noise = system.flow(seeded(at, claimed.errors, intervals), _duals), system.noise(at, intervals)
-        except Undefined:
-            return Attempt(False)
-        slopes = (x for rate in rates for x in rate.slopes.values())
-        return Attempt(all(x.finite for x in (*slopes, *chain(*noise))))
+        rates, noise = system.flow(seeded(at, claimed.errors, intervals), _duals), system.noise(at, intervals)
+        return *(x for rate in rates for x in rate.slopes.values()), *chain(*noise)
 
-    return attempt
+    return all_finite(values)
 
 
 def _smooth(claimed: ClaimedGain) -> Any:
-    def attempt(box: Box) -> Attempt:
-        try:
-            hessian = _hessian(claimed, {f"c.{k}": v for k, v in box.items()})
-        except Undefined:
-            return Attempt(False)
-        return Attempt(all(x.value.finite for x in chain(*hessian)))
+    def values(box: Box) -> Iterable[Interval]:
+        return [x.value for x in chain(*_hessian(claimed, {f"c.{k}": v for k, v in box.items()}))]
 
-    return attempt
+    return all_finite(values)
 
 
 def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:

@@ -40,7 +40,7 @@ from ..algebra import Algebra, Quotient
 from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
 from ..box import Attempt, Box, covered, cut, narrowed, ranged
 from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, printed
-from ..file import Claim, above_zero, column, part, scalar
+from ..file import Claim, above_zero, column, part, whole
 from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
 from ..matrix import Matrix, demand_nonnegative, unit
 from ..text import Expression, expression
@@ -229,10 +229,12 @@ def persistent(context: Context, claim: Claim) -> Finding:
     inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
-    excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
-    return Finding(
-        f"{excitation} shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}", boxes
-    )
+    full = f"shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}"
+    return Finding(f"{_printed(inputs)} {full}", boxes)
+
+
+def _printed(inputs: Mapping[str, Expression]) -> str:
+    return ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
 
 
 def _value(text: Expression) -> Any:
@@ -335,7 +337,7 @@ def least(context: Context, claim: Claim) -> Finding:
     """Prove that the smallest eigenvalue of the observability Gramian over every window is at least the claim's bound,
     for all parameter values."""
     (inputs, _), evidence = course(context, claim), claim.evidence
-    level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
+    level, starts = (whole(evidence, name, 0, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
     moving = [text for text in inputs.values() if text.names]
     if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
@@ -346,10 +348,10 @@ def least(context: Context, claim: Claim) -> Finding:
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
             raise Unproved("its pieces do not cover the period")
     inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
-    whole: Box = {"t": (Fraction(0), length * (starts + 2**level))}
+    span: Box = {"t": (Fraction(0), length * (starts + 2**level))}
     for name, text in inputs.items():
         if text.names:
-            covered(whole, ".", ranged(text, *context.form.box[name]))
+            covered(span, ".", ranged(text, *context.form.box[name]))
     R, weights = (column(evidence, name, len(context.form.output)) for name in ("R", "weights"))
     if any(s < 0 or r <= 0 or s * s * r > 1 for s, r in zip(weights, R, strict=True)):
         raise Unproved("its weights are more than R allows, or R is not positive")
@@ -358,17 +360,11 @@ def least(context: Context, claim: Claim) -> Finding:
         windows.demand(length, level, starts, bound)
     except Undefined as reason:
         raise Unproved(f"A or C has no series along the course: {reason}") from reason
-    excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
     window = length * (2**level + bool(starts))
     by = f"by the ranges and R = {', '.join(printed(value) for value in R)}"
-    return Finding(f"{excitation} shows at least {printed(bound, -1)}, {by}, in every window of {printed(window, 1)}")
-
-
-def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
-    value = scalar(evidence, name)
-    if value.denominator > 1 or not 0 <= value <= most:
-        raise Unproved(f"its {name} is no number up to {most}")
-    return int(value)
+    return Finding(
+        f"{_printed(inputs)} shows at least {printed(bound, -1)}, {by}, in every window of {printed(window, 1)}"
+    )
 
 
 class _Course:
