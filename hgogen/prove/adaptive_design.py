@@ -34,10 +34,9 @@ from hgogen.prove.quadratic import Array
 from hgogen.prove.semidefinite import program, symmetric
 from hgogen.prove.varying_gain import Disturbance, candidate, facts, share_of, steepness
 from hgogen.prove.varying_gain import disturbance as as_disturbance
-from hgogen.reading.given import BadGain, Misfit, positive, real, reals
+from hgogen.reading.given import BadGain, Misfit, positive, real, reals, requires_form
 from hgogen.rigor.definite import demand_hurwitz, root
 from hgogen.sentence import down, up
-from hgogen.system import demand_continuous
 
 _REACH = 1e3  # the largest gamma that is searched, over the smallest
 _STEPS = 12  # points of a grid, and of a finer one inside its best cells
@@ -134,7 +133,6 @@ def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
     return Optimum(P, Y, gamma, math.sqrt(2 * float(x[-1])) * gamma**n)
 
 
-_FORM = "a form: hg.forms.triangular(plant)"
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, so that it remains true after rounding
 _DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
 _FACTORS, _BISECTIONS = 6, 6  # factors of 10 to relax a bound; bisections
@@ -283,13 +281,11 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
     return None
 
 
+@requires_form
 def slope(form: Form, gamma: float = 1.0) -> float:
     """Return a proved k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), for every g >= `gamma`, rounded up: c is the nonlinear
     part of the form as a chain of integrators w. k falls as gamma grows; `adaptive_gain(form)` finds the gamma itself.
     Raises: `BadGain` for a form that is no chain of integrators, or has no proved bound k; `Misfit` for no form."""
-    if not isinstance(form, Form):
-        raise Misfit("slope", form, _FORM)
-    demand_continuous(form.system, "slope")
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     steep = steepness(integrators("adaptive_lmi", form), gamma)

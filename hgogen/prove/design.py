@@ -46,10 +46,9 @@ from hgogen.prove.steady_filter import steady_gain
 from hgogen.prove.varying_gain import Candidate, candidate, facts, judged
 from hgogen.prove.varying_gain import attenuation as block_of
 from hgogen.prove.varying_gain import disturbance as as_disturbance
-from hgogen.reading.given import BadGain, Misfit, positive, real, reals
+from hgogen.reading.given import BadGain, positive, real, reals, requires_form
 from hgogen.rigor.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
 from hgogen.sentence import NONE, Reason, because
-from hgogen.system import demand_continuous
 
 __all__ = [
     "Checks",
@@ -77,16 +76,12 @@ __all__ = [
     "verified",
 ]
 
-_FORM = "a form: hg.forms.triangular(plant)"
 
-
+@requires_form
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
     """Return a constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small
     lambda_max(P) in the bound of `high_gain`; or why there is none. Raises: `NoSolver`; `Misfit` for no form;
     `BadGain`."""
-    if not isinstance(form, Form):
-        raise Misfit("constant_gain", form, _FORM)
-    demand_continuous(form.system, "constant_gain")
     most = positive("largest", largest)
     one = because("a gain is designed for one output") if len(form.output) > 1 else NONE
     vertices = obstacle(form) or one or corners(chains(form)[0], form)

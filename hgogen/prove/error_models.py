@@ -260,7 +260,7 @@ def on_companion(
     equal ones. `endless`: whether partial derivatives of b may be unbounded on one side."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
-    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    products = from_form(form, [Fraction(1)] * form.n)
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     numbers |= _weights(form, weights)
     measured = as_matrix(form, exactly) @ error_shares(form, weights)

@@ -27,9 +27,8 @@ from hgogen.prove.inequality import NOW, driven, flow
 from hgogen.prove.quadratic import Array, floats, inverse_root
 from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.prove.semidefinite import sought
-from hgogen.reading.given import BadGain, Misfit, among, count, positive
+from hgogen.reading.given import BadGain, among, count, positive, requires_form
 from hgogen.sentence import up
-from hgogen.system import demand_continuous
 
 _NAME = "filtered_injection"
 _STATES = 6  # of the chain, and of the filter
@@ -84,6 +83,7 @@ def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
 
 
+@requires_form
 def injection_filter(
     form: Form, *, theta: float, rate: float, state: str | None = None, size: int | None = None
 ) -> InjectionFilter:
@@ -95,9 +95,6 @@ def injection_filter(
     Raises: `BadGain` for a form that is no chain of integrators of up to 6 states, or a rate that no first filter is
     proved to reach; `Misfit` for no form; `NoSolver`.
     """
-    if not isinstance(form, Form):
-        raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
-    demand_continuous(form.system, "injection_filter")
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
         raise BadGain(form.system.name, f"has no filter that is designed: {form.system.wraps}", fix=fix)

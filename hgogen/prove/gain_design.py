@@ -46,9 +46,8 @@ from hgogen.prove.inequality import ends, flow, pushed
 from hgogen.prove.quadratic import Array, Quadratic
 from hgogen.prove.questions import Bounds, bounds, joint_bound_in_floats, named
 from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
-from hgogen.reading.given import BadGain, Each, Misfit, cached, each_by_name, names_of, positive
+from hgogen.reading.given import BadGain, Each, cached, each_by_name, names_of, positive, requires_form
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
-from hgogen.system import demand_continuous
 
 _WHAT = "the design of a gain"
 _LESS = 1 - 1e-6  # sum of the lambda over alpha
@@ -388,7 +387,6 @@ def _reached(task: Task, rates: Iterable[float]) -> float:
     return next((rate for rate in rates if task.gain(rate, rate * _NOISY) is not None), 0.0)
 
 
-_FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
 _FAR = 1e15  # limit of moderate numbers, and its inverse
 _FIRST, _MORE = 12, 8  # evaluations of a search for N, and more for each entry
@@ -444,6 +442,7 @@ class Gain:
         )
 
 
+@requires_form
 @cached
 @np.errstate(all="ignore")
 def gain(
@@ -470,9 +469,6 @@ def gain(
     Raises: `NoGain` for a rate that is not reached; `NoSolver`; `Misfit` for no form; `BadGain` for a form without
     chains of constant gains, and for arguments that are no numbers or not positive; `BadNames`.
     """
-    if not isinstance(form, Form):
-        raise Misfit("gain", form, _FORM)
-    demand_continuous(form.system, "gain")
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
         raise BadGain(form.system.name, f"has no gain that is designed: {form.system.wraps}", fix=fix)

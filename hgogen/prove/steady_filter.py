@@ -48,7 +48,6 @@ from hgogen.reading.given import (
     BadGain,
     BadNames,
     Matrix,
-    Misfit,
     Values,
     by_coordinate,
     by_output,
@@ -56,13 +55,13 @@ from hgogen.reading.given import (
     names_of,
     positive,
     real,
+    requires_form,
 )
 from hgogen.rigor import definite
 from hgogen.rigor.box import exact as exactly
 from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative
 from hgogen.sentence import Reason, because, same
 from hgogen.signal import Signal
-from hgogen.system import demand_continuous
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -72,6 +71,7 @@ _LARGER = (1.5, 2, 3, 5, 10, 20, 50, 100, 1000)  # factors of theta that are tri
 _ROUNDS = 4  # of Kleinman's refinement, which squares the error
 
 
+@requires_form
 def steady_gain(
     form: Form,
     Q: Matrix,
@@ -90,9 +90,6 @@ def steady_gain(
     theta that are not positive, a point outside its ranges, or one at which not every state is observable;
     `BadNames`; `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not have; `Misfit`.
     """
-    if not isinstance(form, Form):
-        raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
-    demand_continuous(form.system, "steady_gain")
     in_chains(form)
     noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
     variances = np.array(positive_numbers("R", by_output("R", R, form), len(form.output)))

@@ -162,9 +162,11 @@ class Misfit(HgogenError):
         return f"{self.what} was given {quoted(self.value)}, of type {type(self.value).__name__}; give {self.wanted}"
 
 
-def requires(kind: type | tuple[type, ...], wanted: str) -> Callable[[Decorated], Decorated]:
+def requires(
+    kind: type | tuple[type, ...], wanted: str, plant_of: Callable[[Any], System] | None = None
+) -> Callable[[Decorated], Decorated]:
     """Return a decorator that raises `Misfit`, "give `wanted`", unless the function's first argument is of the type
-    `kind`."""
+    `kind`, and `DiscretePlant` where its plant, by `plant_of`, is no x' = f(x, u)."""
 
     def guards(function: Decorated) -> Decorated:
         name = next(iter(signature(function).parameters))
@@ -174,6 +176,8 @@ def requires(kind: type | tuple[type, ...], wanted: str) -> Callable[[Decorated]
             first = args[0] if args else options.get(name)
             if not isinstance(first, kind):
                 raise Misfit(function.__name__, first, wanted)
+            if plant_of is not None:
+                demand_continuous(plant_of(first), function.__name__)
             return function(*args, **options)
 
         return cast(Decorated, guarded)
@@ -200,20 +204,10 @@ def requires_switches(function: Decorated) -> Decorated:
     return cast(Decorated, guarded) if names else function
 
 
-requires_any_plant = requires(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
-
-
-def requires_plant(function: Decorated) -> Decorated:
-    """Return the function with a check that its first argument is a plant x' = f(x, u). Raises: `Misfit`;
-    `DiscretePlant`."""
-    name = next(iter(signature(function).parameters))
-
-    @wraps(function)
-    def continuous(*args: Any, **options: Any) -> Any:
-        demand_continuous(args[0] if args else options[name], function.__name__)
-        return function(*args, **options)
-
-    return requires_any_plant(cast(Decorated, continuous))
+_PLANT = "a plant, an hg.System; of a model file it is hg.load(path).plant"
+requires_any_plant = requires(System, _PLANT)
+requires_plant = requires(System, _PLANT, lambda plant: plant)  # x' = f(x, u)
+requires_form = requires(Form, "a form: hg.forms.triangular(plant)", lambda form: form.system)  # of such a plant
 
 
 def cached(function: Decorated) -> Decorated:

@@ -20,12 +20,9 @@ and e the error of w scaled by the powers of the gain l, e'/l = (N - r D + J(l)/
                    least (N + sigma D) + J(least) for r >= -sigma;
                    least N + J(least) and least (N + p_1 D) for r >= -p_1 (1 - least/l), a combination of both with
                    the shares least/l and 1 - least/l, as J(l)/l shrinks with l
-    switched_gain  V' <= -a(l) V, a(l) = (l - 2 p L)/p, in V = e'P e, least I <= P <= p I, for l = theta, theta_low: the
-                   time in theta compensates both jumps of V if
-                   a(theta) hold > log((p/least)^2 (theta/theta_low)^(2n-2))
 
 Sources: Alessandri, Mathematical Problems in Engineering (2020), (54)-(62), (70), (87); Andrieu, Praly, Astolfi,
-Automatica 45 (2009); Ahrens, Khalil, Automatica 45 (2009), with the dwell time of Hespanha, Morse, CDC 1999.
+Automatica 45 (2009).
 
 The convergence of an observer with injection through a saturation or a dead zone whose level adapts:
 

@@ -24,9 +24,9 @@ The response of the error to inputs: e' = M e + B v at the observer's theta. By 
 while each |v_k| <= 1; with |C e|^2 instead of alpha |e|_P^2, and lambda_k <= mu^2, the L2 norm of C e is at most mu
 times that of v. Inputs are noise of samples, of sizes by output, and disturbances added to b in the rows of the form.
 
-Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009); Astolfi,
-Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, Marconi, Praly, Teel, Automatica 98
-(2018).
+Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009), with the
+dwell time of Hespanha, Morse, CDC 1999; Astolfi, Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015);
+Astolfi, Marconi, Praly, Teel, Automatica 98 (2018).
 
 The convergence of a high gain on the uniform form:
 
@@ -335,7 +335,7 @@ def _gramian(A: Matrix, start: Matrix) -> Matrix:
     return total
 
 
-_UNIFORM = "uniform_injection"
+_UNIFORM, _CHAINS = "uniform_injection", (*INJECTED, "switched_gain")
 OBSERVERS = {
     _UNIFORM: ObserverKeys(("theta", "gains")),
     "riccati": ObserverKeys(("theta", "Q", "R")),
@@ -362,11 +362,10 @@ RULES = (
         )
     ),
     Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant", turning=None),
-    *decays(INJECTED, Decay(_falls, _least, _phrase), ERROR, _NORM, ("{maker}.region",)),
-    *decays(("switched_gain",), Decay(_falls, _least, _phrase), ERROR, _NORM),
+    *decays(_CHAINS, Decay(_falls, _least, _phrase), ERROR, _NORM, ("{maker}.region",)),
     chains_rule(INJECTED, ("region",), region, (*ERROR, *_NORM, "level", "first"), turning=()),
     chains_rule(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
-    clamped((*INJECTED, "switched_gain")),
+    clamped(_CHAINS),
     chains_rule(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
     chains_rule(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )
