@@ -30,6 +30,7 @@ smartquotes = False  # x' is a derivative, and --all an option
 html_theme, html_title, html_show_sourcelink = "pydata_sphinx_theme", f"hgogen {version}", False
 html_extra_path = [f"{site_pages.PAGES}/extra"]  # reports, which are pages already
 html_static_path, html_css_files = ["_static"], ["site.css"]
+html_search_scorer = str(Path(__file__).parent / "search_order.js")
 html_theme_options = {
     "pygments_light_style": "default",
     "pygments_dark_style": "github-dark",

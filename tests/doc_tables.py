@@ -10,9 +10,9 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
+from pages import DOCS, PAGES, ROOT
 from scipy.linalg import expm
 
 import hgogen as hg
@@ -28,7 +28,6 @@ from hgogen.run.metrics import metrics
 from hgogen.starting import rule
 from hgogen.trial import Trial, try_out
 
-ROOT = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"^<!-- table: (\w+) -->\n(.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)
 
 Words = Mapping[str, list[str]]  # the cells of each row as they stand, by its first cell
@@ -204,11 +203,11 @@ TABLES: Mapping[str, Callable[[Words], str]] = {
 def main() -> None:
     """Write the tables of every page anew, and name the pages that changed."""
     changed = {
-        path.name: new
-        for path in sorted((ROOT / "docs").glob("*.md"))
+        path.relative_to(DOCS).as_posix(): new
+        for path in PAGES.values()
         if (new := written(old := path.read_text(encoding="utf-8"), trials="--trials" in sys.argv)) != old
     }
-    hg.write(changed, ROOT / "docs")
+    hg.write(changed, DOCS)
     print(*(f"wrote docs/{name}" for name in changed), sep="\n")
 
 

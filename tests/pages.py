@@ -5,11 +5,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
-PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.md"))}
+DOCS = ROOT / "docs"
+PAGES = {
+    path.relative_to(DOCS).with_suffix("").as_posix(): path
+    for path in sorted([*DOCS.glob("*.md"), *DOCS.glob("howto/*.md")])
+}
 
 
 def text(page: str) -> str:
-    """The text of a page, by the name of its file."""
+    """The text of a page, by its path below docs/."""
     return PAGES[page].read_text(encoding="utf-8")
 
 
@@ -23,9 +27,9 @@ def blocks(language: str, of: str) -> list[str]:
     return re.findall(rf"^```{re.escape(language)}\n(.*?)^```", of, re.MULTILINE | re.DOTALL)
 
 
-def shown(command: str) -> list[tuple[str, str]]:
-    """Each line `$ COMMAND ..` of the consoles in all texts, and what is printed below it."""
-    consoles = (block for one in everywhere().values() for block in blocks("console", one))
+def shown(command: str, *of: str) -> list[tuple[str, str]]:
+    """Each line `$ COMMAND ..` of the consoles in these texts, by default all, and what is printed below it."""
+    consoles = (block for one in of or everywhere().values() for block in blocks("console", one))
     return [
         (line, printed)
         for block in consoles

@@ -6,11 +6,11 @@ import shlex
 import subprocess
 import tomllib
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pytest
 from doc_tables import TABLE, TABLES, TRIED, settled, words, written
-from pages import PAGES, README, ROOT, blocks, everywhere, shown, text
+from pages import DOCS, PAGES, README, ROOT, blocks, everywhere, shown, text
 from pinned import differing
 from typer.testing import CliRunner
 
@@ -36,7 +36,8 @@ CASES = {  # pages that show files of tests/fixtures/, which are run where they 
     "contributing": ("observers/luenberger.py", "tests/test_luenberger.py"),
     "new_proof": ("recheck/rules/below_lipschitz.py",),
 }
-PYTHON = [page for page in PAGES if page not in CASES and blocks("python", text(page))]
+HOWTOS = [page for page in PAGES if page.startswith("howto/") and page != "howto/index"]
+PYTHON = [page for page in PAGES if page not in (*CASES, *HOWTOS) and blocks("python", text(page))]
 
 
 @pytest.mark.ordinary("python", "tuning")
@@ -50,7 +51,39 @@ def test_the_python_lines_run(page: str, tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_pages_with_python_are_there() -> None:
     """So that the test above cannot pass on nothing."""
-    assert {"firmware", "proofs", "python"} <= set(PYTHON)
+    assert {"logs", "proofs", "python"} <= set(PYTHON)
+    assert len(HOWTOS) > 25
+
+
+@pytest.mark.ordinary("howto/missing_samples", "howto/casadi")
+@pytest.mark.parametrize("page", HOWTOS)
+def test_a_how_to_prints_what_it_shows(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It runs alone, as a reader copies it; below the lines of Python stands what they print."""
+    monkeypatch.chdir(tmp_path)
+    exec(compile("".join(blocks("python", text(page))), f"{page}.md", "exec"), {})
+    assert capsys.readouterr().out == "".join(blocks("text", text(page)))
+
+
+@pytest.mark.parametrize("page", HOWTOS)
+def test_a_how_to_is_one_question(page: str) -> None:
+    """It is short, and has something to run with what it prints."""
+    title, *_ = text(page).splitlines()
+    assert title.endswith("?")
+    assert len(text(page).splitlines()) <= 60
+    assert blocks("python", text(page)) or shown("hgogen", text(page))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("page", [page for page in HOWTOS if shown("hgogen generate", text(page))])
+def test_a_how_to_writes_what_it_shows(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line, wanted in shown("hgogen generate", text(page)):
+        assert wanted
+        result = CliRunner().invoke(app, shlex.split(line)[1:])
+        assert result.exit_code == 0, result.output
+        assert [row for row in wanted.splitlines() if row not in result.stdout.splitlines()] == []
 
 
 @pytest.mark.parametrize("page", CASES)
@@ -63,7 +96,7 @@ def test_contributing_is_short() -> None:
     assert len(re.sub(r"```.*?```", "", text("contributing"), flags=re.DOTALL).splitlines()) <= 70
 
 
-@pytest.mark.parametrize("name", re.findall(r"`hg\.([a-z_.]+)", " ".join(everywhere().values())))
+@pytest.mark.parametrize("name", re.findall(r"`hg\.([\w.]+)", " ".join(everywhere().values())))
 def test_what_is_named_is_there(name: str) -> None:
     value: object = hg
     for part in name.strip(".").split("."):
@@ -271,11 +304,21 @@ def test_links_and_paths_lead_somewhere(page: str) -> None:
     assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
+def below(page: str) -> list[str]:
+    """The pages in the toctrees of a page, by their paths below docs/, but for generated ones."""
+    trees = re.findall(r"^```\{toctree\}$(.*?)^```$", (DOCS / f"{page}.md").read_text(), re.MULTILINE | re.DOTALL)
+    listed = [line for tree in trees for line in tree.splitlines() if re.fullmatch(r"[\w/]+", line)]
+    return [(PurePosixPath(page).parent / line).as_posix() for line in listed if not line.startswith("pages/")]
+
+
 def test_the_navigation_has_every_page() -> None:
-    trees = re.findall(r"^```\{toctree\}$(.*?)^```$", text("index"), re.MULTILINE | re.DOTALL)
-    nav = [line for tree in trees for line in tree.splitlines() if re.fullmatch(r"\w+", line)]
-    assert sorted(nav) == sorted({*PAGES} - {"index"})
-    assert set(re.findall(r"\(docs/(\w+)\.md\)", README.read_text())) == set(PAGES) - {"index"}
+    """Each is in the toctree of one page that is reached from the first; the README has the pages of the first."""
+    reached = [page := "index"]
+    for page in reached:
+        reached += below(page)
+    written = [path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")]
+    assert sorted(reached) == sorted(page for page in written if not page.startswith("pages/"))
+    assert set(re.findall(r"\(docs/([\w/]+)\.md\)", README.read_text())) >= set(below("index"))
 
 
 # --- the version ------------------------------------------------------------------------------------------------

@@ -224,7 +224,7 @@ def test_its_manual_has_no_warning(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.full
 def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:
-    page = pages.text("firmware")
+    page = pages.text("howto/rust")
     (snippet,), (commands,) = pages.blocks("rust", page), (b for b in pages.blocks("sh", page) if "rustc" in b)
     hg.write(hg.targets.rust(load(plants.MODELS / "pendulum.py").step()), tmp_path)
     wrapped = (

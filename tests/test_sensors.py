@@ -312,7 +312,7 @@ LOOP
 
 def test_the_loop_of_the_page(tmp_path: Path) -> None:
     """66,000 periods, more than the count holds: a third of the samples is late, no other one is refused."""
-    loop = next(block for block in pages.blocks("c", pages.text("firmware")) if "_at(" in block)
+    loop = next(block for block in pages.blocks("c", pages.text("howto/two_rates")) if "_at(" in block)
     count = "    late += (status & PENDULUM_LATE_Y) != 0u;\n    if ((status & PENDULUM_EARLY_Y) != 0u) { return 2; }\n"
     loop = loop.replace("    pendulum_estimate", f"{count}    pendulum_estimate")
     made = hg.sample(pendulum_filter(), dt=1e-3, periods={"y": 0.01})

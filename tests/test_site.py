@@ -1,10 +1,16 @@
 """The pages that the site generates from the package; the site itself is built with warnings as errors by .ci/run."""
 
+import html
 import importlib.util
 import inspect
+import os
 import re
+import shutil
+import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
+from urllib.parse import quote
 
 import pytest
 from pages import ROOT
@@ -105,3 +111,56 @@ def test_a_signature_is_short(site: ModuleType) -> None:
     assert "    *,\n    theta: float,\n" in site.signature("high_gain", hg.observers.high_gain)
     every = [site.signature(name, getattr(hg, name)) for name in hg.__all__]
     assert [one for one in every if " at 0x" in one or "hgogen." in one.partition("(")[2]] == []
+
+
+# --- the search -------------------------------------------------------------------------------------------------
+
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site that HGOGEN_SITE names, else one that is built here, whose cells do not run."""
+    if done := os.environ.get("HGOGEN_SITE"):
+        return Path(done).resolve()
+    pytest.importorskip("myst_nb")
+    folder = tmp_path_factory.mktemp("project")
+    shutil.copytree(ROOT / "docs", folder / "docs")
+    for name in ("hgogen", "models", "generated"):
+        (folder / name).symlink_to(ROOT / name)
+    command = ("-m", "sphinx", "-q", "-D", "nb_execution_mode=off", "-b", "html", "docs", "site")
+    subprocess.run([sys.executable, *command], cwd=folder, check=True)
+    return folder / "site"
+
+
+def answers(site: Path, question: str) -> list[str]:
+    """The pages that the site's own search answers with, read from disk, the first one first."""
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=15000", "--dump-dom")
+    address = f"{(site / 'search.html').as_uri()}?q={quote(question)}"
+    done = subprocess.run([str(BROWSER), *options, address], capture_output=True, text=True, timeout=120, check=True)
+    results = done.stdout.partition('id="search-results"')[2]
+    return [html.unescape(link) for link in re.findall(r'<li[^>]*><a href="([^"#?]*)', results)]
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium")
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("question", "page"),
+    {
+        "kalman filter": "kalman_filter",
+        "EKF": "kalman_filter",
+        "missing samples": "missing_samples",
+        "wrap": "angle_wraps",
+        "how to choose Q": "choose_q_r",
+        "R units": "noise_units",
+        "variable dt": "variable_dt",
+        "outlier": "outliers",
+        "Arduino": "arduino",
+        "late camera": "late_sensor",
+        "CasADi": "casadi",
+    }.items(),
+)
+def test_the_search_answers_with_the_right_page_first(built: Path, question: str, page: str) -> None:
+    first, *_ = answers(built, question)
+    assert first == f"howto/{page}.html"
