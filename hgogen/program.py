@@ -115,6 +115,11 @@ def scalar(name: str, initial: float, **data: Any) -> Field:
     return Field(name, (float(initial),), low=(low,), high=(high,), **data)
 
 
+def stacked(fields: Iterable[Field]) -> Graph:
+    """Return the elements of fields of the state as one SX column."""
+    return ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+
+
 @dataclass(frozen=True)
 class Group:
     """An array of `count` equal structs in the state; `groups`: arrays of structs in each of them."""

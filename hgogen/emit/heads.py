@@ -62,7 +62,9 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.code.timed else []
     period, *constants = _constants(step, real)
     lines += ["", period, ""]
-    lines += _time(step, real)
+    if step.code.time:
+        about = f"a time in {plural(step.time)}{TURNS_OF_FLOAT * (real == 'float')}"
+        lines += [documented(about), f"typedef {real} {step.name}_time;", ""]
     for struct in typedefs(
         step.name, structs(step, C, real, marked=True, notes=proved_above(step)), _NONE, lambda text: text or _NO_RANGE
     ):
@@ -84,14 +86,6 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     equations = (harmless(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
     verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
     return [*lines, *verbatim, "", f"#endif /* {guard} */"]
-
-
-def _time(step: Step, real: Real) -> list[str]:
-    """Return the lines that declare the type of the time, none without functions of t."""
-    if not step.code.time:
-        return []
-    about = f"a time in {plural(step.time)}{TURNS_OF_FLOAT * (real == 'float')}"
-    return [documented(about), f"typedef {real} {step.name}_time;", ""]
 
 
 def _block(lines: Iterable[str]) -> list[str]:

@@ -8,7 +8,7 @@ estimate), `at` (a counter) and `t` (the time).
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from hgogen.program import Call, Field, Place, Report, Section, places, scalar, walk
+from hgogen.program import Call, Field, Place, Section, places, scalar, walk
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -82,16 +82,13 @@ def entries(step: Step) -> dict[str, Entry]:
         *(Entry(each.name, ("s", *time), ("s",), each.meaning, status=False) for each in step.code.time),
         Entry("step", _parameters(step, {"in", "measurement"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
-        *map(of_report, step.code.reports),
+        *(
+            Entry(each.name, ("s", "p", each.name), (each.name,), each.meaning, status=False, anew=(each.name,))
+            for each in step.code.reports
+        ),
     )
     parts = (*step.code.inner, *step.code.parts, *step.code.timed)
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
-
-
-def of_report(report: Report) -> Entry:
-    """Return the function of a report, whose struct is the parameter of the report's name."""
-    own = (report.name,)
-    return Entry(report.name, ("s", "p", *own), own, report.meaning, status=False, anew=own)
 
 
 def of_section(step: Step, section: Section) -> Entry:

@@ -112,36 +112,48 @@ class Syntax:
     The printers themselves write braces, `;`, `==`, `true`, `false` and + - * /, which bind as in C. Names in braces
     are the holes of a text, and {} is a single one.
 
-    - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void, and
+    Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void, and
     "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead` needs
     them "word float", "word double"; `truth_is_number`: whether a truth value is a number; `suffixes` of literals, by
     float, double, unsigned (a language with other literals overrides `marked`); `cast`: {type}, {value}, toward zero
     from a real number to a whole one, where 0 becomes +0; it binds as `casted`; `counted`: {}, {}, operations of
     counters that differ from those of numbers; `rounded`, by float or double: {}, the text around a result of + - * /
-    where the language computes in more digits; its other functions must round by themselves. - Names: `language`, its
-    own; `name`: a user's name in the language, which differs where it is `reserved` (the reason in words); `parameters`
-    that have another name than in `emit.interface`; `reach`: {}, from a parameter, or from the current member of a
-    group, to its members. - Truth: `both` and `either`, the operators between two, which bind as && and || of C;
-    `opposite`: {}. - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as
-    `chosen` says; `index` into an array of structs. - Declarations: `constant`, `variable`: {type}, {name}, {value};
-    `fixed`, `gathered`: {type}, {name}, {size}, {values}, a constant array in a function, of numbers or of computed
-    values; `array`: {type}, {name}, {size}, {value}, which is written before it is read; `member`: {type}, {name},
-    {element}, a name for a member of an array of structs. - Structs: `struct`: the type of a struct, from a prefix and
-    its kind in `emit.structs`; `struct_member`: {type}, {name}, {size}, a declaration in it, by whether that is an
-    array. - Statements: `condition` and `repeated`: {}, open the block of a test; `loop`: the head and the first lines
-    of a loop of `k` from `first` to before `end` while `also` holds, given whether k is used; `falling`: {k}, {first},
-    {end}, opens a loop from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
-    array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix}, {bit},
-    a bit of the status; `called`, a section; `comment`. - Static functions: `function`, lines of {type}, {name},
-    {parameters}, with `parameter`: {type}, {name}, and `array_parameter`: {type}, {name}, {size}, by whether it is
-    written, or with `empty`; `params`: {prefix}, the struct of parameters, read only; `passed`: {}, an array as an
-    argument, by whether it is written; `around`, by name: lines before and after a function; `instead`, by name: a
-    preprocessor condition, under which the other lines replace the body, always if it is empty; these have {type},
-    {suffix}, {word}, an unsigned number of as many bits, and constants of `emit.elementary`. - Proofs: `analysed`:
-    whether static analysers read the language; then the test of an `idle` `When` is a call of `acts`. - Vectors:
-    `aligned`: {}, {upper}, the first index of a kernel's loop that may start earlier, and how tightly it binds. -
-    Equality: `equal`, whether a function compares real numbers instead of ==. - Tables: `limited`, lines that limit
-    numbers to their ranges by a loop over `Rows`; None: each is written out.
+    where the language computes in more digits; its other functions must round by themselves.
+
+    Names: `language`, its own; `name`: a user's name in the language, which differs where it is `reserved` (the reason
+    in words); `parameters` that have another name than in `emit.interface`; `reach`: {}, from a parameter, or from the
+    current member of a group, to its members.
+
+    Truth: `both` and `either`, the operators between two, which bind as && and || of C; `opposite`: {}.
+
+    Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
+    `index` into an array of structs.
+
+    Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
+    {values}, a constant array in a function, of numbers or of computed values; `array`: {type}, {name}, {size},
+    {value}, which is written before it is read; `member`: {type}, {name}, {element}, a name for a member of an array of
+    structs.
+
+    Structs: `struct`: the type of a struct, from a prefix and its kind in `emit.structs`; `struct_member`: {type},
+    {name}, {size}, a declaration in it, by whether that is an array.
+
+    Statements: `condition` and `repeated`: {}, open the block of a test; `loop`: the head and the first lines of a loop
+    of `k` from `first` to before `end` while `also` holds, given whether k is used; `falling`: {k}, {first}, {end},
+    opens a loop from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an array
+    of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix}, {bit}, a bit
+    of the status; `called`, a section; `comment`.
+
+    Static functions: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name}, and
+    `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, the struct
+    of parameters, read only; `passed`: {}, an array as an argument, by whether it is written; `around`, by name: lines
+    before and after a function; `instead`, by name: a preprocessor condition, under which the other lines replace the
+    body, always if it is empty; these have {type}, {suffix}, {word}, an unsigned number of as many bits, and constants
+    of `emit.elementary`.
+
+    The others: `analysed`, whether static analysers read the language; then the test of an `idle` `When` is a call of
+    `acts`. `aligned`: {}, {upper}, the first index of a kernel's loop that may start earlier, and how tightly it binds.
+    `equal`, whether a function compares real numbers instead of ==. `limited`, lines that limit numbers to their ranges
+    by a loop over `Rows`; None: each is written out.
     """
 
     language: str

@@ -55,7 +55,6 @@ from hgogen.rigor.bounds import nonzero, place
 from hgogen.sentence import because, joined
 
 if TYPE_CHECKING:
-    from hgogen.program import Field
     from hgogen.step import Step
 
 SPELLINGS = {  # the keywords besides Q and R, with the type that a signature shows
@@ -291,19 +290,14 @@ def sample_deviations(step: "Step") -> dict[str, float]:
     expression."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     factors = [part.correlated for part in _riccati_parts(step) if part.correlated is not None]
-    return {
-        name: _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
-        for field in step.layout.gains
-        if field.unit in _DEVIATIONS and field.labels  # the thresholds of an innovation have none
-        for name, density in zip(field.labels, _densities(field, factors), strict=True)
-        if name not in _varying(step)
-    }
-
-
-def _densities(field: "Field", factors: Sequence[np.ndarray]) -> list[float]:
-    """Return the entries of a gain, in place of D the diagonal of R = L D L'."""
-    d = np.array(field.initial)
-    return list(((factors[0] ** 2) @ d if field.unit == FACTORED else d).tolist())
+    deviations = {}
+    for field in step.layout.gains:
+        if field.unit in _DEVIATIONS and field.labels:  # the thresholds of an innovation have none
+            d = np.array(field.initial)
+            densities = (factors[0] ** 2) @ d if field.unit == FACTORED else d  # of D the diagonal of R = L D L'
+            for name, density in zip(field.labels, densities.tolist(), strict=True):
+                deviations[name] = _DEVIATIONS[field.unit](density, periods.get(name, step.clock.longest))
+    return {name: deviation for name, deviation in deviations.items() if name not in _varying(step)}
 
 
 def _riccati_parts(step: "Step") -> list[Riccati]:

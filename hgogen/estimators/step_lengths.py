@@ -157,6 +157,12 @@ def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, A
     return errors
 
 
+def slopes_without_samples(part: Ode, observer: Observer) -> Callable[[Array], Array]:
+    """Return the function of points (k, n + m) to M without samples (k, N, N), see `errors_at`."""
+    errors = errors_at(part, observer)
+    return lambda points: errors(points)[1]
+
+
 def box_points(form: Form) -> Array:
     """Return points (k, n + m) of states and inputs: the middle, corners, points inside, and points with states beyond
     their ranges by the ranges' widths; a signal without a range has its nominal value, or 0."""

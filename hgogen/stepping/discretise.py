@@ -46,7 +46,7 @@ from hgogen.estimators.riccati_part import (
     solve,
     unpack,
 )
-from hgogen.estimators.step_lengths import errors_at, factored_lengths
+from hgogen.estimators.step_lengths import factored_lengths, slopes_without_samples
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.method import Explicit, Method
@@ -179,10 +179,8 @@ def _unmeasured(observer: Observer, tableau: Tableau, part: Ode | None) -> Lengt
     signals, names = (*form.states, *form.system.inputs, *tuned), (*form.to_form, *form.system.inputs, *tuned)
     low, high = np.array([*map(spread, signals)]).T
     ranges = Ranges(low, high, tuple(map(str, names)), form.n)
-    if part is None:
-        return open_loop_lengths(flow_jacobians(observer.dynamics), ranges, tableau, form.system.time)
-    errors = errors_at(part, observer)
-    return open_loop_lengths(lambda points: errors(points)[1], ranges, tableau, form.system.time)
+    slopes = flow_jacobians(observer.dynamics) if part is None else slopes_without_samples(part, observer)
+    return open_loop_lengths(slopes, ranges, tableau, form.system.time)
 
 
 RESTARTED = Bit(

@@ -37,7 +37,6 @@ from hgogen.program import (
     Place,
     Program,
     Reader,
-    Report,
     Statement,
     When,
     lines_of,
@@ -338,11 +337,12 @@ class Graphs:
     @cached_property
     def reports(self) -> dict[str, Vector]:
         """The numbers of each report, as a vector with names."""
-        return {report.name: Vector(report.name, tuple(self._columns(report))) for report in self.source.code.reports}
-
-    def _columns(self, report: Report) -> Iterator[Entry]:
-        entries = (entry for field in report.fields for entry in self._of(field))
-        return (replace(entry, name=name, array=name) for name, entry in zip(report.columns, entries, strict=True))
+        vectors = {}
+        for report in self.source.code.reports:
+            pairs = zip(report.columns, (entry for field in report.fields for entry in self._of(field)), strict=True)
+            entries = tuple(replace(entry, name=name, array=name) for name, entry in pairs)
+            vectors[report.name] = Vector(report.name, entries)
+        return vectors
 
     def step(self) -> ca.Function:
         """Return (state, u, y, p) -> next, x, status of one call, and then its reports; the status is a number, or one

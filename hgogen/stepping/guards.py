@@ -39,6 +39,7 @@ from hgogen.program import (
     address,
     column,
     scalar,
+    stacked,
     sym,
     walk,
 )
@@ -292,13 +293,18 @@ def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Gra
     return ca.if_else(readable[j], raw, ca.SX.nan()), named
 
 
+def innovation(observer: Observer, clock: Clock, j: int, y: Graph) -> Graph:
+    """Return y - yhat of a sample `y` of output j, SX."""
+    return observer.dynamics.output_error(j, y, observer.dynamics.output(observer.z, clock.u_now)[j])
+
+
 def measure(observer: Observer, clock: Clock, j: int) -> Program:
     """Return the blocks that read output j, compute its innovation y - yhat, and test whether the sample is usable."""
     signal = observer.form.system.outputs[j]
     accepted, undefined_bits = sample(observer, clock.u_now, j)
     measurement = Block(f"the measurement of {signal}", {Place("work", "reading"): accepted})
     raw = sym("work", "reading")
-    error = observer.dynamics.output_error(j, raw, observer.dynamics.output(observer.z, clock.u_now)[j])
+    error = innovation(observer, clock, j, raw)
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
     status |= undefined_bits
     values = {Place("work", "e"): error, Place("work", "output_error"): error, Place("work", "valid"): valid}
@@ -366,7 +372,7 @@ def guard_state(
     if not fields:
         return ()
     written, earlier = _written(program), _written(before)
-    values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
+    values = stacked(fields)
     places = [(Place("state", field.name), field.size) for field in fields]
     tested = [k in written[place] or place not in earlier for place, size in places for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
@@ -386,7 +392,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
     """Return the program that clamps `fields` to their boxes; where a value is lost it resets the `state`, by the
     program `others` what that writes. `each`: each value is tested again for being a number, which an analyser cannot
     infer from a loop over many."""
-    values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
+    values = stacked(fields)
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
     real = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}

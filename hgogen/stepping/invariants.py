@@ -19,7 +19,7 @@ import sympy as sp
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Pieces
-from hgogen.program import Block, Call, Program, Section, column, sym
+from hgogen.program import Block, Call, Program, Section, column, stacked, sym
 from hgogen.reading.given import BadGain
 from hgogen.stepping.projection import estimate_fields, placed, weights
 
@@ -36,7 +36,7 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
     if pieces.project:
         raise BadGain("bank", f"does not keep the invariants of {system.name}; take its member")
     fields = estimate_fields(observer, pieces.fields)
-    x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+    x = stacked(fields)
     projected, N = _projected(observer, x, weights(fields))
     program: Program = ()
     if pieces.covariance is not None:

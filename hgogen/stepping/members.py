@@ -14,7 +14,6 @@ from hgogen.graph import Graph
 from hgogen.part import Pieces
 from hgogen.program import (
     Block,
-    Call,
     Copy,
     Field,
     Group,
@@ -24,7 +23,6 @@ from hgogen.program import (
     Program,
     Repeat,
     Statement,
-    When,
     address,
     column,
     sym,
@@ -66,32 +64,20 @@ class Substitution:
         return substituted
 
     def _statement(self, statement: Statement) -> Statement:
-        match statement:
-            case Block():
-                values = self.values(*statement.writes.values(), *statement.names.values())
-                writes = dict(zip(map(self.place, statement.writes), values, strict=False))
-                names = dict(zip(statement.names, values[len(writes) :], strict=True))
-                return Block(statement.title, writes, names, part=statement.part, notes=statement.notes)
-            case Loop(start=start, active=active, index=index):
-                substituted = (place and self.place(place) for place in (start, active, index))
-                group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)
-                return Loop(group, statement.count, body, *substituted)
-            case Repeat():
-                rows = {self.place(place): row for place, row in statement.given.items()}
-                return Repeat(rows, self.program(statement.body))
-            case When():
-                body, otherwise = self.program(statement.body), self.program(statement.otherwise)
-                return replace(statement, flag=self.place(statement.flag), body=body, otherwise=otherwise)
-            case Copy():
-                group = self.groups.get(statement.group, statement.group)
-                return Copy(group, self.place(statement.source), self.place(statement.target))
-            case Call():
-                return statement
-            case Kernel():
-                arguments = tuple((self.place(place), size) for place, size in statement.arguments)
-                result = statement.result and self.place(statement.result)
-                columns = statement.columns and self.place(statement.columns)
-                return replace(statement, columns=columns, arguments=arguments, result=result)
+        if isinstance(statement, Block):
+            values = self.values(*statement.writes.values(), *statement.names.values())
+            writes = dict(zip(map(self.place, statement.writes), values, strict=False))
+            names = dict(zip(statement.names, values[len(writes) :], strict=True))
+            return Block(statement.title, writes, names, part=statement.part, notes=statement.notes)
+        changed: dict[str, Any] = {name: self.program(body) for name, body in statement.bodies.items()}
+        changed |= {name: self.place(value) for name, value in vars(statement).items() if isinstance(value, Place)}
+        if isinstance(statement, Loop | Copy):
+            changed["group"] = self.groups.get(statement.group, statement.group)
+        if isinstance(statement, Repeat):
+            changed["given"] = {self.place(place): row for place, row in statement.given.items()}
+        if isinstance(statement, Kernel):
+            changed["arguments"] = tuple((self.place(place), size) for place, size in statement.arguments)
+        return replace(statement, **changed) if changed else statement
 
 
 _PROGRAMS = ("tune", "predict", "adapt", "project", "gate", "correct")

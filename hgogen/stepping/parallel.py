@@ -21,7 +21,7 @@ from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Program, Section, When, scalar, sym
 from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
-from hgogen.stepping.guards import boxed, guard_state, guarded
+from hgogen.stepping.guards import boxed, guard_state, guarded, innovation
 from hgogen.stepping.members import Substitution, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.stepping.projection import projection
 
@@ -138,13 +138,8 @@ def _keep(count: int, every: Pieces, substitution: Substitution, programs: Itera
     return Section("keep_members", "keep each member in its box, or make it anew", (loop,))
 
 
-def _innovation(part: Parallel, clock: Clock, j: int) -> Graph:
-    dynamics = part.member.dynamics
-    return dynamics.output_error(j, sym("work", "reading"), dynamics.output(part.member.z, clock.u_now)[j])
-
-
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-    error = _innovation(part, clock, j)
+    error = innovation(part.member, clock, j, sym("work", "reading"))
     if not correct:
         return score
     writes = {Place("work", "e"): error, Place("work", "near"): ca.fabs(error) <= 10 * HUGE}
@@ -186,7 +181,7 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
     worst = LOST  # the score of a member that restarts because it is lost
 
     def add(j: int) -> Program:
-        error = _innovation(part, clock, j)
+        error = innovation(part.member, clock, j, sym("work", "reading"))
         total = sym("state", "score") + ca.fmin(ca.fabs(error), HUGE) ** 2
         return (Block("its squared output error", {Place("state", "score"): ca.fmin(total, worst)}),)
 

@@ -49,7 +49,7 @@ from hgogen.estimators.core import nominal, numbers
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
-from hgogen.program import INF, Block, Field, Place, Program, column, sym
+from hgogen.program import INF, Block, Field, Place, Program, column, stacked, sym
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.stepping.members import read_fields
@@ -66,7 +66,7 @@ def nearest(
     linearised outputs equal the samples: x <- sat(x + V g (y_j - h_j)/(g' V g)), g = dh_j/dx. `samples` by output, the
     most trusted last: the measurement, and whether it is plausible."""
     u = sym("state", "u", len(observer.form.system.inputs))
-    x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+    x = stacked(fields)
     h = observer.dynamics.output(observer.z, u)
     limits, V = _range_ends(observer, fields, x), weights(fields)
     turns = [period for field in fields for period in field.turns]
@@ -163,7 +163,7 @@ def projection(observer: Observer, pieces: Pieces) -> Program:
     if pieces.project:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
-    x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+    x = stacked(fields)
     value = _clamped(observer, x) if pieces.covariance is None else None
     if value is None:
         value = _projected(observer, pieces, fields, x)

@@ -88,7 +88,7 @@ from hgogen.estimators.riccati_part import Around, Riccati, frozen_riccati
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, sym
+from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, stacked, sym
 from hgogen.stepping.discretise import demand_countable
 from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups
@@ -518,7 +518,7 @@ class Recovery:
 
     def _widest(self) -> float:
         fields = self._estimate_fields()
-        x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+        x = stacked(fields)
         values = {Place("state", field.name): np.array(field.initial) for field in fields}
         values |= {Place("state", "u"): np.zeros(len(self.observer.form.system.inputs)), **nominal(self.observer)}
         slope = np.abs(numbers(ca.jacobian(self.observer.z, x), values))

@@ -34,10 +34,8 @@ from hgogen.program import (
     Block,
     Call,
     Field,
-    Loop,
     Place,
     Program,
-    Repeat,
     Report,
     Section,
     Statement,
@@ -48,6 +46,7 @@ from hgogen.program import (
     scalar,
     sym,
     walk,
+    within,
 )
 from hgogen.signal import Signal, plural, resting
 from hgogen.stepping import times
@@ -61,6 +60,7 @@ from hgogen.stepping.guards import (
     hold,
     hold_fields,
     in_its_box,
+    innovation,
     measure,
     outside_bit,
     undefined_rates,
@@ -195,6 +195,12 @@ def adapt_once(program: Program) -> Program:
     test = {Place("work", "fresh"): done < 1, Place("status", "ADAPTED"): done >= 1}
     mark = Block("adapted", {Place("state", "adapted"): ca.SX(1)})
     return (Block("one adaptation a period", test), When(Place("work", "fresh"), (*program, mark)))
+
+
+def once_predicted(program: Program) -> Program:
+    """Return the program with a test, so that it runs only after a predict."""
+    begun = Block("was there a predict?", {Place("work", "begun"): sym("state", "calls") >= 1})
+    return (begun, When(Place("work", "begun"), program))
 
 
 def timed(section: Section, output: Signal) -> Section:
@@ -400,7 +406,8 @@ class Assembly:
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))
         program += awaited(self._ordered)
-        program += self._unjudged
+        cleared = {Place("state", name): ca.SX(0) for name in self.combined.verdicts.values()}
+        program += [Block("no gate has judged a sample", cleared)] if cleared else []
         program += [aged(self._aging)] if self._aging else []
         program += no_innovation(clock.outputs) if self._innovates else ()
         if clock.inputs:
@@ -414,20 +421,13 @@ class Assembly:
         return Section("predict", "advance the estimate to now", (*program, *watch))
 
     @property
-    def _unjudged(self) -> Program:
-        """The block after a predict that clears the verdicts of gates."""
-        cleared = {Place("state", name): ca.SX(0) for name in self.combined.verdicts.values()}
-        return (Block("no gate has judged a sample", cleared),) if cleared else ()
-
-    @property
     def _innovate(self) -> tuple[Section, ...]:
         """The section that computes the innovations of all samples, before any is used; none unless requested."""
         if not self._innovates:
             return ()
         program = innovations(self.observer, self.clock, self.combined)
-        begun = Block("was there a predict?", {Place("work", "begun"): sym("state", "calls") >= 1})
         meaning = "compute the innovations of all samples, before any of them corrects"
-        return (Section("innovate", meaning, (begun, When(Place("work", "begun"), program))),)
+        return (Section("innovate", meaning, once_predicted(program)),)
 
     @property
     def _gate(self) -> tuple[Section, ...]:
@@ -436,9 +436,8 @@ class Assembly:
         if not gated:
             return ()
         judged = self._guarded(self.combined.gate, before=self.combined.predict)
-        begun = Block("was there a predict?", {Place("work", "begun"): sym("state", "calls") >= 1})
-        decide = When(Place("work", "begun"), (*guard_innovations(self.observer, self.clock, gated), *judged))
-        return (Section("gate", "decide by the innovations which samples may correct", (begun, decide)),)
+        program = once_predicted((*guard_innovations(self.observer, self.clock, gated), *judged))
+        return (Section("gate", "decide by the innovations which samples may correct", program),)
 
     @property
     def _watched(self) -> bool:
@@ -528,8 +527,7 @@ def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
     """Return the block that reads the sample of output j, unchecked, and computes its innovation y - yhat."""
     signal = observer.form.system.outputs[j]
     raw = sym("output", signal.name)
-    error = observer.dynamics.output_error(j, raw, observer.dynamics.output(observer.z, clock.u_now)[j])
-    values = {"reading": raw, "e": error}
+    values = {"reading": raw, "e": innovation(observer, clock, j, raw)}
     return Block(f"the sample of {signal}", {Place("work", name): value for name, value in values.items()})
 
 
@@ -566,9 +564,7 @@ def _silent(statement: Statement) -> Program:
         if len(writes) == len(statement.writes):
             return (statement,)
         return (replace(statement, writes=writes),) * bool(writes)
-    if isinstance(statement, When):
-        body, otherwise = silent(statement.body), silent(statement.otherwise)
-        return (replace(statement, body=body, otherwise=otherwise),) * bool(body or otherwise)
-    if isinstance(statement, Loop | Repeat):
-        return (replace(statement, body=body),) if (body := silent(statement.body)) else ()
-    return (statement,)
+    if not statement.bodies:
+        return (statement,)
+    changed = within(statement, silent)
+    return (changed,) * any(changed.bodies.values())
