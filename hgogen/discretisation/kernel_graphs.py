@@ -68,12 +68,16 @@ class _Choices(ast.NodeTransformer):
         return _call("choice", *map(self.visit, (node.test, node.body, node.orelse)))
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        if not isinstance(node.op, ast.And):
+            raise NotImplementedError(ast.unparse(node))
         return _call("both", *map(self.visit, node.values))
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
         return _call("opposite", self.visit(node.operand)) if isinstance(node.op, ast.Not) else node
 
     def visit_If(self, node: ast.If) -> ast.If:
+        if self.test or node.orelse:
+            raise NotImplementedError(ast.unparse(node))
         self.test = self.visit(node.test)
         body = [self.visit(statement) for statement in node.body]
         node, self.test = ast.If(_call("possible", self.test), body, []), None
