@@ -101,7 +101,7 @@ from hgogen.prove.error_models import companions, on_integrators, plain, slope
 from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.quadratic import Array, floats, identity, inverse_root, rational
 from hgogen.prove.questions import Driven, L2Bound, l2_bound
-from hgogen.prove.semidefinite import Lyapunov, NoSolver, lyapunov
+from hgogen.prove.semidefinite import NoSolver, lyapunov
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor import definite
 from hgogen.rigor.bounds import Proof, bound
@@ -169,11 +169,12 @@ class VaryingGain:
 @dataclass(frozen=True)
 class Candidate:
     """K (n), a symmetric P (n, n) and sigma >= 0, which may satisfy (A - K C)'P + P (A - K C) + sigma (D P + P D) < 0
-    (54), A and C a chain of integrators, D = diag(1, .., n)."""
+    (54), A and C a chain of integrators, D = diag(b, .., b + n - 1)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
     sigma: Fraction
+    b: Fraction = Fraction(1)
 
     @property
     def n(self) -> int:
@@ -187,7 +188,8 @@ class Candidate:
     @cached_property
     def shrink(self) -> Any:
         """The matrix D P + P D, in FLINT's rationals."""
-        return fmpq_mat([[number(value) * (i + j + 2) for j, value in enumerate(row)] for i, row in enumerate(self.P)])
+        rows = enumerate(self.P)
+        return fmpq_mat([[number(value * (2 * self.b + i + j)) for j, value in enumerate(row)] for i, row in rows])
 
     @cached_property
     def rate(self) -> Any:
@@ -491,62 +493,52 @@ def proved_above(checks: Sequence[Check], maker: str) -> bool:
 BOXES = 500  # enough for sup Gamma, which need not be tight
 
 
-def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """Return a P with N'P + P N <= -I, N = A - K C, and D P + P D, D = diag(b, .., b + n - 1), in rationals. Raises:
-    `BadGain` where D P + P D is not positive definite."""
-    exactly = np.array([Fraction(float(k)) for k in K])
-    proof = lyapunov(tuple(map(tuple, companion(exactly))))
-    assert proof is not None  # N is Hurwitz
-    P, n = np.array(proof.P), len(K)
-    sums = np.add.outer(range(n), range(n))
-    spread = (2 * Fraction(b) + sums) * P
-    if not positive(exact(spread)):
-        pencil = np.linalg.solve(P.astype(float), (sums * P).astype(float))
-        least = -np.linalg.eigvals(pencil).real.min() / 2
-        raise BadGain(
-            f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
-        )
-    return proof, spread
-
-
 def update_checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
     """Return the checks `updated_gain.p_1`, `.p_3` and `.cap` on L' = L (p_1 (p_2 - L) + p_3 Gamma), and those of
-    `varying_gain_checks` about p_2; K: gains (n). Raises: `BadGain` where D P + P D is not positive definite."""
-    proof, spread = weighted(K, b)
+    `varying_gain_checks` about p_2; K: gains (n). Raises: `BadGain` where D P + P D is not positive definite for the P
+    of N'P + P N <= -I, N = A - K C."""
+    gains = tuple(map(Fraction, K.tolist()))
+    proof = lyapunov(tuple(map(tuple, companion(np.array(gains)))))
+    assert proof is not None  # N is Hurwitz
+    one = Candidate(gains, proof.P, Fraction(p_1), Fraction(b))
+    if not positive(one.shrink):
+        pencil = np.linalg.solve(definite.floats(exact(one.P)), definite.floats(replace(one, b=Fraction(0)).shrink))
+        least = -np.linalg.eigvals(pencil).real.min() / 2
+        fix = f"take b = {up(1.01 * float(least))} or more"
+        raise BadGain(f"b = {b:g}", f"leaves D P + P D not positive definite; {fix}")
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
-    weighted_by = {"P": proof.P, "b": Fraction(b)}
+    weighted_by = {"P": one.P, "b": one.b}
     fall, rise = Facts(None, weighted_by), Facts(None, {**weighted_by, "peak": proof.peak})
     stay = cap_check(chain, p_1, p_2, p_3, cap)
-    each = ((fall_check(proof, spread, p_1, b), fall), (rise_check(proof, spread, p_3, b), rise), (stay, *stay.proofs))
+    each = ((fall_check(one), fall), (rise_check(one, proof.peak, p_3), rise), (stay, *stay.proofs))
     known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
-    law = Law("p_2", p_2, Fraction(p_1), easing=True, b=Fraction(b))
-    return (*known, *varying_gain_checks("updated_gain", chain, [Fraction(k) for k in K.tolist()], law, numbers))
+    law = Law("p_2", p_2, one.sigma, easing=True, b=one.b)
+    return (*known, *varying_gain_checks("updated_gain", chain, gains, law, numbers))
 
 
-def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
-    """Return the check N'P + P N + p_1 (D P + P D) < 0; `proof` holds N and P, `spread` is D P + P D."""
-    P, N = np.array(proof.P), np.array(proof.N)
-    gap = -(N.T @ P + P @ N)
-    most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
+def fall_check(one: Candidate) -> Check:
+    """Return the check N'P + P N + p_1 (D P + P D) < 0, p_1 the sigma of the candidate `one`."""
+    gap, spread = definite.floats(replace(one, sigma=Fraction(0)).rate), definite.floats(one.shrink)
+    most = 1 / np.linalg.eigvals(np.linalg.solve(gap, spread)).real.max()
     claim, fix = "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0", f"Take p_1 <= {down(0.99 * float(most))}."
-    return _positive("p_1", claim, gap - Fraction(p_1) * spread, b, "not {about}; another P or b may do", fix)
+    return _positive("p_1", claim, one.rate, one.b, "not {about}; another P or b may do", fix)
 
 
-def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
-    """Return the check p_3 (D P + P D) >= 2 lambda_max(P); `proof` holds P, `spread` is D P + P D."""
-    least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
+def rise_check(one: Candidate, peak: Fraction, p_3: float) -> Check:
+    """Return the check p_3 (D P + P D) >= 2 lambda_max(P), P of the candidate `one`, lambda_max(P) <= `peak`."""
+    least = 2 * float(peak) / np.linalg.eigvalsh(definite.floats(one.shrink))[0]
     claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
-    room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
+    room = one.shrink * number(Fraction(p_3)) - unit(one.n) * number(2 * peak)
     pattern = "not {about}; another P or b may do, or a gain that stays far above Gamma"
-    return _positive("p_3", claim, room, b, pattern, fix)
+    return _positive("p_3", claim, room, one.b, pattern, fix)
 
 
-def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
+def _positive(fact: str, claim: str, M: Any, b: Fraction, pattern: str, fix: str) -> Check:
     about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
     id = ClaimId("updated_gain", fact)
-    if positive(exact(M)):
+    if positive(M):
         return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=about))
     return Check(id, claim, Verdict.UNKNOWN, because(pattern, about=about), fix=fix)
 
