@@ -217,7 +217,10 @@ def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign
     """Return whether value >= limit (sign 1), or value <= limit (sign -1), on a face of the box,
     by interval arithmetic or by the mean value form with these partial derivatives `slopes`."""
     if all(low == high for low, high in face.values()):
-        return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
+        value = _value_at(expression, {name: Fraction(low) for name, (low, _) in face.items()})
+        if value is None or isinstance(value, Interval):
+            return value is not None and _meets(value, limit, sign)
+        return value >= limit if sign > 0 else value <= limit
     try:
         if _meets(evaluate(expression, sides(face), intervals), limit, sign):
             return True
@@ -256,13 +259,6 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
     if not 0 <= share <= 1:
         share = 0.5
     return low + (high - low) * Fraction(1 - share)
-
-
-def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    value = _value_at(expression, at)
-    if value is None or isinstance(value, Interval):
-        return value is not None and _meets(value, limit, sign)
-    return value >= limit if sign > 0 else value <= limit
 
 
 def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | Interval | None:

@@ -379,10 +379,13 @@ def taylor(order: int) -> Arithmetic:
     def function(name: str, args: tuple[Taylor, ...]) -> Taylor:
         if not args:
             return begin((intervals.function(name, ()),), order)
-        if is_table(name):
-            return _table_series(name, args)
+        if is_table(name):  # at a breakpoint a derivative may jump, and the series of neither piece is valid
+            if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
+                raise Undefined("no series where a table may be at one of its points")
+            return _expanded(name, args, 0)
         if name in _RATIOS:
-            return _integrated(name, args[0], _RATIOS[name](number(Fraction(1)), power(args[0], 2)))
+            a, rate = args[0].coefficients, _RATIOS[name](number(Fraction(1)), power(args[0], 2)).coefficients
+            return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, order))))
         if name not in _SERIES:
             raise Undefined(f"no series of {name}")
         return Taylor(tuple(_SERIES[name](*(arg.coefficients for arg in args))))
@@ -391,14 +394,6 @@ def taylor(order: int) -> Arithmetic:
         return a if _way(way.coefficients[0]) > 0 else b
 
     return Arithmetic(number, power, _root_series, function, both)
-
-
-def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
-    """Return the Taylor series on the one piece that holds all initial arguments, breakpoints
-    excluded: at a breakpoint a derivative may jump, and the series of neither piece is valid."""
-    if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
-        raise Undefined("no series where a table may be at one of its points")
-    return _expanded(name, args, 0)
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
@@ -441,11 +436,6 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
     for k in range(1, len(a)):
         e.append(_integral_term(a, e, k))
     return e
-
-
-def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
-    a, rate = x.coefficients, slope.coefficients
-    return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, len(a)))))
 
 
 def _rotation_series(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:

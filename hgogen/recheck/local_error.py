@@ -187,17 +187,13 @@ def demand_remainder(
     steepness = Matrix([]) if all(orders) else matrix(follows, "steepness", n, n + m)
     if all(orders) and part(follows, "steepness", list):
         raise Unproved("none of its rows follows from their steepness")
+    lines = matrix(follows, "lines", p, len(tableau.cubic) if any(entries(follows, "lines", p)) else 0)
     rows = column(follows, "flow", n), column(follows, "step", n)
     tree = part(follows, "tree", str)
-    residual = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
+    residual = Remainder(context, tableau, motion, slopes, lines, orders, *rows, steepness, tree)
     stages, deviation = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
     demand_enough("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
     return motion, residual.demand()
-
-
-def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
-    return matrix(follows, "lines", p, count)
 
 
 # --- where the flow is Lipschitz

@@ -137,12 +137,11 @@ class Curve:
     @cached_property
     def jumps(self) -> tuple[Order]:
         """The lowest order of a derivative that jumps at each breakpoint."""
-        widths = (_ZERO, *(b - a for a, b in pairwise(self.axes[0])))
-        return (tuple(self._jump(k, width) for k, width in enumerate(widths)),)
-
-    def _jump(self, k: int, width: Fraction) -> int:
-        differ = (m for m in range(4) if _at(self.orders[m][k], width) != _at(self.orders[m][k + 1], _ZERO))
-        return next(differ, _NEVER)
+        lowest = []
+        for k, width in enumerate((_ZERO, *(b - a for a, b in pairwise(self.axes[0])))):
+            differ = (m for m, each in enumerate(self.orders[:4]) if _at(each[k], width) != _at(each[k + 1], _ZERO))
+            lowest.append(next(differ, _NEVER))
+        return (tuple(lowest),)
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
         """Return bounds of the derivative of an `order` on a box, mostly exact; None if it is unbounded."""

@@ -350,8 +350,10 @@ def level(context: Context, claim: Claim) -> Finding:
     """Prove that every set {V <= c} with c below the claim's `floor` does not reach the faces of the box of errors."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
     faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
-    P, boxes = _quadratic(claimed), 0
-    if P is not None:
+    algebra, boxes = algebra_of(claimed.around), 0
+    hessian = numbers(_second(claimed, algebra.names, algebra.arithmetic))
+    if hessian is not None:
+        P = Fraction(1, 2) * Matrix(hessian)
         for i, end in faces:
             shell = floor / end**2 * outer(*[unit_row(i, len(P))] * 2)
             demand_nonnegative({f"P - {printed(floor)}/{printed(end)}^2 on its place ({i + 1}, {i + 1})": P - shell})
@@ -456,12 +458,6 @@ def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
     ]
     if not algebra.is_zero(algebra.read(lhs) - total(terms)):
         raise Unproved("its left side is not that of (38)")
-
-
-def _quadratic(claimed: ClaimedGain) -> Matrix | None:
-    algebra = algebra_of(claimed.around)
-    H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
-    return None if H is None else Fraction(1, 2) * Matrix(H)
 
 
 def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> Matrix:
