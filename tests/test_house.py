@@ -22,6 +22,7 @@ from house import (
     alone,
     below,
     doors,
+    functions,
     imports,
     measures,
     parsed,
@@ -646,6 +647,21 @@ def test_statements_are_counted_without_a_docstring() -> None:
     function = ast.parse("def f():\n    'It is f.'\n    a = 1\n    def g():\n        return a\n    return g").body[0]
     assert isinstance(function, ast.FunctionDef)
     assert statements(function) == 4
+
+
+MOST = 25  # statements of a function
+LONGER = {  # functions with more
+    *("hgogen.commands.calibrating.tables", "hgogen.commands.calibrating.tune_", "hgogen.commands.fitting.fit_"),
+    *("hgogen.logs.clocks.others", "hgogen.logs.findings.findings", "hgogen.logs.findings.still"),
+    *("hgogen.logs.trends.explanations", "hgogen.logs.tune.tune"),
+}
+
+
+def test_no_function_is_long() -> None:
+    """But a kernel, which becomes one function of C."""
+    kernels = "hgogen.discretisation.kernels"
+    long = {f"{name}.{node.name}" for name, node in functions() if name != kernels and statements(node) > MOST}
+    assert long <= LONGER
 
 
 @pytest.mark.full

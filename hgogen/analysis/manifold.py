@@ -40,27 +40,29 @@ def projection(
 
     def nearest(point: np.ndarray, values: Sequence[float]) -> np.ndarray | None:
         outside = None
-        for at in reached(point, values):
+        for at in _zeros(evaluate, half, point, values):
             if (first <= at).all() and (at <= last).all():
                 return at
             outside = at if outside is None else outside
         return outside
 
-    def reached(point: np.ndarray, values: Sequence[float]) -> Iterator[np.ndarray]:
-        for shift in (np.zeros(len(half)), *np.diag(half), *np.diag(-half)):
-            at = point + shift
-            for _ in range(PASSES):
-                value, slope = (np.array(part) for part in evaluate(at, values))
-                scaled = slope * half
-                size = np.abs(scaled).max()
-                if not (np.isfinite(value).all() and size > CLOSE):
-                    break
-                if np.abs(value).max() <= CLOSE * size:
-                    yield np.asarray(at)
-                    break
-                at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
-
     return nearest
+
+
+def _zeros(evaluate: ca.Function, half: np.ndarray, point: np.ndarray, values: Sequence[float]) -> Iterator[np.ndarray]:
+    """Yield points (n) with c = 0, from a point and from those `half` a range (n) aside; `evaluate`: c and dc/dx."""
+    for shift in (np.zeros(len(half)), *np.diag(half), *np.diag(-half)):
+        at = point + shift
+        for _ in range(PASSES):
+            value, slope = (np.array(part) for part in evaluate(at, values))
+            scaled = slope * half
+            size = np.abs(scaled).max()
+            if not (np.isfinite(value).all() and size > CLOSE):
+                break
+            if np.abs(value).max() <= CLOSE * size:
+                yield np.asarray(at)
+                break
+            at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
 
 
 def onto(
@@ -104,14 +106,8 @@ def fault(
     values, rates = dict(nominal), dict(zip(states, flow, strict=True))
     around = box((*states, *inputs, *values), values)
     named = {f"invariant {k}, {row}": factors(row, states, around) for k, row in enumerate(invariants, 1)}
-    for name, parts in named.items():
-        if not parts:
-            return f"{name}, has no zero that depends on states in their ranges; write what they keep at 0"
-        if len(parts) > 1:
-            zeros = " or ".join(f"{part} = 0" for part, _ in parts)
-            return f"{name}, is 0 where {zeros}; write the one where the plant is"
-        if parts[0][1] > 1:
-            return f"{name}, has no slope where it is 0; write {parts[0][0]}"
+    if wrong := _zero_fault(named):
+        return wrong
     constraints = [part for parts in named.values() for part, _ in parts]
     divisions = [divided(rate(c, rates), constraints) for c in constraints]
     for name, division in zip(named, divisions, strict=True):
@@ -130,6 +126,19 @@ def fault(
         if not finite_on((*on_them, *division.quotients), constraints, states, tuple(fixed), places):
             quotient = "where it is 0 the flow, or the flow's rate of it over it, is not finite, or it has no slope"
             return f"{name}, is not known to be kept: {quotient}; correct the flow, or leave it out"
+    return ""
+
+
+def _zero_fault(named: Mapping[str, Sequence[tuple[sp.Expr, int]]]) -> str:
+    """Return what is wrong with the factors of invariants by name, each with its power, "" where each is one alone."""
+    for name, parts in named.items():
+        if not parts:
+            return f"{name}, has no zero that depends on states in their ranges; write what they keep at 0"
+        if len(parts) > 1:
+            zeros = " or ".join(f"{part} = 0" for part, _ in parts)
+            return f"{name}, is 0 where {zeros}; write the one where the plant is"
+        if parts[0][1] > 1:
+            return f"{name}, has no slope where it is 0; write {parts[0][0]}"
     return ""
 
 

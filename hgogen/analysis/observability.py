@@ -22,7 +22,7 @@ The coefficients are found modulo a prime, or with balls, and converted to small
 conditions where it can. A scaling is printed as x -> c x, a translation as x -> x + c.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -257,21 +257,31 @@ def _proved(fields: Sequence[Sequence[sp.Expr]], model: Model) -> list[bool]:
         """Return whether the Lie bracket is a combination of independent
         fields with functions as coefficients, exactly."""
         known = [there(field) for field in family]
-
-        def rank(rows: Sequence[Sequence[sp.Expr]]) -> int:
-            return int(sp.Matrix(rows).rank(iszerofunc=_vanishes, simplify=_together))
-
-        return rank([*known, bracket]) == (rank(known) if discrete else len(family))
+        return _rank([*known, bracket]) == (_rank(known) if discrete else len(family))
 
     invisible = [all(vanishes(along(h, field)) for h in output) for field in fields]
     brackets = [commutator(field) if ok else [] for field, ok in zip(fields, invisible, strict=True)]
-    closed = list(invisible)
-    while True:  # the largest family that f maps into itself
-        family = [field for field, ok in zip(fields, closed, strict=True) if ok]
-        remaining = [ok and spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
+    return _mapped_into_itself(fields, brackets, invisible, spanned)
+
+
+def _mapped_into_itself(
+    fields: Sequence[Sequence[sp.Expr]],
+    brackets: Sequence[Sequence[sp.Expr]],
+    family: Sequence[bool],
+    spanned: Callable[[Sequence[sp.Expr], Sequence[Sequence[sp.Expr]]], bool],
+) -> list[bool]:
+    """Return the largest part of a family of fields, each in it or not, whose brackets are `spanned` by that part."""
+    closed = list(family)
+    while True:
+        members = [field for field, ok in zip(fields, closed, strict=True) if ok]
+        remaining = [ok and spanned(bracket, members) for bracket, ok in zip(brackets, closed, strict=True)]
         if remaining == closed:
             return remaining
         closed = remaining
+
+
+def _rank(rows: Sequence[Sequence[sp.Expr]]) -> int:
+    return int(sp.Matrix(rows).rank(iszerofunc=_vanishes, simplify=_together))
 
 
 def _together(e: sp.Expr) -> sp.Expr:

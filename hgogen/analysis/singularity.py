@@ -419,7 +419,16 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     obstacle = because("{part} may not be smooth", part=rough[0]) if rough else plant.caveat
     if obstacle:
         return Check(id, claim, Verdict.UNKNOWN, joined(obstacle, reason))
-    doubtful = _open(plant, jet.factors)
+    conditions = _conditions(plant, jet, jet.factors)
+    if not conditions:
+        return Check(id, claim, Verdict.PROVED, because("{reason}, which has no zero on the box", reason=reason))
+    holds = because("holds where {conditions: and }", conditions=conditions)
+    return Check(id, claim, Verdict.WHERE, joined(holds, reason))
+
+
+def _conditions(plant: System, jet: Jet, factors: Sequence[sp.Expr]) -> list[Reason]:
+    """Return the conditions, not proved on the box, under which a determinant of `factors` is defined and not 0."""
+    doubtful = _open(plant, factors)
     readable = _open(plant, (jet.readable and jet.readable.factors) or ()) if doubtful else ()
     conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
@@ -427,11 +436,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     smooth = [angles.get(node, condition) for node, condition in every.items()]
     smooth = [one for one in smooth if one.relation != NONZERO or contains_zero(enclose(one.of, box))]
     # new coordinates, or a derivative, may have lost a part of the plant as it is written
-    conditions += reasons(minimal((*smooth, *value_conditions(plant))))
-    if not conditions:
-        return Check(id, claim, Verdict.PROVED, because("{reason}, which has no zero on the box", reason=reason))
-    holds = because("holds where {conditions: and }", conditions=conditions)
-    return Check(id, claim, Verdict.WHERE, joined(holds, reason))
+    return [*conditions, *reasons(minimal((*smooth, *value_conditions(plant))))]
 
 
 # ---------------------------------------------------------------- gauthier bornard

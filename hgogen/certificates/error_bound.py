@@ -15,9 +15,10 @@ the others where it is clamped. A clamp multiplies an error by a share in [0, 1]
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, TypeVar
 
 import sympy as sp
@@ -173,14 +174,8 @@ def error_bound(
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
-    if times := form.system.times:
-        why = because("functions of time, of {times}, are not followed between samples", times=times)
-        return _unknown(step, why, "Declare the plant with their values as inputs.")
-    read = [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
-    endless = [name for name, signal in read if not signal.bounded]
-    if endless:
-        why = because("what a plant does beside a step is bounded on ranges, and {names} has none", names=endless)
-        return _unknown(step, why, f"Declare low and high of {', '.join(endless)}.")
+    if why := _not_followed(form):
+        return _unknown(step, *why)
     plant = PlantStep(form, known.proof.h, moving)
     try:
         bounded = _bounded(step, known.proof, plant, most, real)
@@ -193,6 +188,18 @@ def error_bound(
     far = known.reach
     least, longest = far.least if far.tuned else None, far.longest if far.pieces else None
     return replace(bounded, signed=replace(bounded.signed, assumed=assumed, real=real, least=least, longest=longest))
+
+
+def _not_followed(form: Form) -> tuple[Reason, str] | None:
+    """Return why the plant cannot be bounded between samples, and the fix; None where it can."""
+    if times := form.system.times:
+        why = because("functions of time, of {times}, are not followed between samples", times=times)
+        return why, "Declare the plant with their values as inputs."
+    read = [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
+    if endless := [name for name, signal in read if not signal.bounded]:
+        why = because("what a plant does beside a step is bounded on ranges, and {names} has none", names=endless)
+        return why, f"Declare low and high of {', '.join(endless)}."
+    return None
 
 
 def signed(step: AnyStep, **bounds: Any) -> AnyStep:
@@ -238,13 +245,11 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
 def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
-    assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
     if scales is None or heads is None:
         raise Unbounded(NO_SCALES)
-    method = step.method.plant_deviation(plant, error, proof.steps.theta)
-    error_inputs |= {"method": method} if method.sizes.largest else {}
+    error_inputs |= _method_input(step, proof, plant)
     if not (error_inputs or real):
         raise Unbounded(because("nothing enters the error: that of the start decays, to nothing"))
     running = Running(step, proof, plant, scales, heads)
@@ -265,6 +270,13 @@ def _bounded(
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
     return _stated(running, shares, begun, room(running, samples, early), start_residual, calls)
+
+
+def _method_input(step: Step, proof: Contracts, plant: PlantStep) -> dict[str, ErrorInput]:
+    """Return the deviation of the method from the plant as an input of the error, by its name; empty where none."""
+    assert isinstance(step.method, OnErrors)  # the contraction is proved
+    method = step.method.plant_deviation(plant, proof.steps.error, proof.steps.theta)
+    return {"method": method} if method.sizes.largest else {}
 
 
 def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
@@ -327,12 +339,7 @@ def _stated(
     totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
     names, slopes = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
-
-    def by_state(bound: Callable[[int], Fraction]) -> dict[str, float]:
-        errors = [bound(k) for k in picks]
-        behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in slopes.items()}
-        return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
-
+    by_state = partial(_by_state, names, slopes, picks)
     bounds, parts = by_state(lambda k: totals[k]), {share.what: by_state(share.bound) for share in shares}
     states = [*zip(names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
     widths = {x: number(Fraction(z.interval[1]) - Fraction(z.interval[0]))[0] for x, z in reversed(states)}
@@ -340,21 +347,13 @@ def _stated(
     vain = [_useless_bound(x, bounds[x], widths[x], {what: sizes[x] for what, sizes in parts.items()}) for x in beyond]
     bounds, *sizes = ({x: y for x, y in each.items() if x not in beyond} for each in (bounds, *parts.values()))
     if not bounds:
-        method = all(max(parts, key=lambda what: parts[what][x]) == "method" for x in beyond)
-        return _unknown(step, because("{each:; }", each=vain), _SHORTER if method else _LESS)
+        by_method = all(max(parts, key=lambda what: parts[what][x]) == "method" for x in beyond)
+        return _unknown(step, because("{each:; }", each=vain), _SHORTER if by_method else _LESS)
     parts = dict(zip(parts, sizes, strict=True))
     margins = {name: number(value)[1] for name, value in zip(names, running.plant.margins, strict=True)}
-    each = [
-        Sentence.of(
-            "{state} within {bound}, of which {of}",
-            state=x,
-            bound=Up(bounds[x], 3),
-            of=[Sentence.of("{what} {size}", what=what, size=Up(sizes[x], 3)) for what, sizes in parts.items()],
-        )
-        for x in bounds
-    ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
-    bounded_states = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
+    each = [*_bound_sentences(bounds, parts), *vain]
+    bounded_states = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
     reason = joined(bounded_states, _settling(step, settled, multiple), NONE if alone else because(_GUARDS))
     facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": shares}
     check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
@@ -368,6 +367,25 @@ def _stated(
         because(_ENDLESS, why=settled.unsettled) if settled.unsettled else NONE,
         replace(settled, bounds=bounds, inside=margins, beyond=tuple(beyond)),
     )
+
+
+def _by_state(
+    names: Sequence[str],
+    slopes: Mapping[str, Sequence[Fraction]],
+    picks: Sequence[int],
+    bound: Callable[[int], Fraction],
+) -> dict[str, float]:
+    """Return the bounds of states by name, rounded up, from those of the components `picks` of e; `slopes`: the rows of
+    other states in these."""
+    errors = [bound(k) for k in picks]
+    behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in slopes.items()}
+    return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
+
+
+def _bound_sentences(bounds: Mapping[str, float], parts: Mapping[str, Mapping[str, float]]) -> Iterator[Sentence]:
+    for x, bound in bounds.items():
+        of = [Sentence.of("{what} {size}", what=what, size=Up(sizes[x], 3)) for what, sizes in parts.items()]
+        yield Sentence.of("{state} within {bound}, of which {of}", state=x, bound=Up(bound, 3), of=of)
 
 
 def _settled(

@@ -6,7 +6,7 @@ NAME.h has structs, prototypes, status bits, and a summary of the mathematics.
 # Takes apart: the mathematics, whose words end no comment.
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -69,16 +69,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
         step.name, structs(step, C, real, marked=True, notes=proved_above(step)), _NONE, lambda text: text or _NO_RANGE
     ):
         lines += struct
-    lines += ["", "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    for entry in (each for each in entries(step).values() if each.public):
-        parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
-        returned = f"0{', or the bitwise OR of status bits' * bool(step.layout.bits)}" * entry.status
-        lines += [*_doxygen(entry.meaning, parameters, returned), f"{prototype(step, entry)};", ""]
-    save, restore = saved.prototypes(step)
-    meanings = {"s": MEANINGS["s"], **saved.meanings(step)}
-    for each, written, returned in ((save, "saved", ""), (restore, "s", saved.RETURNS)):
-        parameters = [("out" if p.name == written else "in", p.name, meanings[p.name]) for p in each.parameters]
-        lines += [*_doxygen(each.meaning, parameters, returned), f"{each};", ""]
+    lines += ["", "#ifdef __cplusplus", 'extern "C" {', "#endif", "", *_prototypes(step)]
     lines += ["#ifdef __cplusplus", "}", "#endif", "", *_status(step)]
     constant = "initial value of constant parameters, which may lie in flash: nominal ones, tuned"
     lines += [*constants, "", documented(constant + ", with their mark" * bool(step.layout.mark))]
@@ -86,6 +77,19 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     equations = (harmless(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
     verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
     return [*lines, *verbatim, "", f"#endif /* {guard} */"]
+
+
+def _prototypes(step: Step) -> Iterator[str]:
+    """Yield the lines of the documented prototypes of the public functions."""
+    for entry in (each for each in entries(step).values() if each.public):
+        parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
+        returned = f"0{', or the bitwise OR of status bits' * bool(step.layout.bits)}" * entry.status
+        yield from (*_doxygen(entry.meaning, parameters, returned), f"{prototype(step, entry)};", "")
+    save, restore = saved.prototypes(step)
+    meanings = {"s": MEANINGS["s"], **saved.meanings(step)}
+    for each, written, returned in ((save, "saved", ""), (restore, "s", saved.RETURNS)):
+        parameters = [("out" if p.name == written else "in", p.name, meanings[p.name]) for p in each.parameters]
+        yield from (*_doxygen(each.meaning, parameters, returned), f"{each};", "")
 
 
 def _block(lines: Iterable[str]) -> list[str]:

@@ -309,12 +309,7 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     begins, y = _motion(step, with_times(times, u, [begun(step, real)] * len(times), step.dt * np.arange(SAMPLES)))
     u = np.hstack([u, _elapsed(step)])
     if step.clock.guarded:
-        sensors = zip(step.outputs, readings(step.observer.form), strict=True)
-        low, high = np.array([plausible_range(*each) for each in sensors]).T
-        edge = np.where(np.isfinite(high - low), 0.01 * (high - low), np.nan)
-        y[MISSING], y[INFINITE], y[ABSURD], u[LOST_INPUT] = np.nan, 3.2e38, np.nan_to_num(high + edge, nan=1e30), np.nan
-        y[FAR] = np.where(np.isfinite(edge), low + edge, y[FAR])
-        u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.given]
+        _spoil(step, u, y)
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     low, high = np.array([s.interval for s in step.states]).T
@@ -335,6 +330,16 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(values).max(axis=0)
     return Vectors(placed, u, y, values, 16 * distance, status)
+
+
+def _spoil(step: Step, u: np.ndarray, y: np.ndarray) -> None:
+    """Write the faulty samples and inputs that guards catch into test vectors u (N, m), y (N, p)."""
+    sensors = zip(step.outputs, readings(step.observer.form), strict=True)
+    low, high = np.array([plausible_range(*each) for each in sensors]).T
+    edge = np.where(np.isfinite(high - low), 0.01 * (high - low), np.nan)
+    y[MISSING], y[INFINITE], y[ABSURD], u[LOST_INPUT] = np.nan, 3.2e38, np.nan_to_num(high + edge, nan=1e30), np.nan
+    y[FAR] = np.where(np.isfinite(edge), low + edge, y[FAR])
+    u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.given]
 
 
 def begun(step: Step, real: Real) -> float:

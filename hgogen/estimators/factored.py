@@ -622,17 +622,11 @@ class Looped(FactoredStep):
 
     def prediction(self) -> Program:
         """Return the statements that advance z, and L, D to the factors of Phi P Phi' + h Q_theta."""
-        part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.h
+        part, n = self.part, self.part.dynamics.n
         stages = self.stages()
         F = ca.sparsify(self.jacobian(stages))
         Phi = self.transition(F)
-        if Phi.nnz() <= 2 * F.nnz():
-            operator, entries = _in_memory("Phi", Phi)
-            advanced, meaning = operator @ v, "Phi = I + hF + (hF)^2/2, F at mid-step"
-            meaning = "Phi = df/dz" if self.motion.map else meaning
-        else:  # F twice has fewer products
-            operator, entries = _in_memory("F", F)
-            advanced, meaning = v + h * (operator @ (v + h / 2 * (operator @ v))), "the Jacobian F at mid-step"
+        advanced, meaning, entries = self._advanced(F, Phi)
         band = max(1, Phi.sparsity().bw_upper())
         z = {Place("state", part.z.name): stages.result["z"]}
         forgetting: Program = ()
@@ -659,6 +653,16 @@ class Looped(FactoredStep):
             *noise,
             *(self.bounded() if self.clock.guarded or part.forgetting is not None else ()),
         )
+
+    def _advanced(self, F: Graph, Phi: Graph) -> tuple[Graph, str, dict[Place, Graph]]:
+        """Return Phi v of a column v of L, its meaning, and the entries of Phi, or of F, that are computed before."""
+        v, h = sym("column", "v", self.part.dynamics.n), self.clock.h
+        if Phi.nnz() <= 2 * F.nnz():
+            operator, entries = _in_memory("Phi", Phi)
+            meaning = "Phi = df/dz" if self.motion.map else "Phi = I + hF + (hF)^2/2, F at mid-step"
+            return operator @ v, meaning, entries
+        operator, entries = _in_memory("F", F)  # F twice has fewer products
+        return v + h * (operator @ (v + h / 2 * (operator @ v))), "the Jacobian F at mid-step", entries
 
     def bounded(self) -> Program:
         """Return the statements that limit each P_ii beyond its cap or not finite, and reset lost entries of L to 0."""

@@ -172,11 +172,7 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     """Return the noise that the `arguments` declare, `own`: the names of the observer's. Raises: `BadGain`,
     `BadNames`."""
     known = {name: value for name, value in arguments.items() if value is not None}
-    demand_switch("density", arguments.get("density", False))
-    if form.system.discrete and arguments.get("density"):
-        raise BadGain("density = True", "is for differential equations: Q and R of a discrete plant are of one sample")
-    if arguments.get("density") and not known.keys() & {*_DENSITIES}:
-        raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
+    _demand_density(observer, form, known)
     noise = _deviations(observer, form, known["noise"], own) if "noise" in known else {}
     inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.supplied) if name in noise}
     if not noise:
@@ -195,18 +191,33 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
         _demand_one(observer, known, "process noise", ("Q", "Q_per_sample"))
     if form.system.discrete:
         known |= {f"{name}_per_sample": known.pop(name) for name in ("Q", "R") if name in known}
-    process, samples, outputs = None, None, len(form.output)
-    if "Q_per_sample" in known:
-        read = spd if inverse else semidefinite
-        process = read("Q_per_sample", by_coordinate("Q_per_sample", known["Q_per_sample"], form), form.n)
-    if "R_per_sample" in known:
-        samples = output_noise("R_per_sample", known["R_per_sample"], form)
-        if "update" not in own and not is_diagonal(samples):
-            raise BadGain("R_per_sample", f"is a matrix, and {observer} takes a number for each output")
+    Q, read = known.get("Q_per_sample"), spd if inverse else semidefinite
+    process = None if Q is None else read("Q_per_sample", by_coordinate("Q_per_sample", Q, form), form.n)
+    samples = _of_a_sample(observer, form, noise, known.get("R_per_sample"), own)
+    return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse, varying)
+
+
+def _demand_density(observer: str, form: Form, known: Mapping[str, Any]) -> None:
+    demand_switch("density", known.get("density", False))
+    if form.system.discrete and known.get("density"):
+        raise BadGain("density = True", "is for differential equations: Q and R of a discrete plant are of one sample")
+    if known.get("density") and not known.keys() & {*_DENSITIES}:
+        raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
+
+
+def _of_a_sample(
+    observer: str, form: Form, noise: Mapping[str, float], R: Any, own: Container[str]
+) -> np.ndarray | None:
+    """Return the variances (p, p) of a sample of the outputs, from their deviations `noise` or from R, None of none."""
     if noise:
         squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
-        samples = np.diag(positive_numbers("the squares of noise", squares, outputs))
-    return Noise(known.get("Q"), known.get("R"), known.get("U"), process, samples, inputs or None, inverse, varying)
+        return np.diag(positive_numbers("the squares of noise", squares, len(form.output)))
+    if R is None:
+        return None
+    samples = output_noise("R_per_sample", R, form)
+    if "update" not in own and not is_diagonal(samples):
+        raise BadGain("R_per_sample", f"is a matrix, and {observer} takes a number for each output")
+    return samples
 
 
 def _expressions(observer: str, name: str, value: Any, form: Form, own: Container[str]) -> Variances:

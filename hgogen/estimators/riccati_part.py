@@ -20,7 +20,7 @@ set, s is at most 1/2 up to rounding, far from 1. A limit of 1 would be sensitiv
 tends to 1 for an unobservable constant state.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, Literal
@@ -642,19 +642,26 @@ def extended(
         wide("Q", weights, "process noise, diagonal factor", units[0], form.names),
         wide("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
     )
-    equations = (*matrix_line("Q", noise, form), *(group.equation for group in part.gates))
-    if varying is not None:
-        pairs = zip(names_of(form.system.outputs), varying.expressions, strict=True)
-        equations += tuple(f"variance of a sample of {y} = {e}, times R dt" for y, e in pairs if not e.is_number)
-    if part.joint:
-        rows = ", ".join(f"[{', '.join(map(tidy, row))}]" for row in measured.tolist()) if correlated else "diagonal"
-        equations += (f"all samples of a call correct together, outputs at the prediction; R: {rows}",)
     if disturbed:
         names = tuple(form.system.inputs[i].name for i in disturbed.inputs)
         gains += (wide("U", disturbed.densities, "input noise", units[2], names),)
+    return Extended(part, gains, (*matrix_line("Q", noise, form), *_equations(part, form, measured)))
+
+
+def _equations(part: Riccati, form: Form, measured: np.ndarray) -> Iterator[str]:
+    """Yield the banner lines of gates, varying variances, a joint update and noise of inputs; `measured`: R (p, p)."""
+    yield from (group.equation for group in part.gates)
+    if part.varying is not None:
+        pairs = zip(names_of(form.system.outputs), part.varying.expressions, strict=True)
+        yield from (f"variance of a sample of {y} = {e}, times R dt" for y, e in pairs if not e.is_number)
+    if part.joint:
+        matrix = ", ".join(f"[{', '.join(map(tidy, row))}]" for row in measured.tolist())
+        rows = "diagonal" if is_diagonal(measured) else matrix
+        yield f"all samples of a call correct together, outputs at the prediction; R: {rows}"
+    if part.disturbed:
+        names = ", ".join(form.system.inputs[i].name for i in part.disturbed.inputs)
         at = "" if form.system.discrete else " at mid-step"
-        equations += (f"Q + f_u U f_u' for Q, f_u = df/du{at}, u = ({', '.join(names)})",)
-    return Extended(part, gains, equations)
+        yield f"Q + f_u U f_u' for Q, f_u = df/du{at}, u = ({names})"
 
 
 def output_noise(name: str, value: Any, form: Form) -> np.ndarray:

@@ -104,9 +104,7 @@ def peaking_free(
     if n < 2:
         raise BadGain("peaking_free", f"wants at least two states, {form.system.name} has {n}; use high_gain")
     demand_ranges("peaking_free", form, range(1, n))
-    k = pair_gains("peaking_free", n, gains, poles)
-    if not (k > 0).all():
-        raise BadGain(f"gains = {k.tolist()}", "must all be positive: a pair behind a saturation decays by itself")
+    k = _positive_pairs(n, gains, poles)
     w, level = chain.field(initial, high.initial[0]), sym("gain", "theta")
     fields = (
         rows(w, "xi_p", range(n), "p_i, first of the pair xi_i: estimate"),
@@ -143,3 +141,12 @@ def peaking_free(
         accepted=accept,
         error=error,
     )
+
+
+def _positive_pairs(
+    n: int, gains: Sequence[Sequence[float]] | np.ndarray | None, poles: Sequence[complex] | None
+) -> np.ndarray:
+    k = pair_gains("peaking_free", n, gains, poles)
+    if not (k > 0).all():
+        raise BadGain(f"gains = {k.tolist()}", "must all be positive: a pair behind a saturation decays by itself")
+    return k

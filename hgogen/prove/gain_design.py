@@ -472,17 +472,7 @@ def gain(
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
         raise BadGain(form.system.name, f"has no gain that is designed: {form.system.wraps}", fix=fix)
-    wanted, names = _moderate("rate", rate), names_of(form.system.outputs)
-    each = zip(names, each_by_name("noise", noise, names, 1.0), strict=True)
-    sizes = np.array([_moderate(f"noise of {name}", value) for name, value in each])
-    measures, open_ = _measures(form, per), plain(form, sizes)
-    if isinstance(open_, Reason):
-        fix = "gains are designed on a form of the plant's own states in chains, triangular or block_triangular"
-        raise BadGain(form.system.name, f"has no gain that is designed: {open_}", fix=fix)
-    pace = open_.pace(wanted)
-    rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
-    quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
-    task = Task(open_, wanted, rows, quickest)
+    task, sizes = _task(form, _moderate("rate", rate), noise, per, fastest)
     if theta is None:  # the pace, unless a smaller level is more accurate
         levels = tuple(float(f"{level:.2g}") for level in (task.pace, math.sqrt(task.pace), 1.0))
     else:
@@ -495,6 +485,21 @@ def gain(
     if best is None:
         raise unreached(form, task, sizes)
     return _stated(form, best)
+
+
+def _task(form: Form, rate: float, noise: Each, per: Each, fastest: float | None) -> tuple[Task, np.ndarray]:
+    """Return what is searched, and the largest noise of each output (p)."""
+    names = names_of(form.system.outputs)
+    each = zip(names, each_by_name("noise", noise, names, 1.0), strict=True)
+    sizes = np.array([_moderate(f"noise of {name}", value) for name, value in each])
+    measures, open_ = _measures(form, per), plain(form, sizes)
+    if isinstance(open_, Reason):
+        fix = "gains are designed on a form of the plant's own states in chains, triangular or block_triangular"
+        raise BadGain(form.system.name, f"has no gain that is designed: {open_}", fix=fix)
+    pace = open_.pace(rate)
+    rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
+    quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
+    return Task(open_, rate, rows, quickest), sizes
 
 
 def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:

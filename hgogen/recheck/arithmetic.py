@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import Any, TypeVar
 
@@ -129,29 +129,30 @@ def dual(base: Arithmetic) -> Arithmetic:
         slope = base.power(x.value, int(lower)) if lower.denominator == 1 else base.root(x.value, lower)
         return Dual(value, x.scaled(base.number(exponent) * slope))
 
-    def function(name: str, args: tuple[Dual, ...]) -> Dual:
-        at = tuple(arg.value for arg in args)
-        value = base.function(name, at)
-        if not any(arg.slopes for arg in args):
-            return Dual(value, {})
-        if name in ("Min", "Max"):
-            return reduce(lambda a, b: _extreme(name, a, b, base), args)
-        if name == "atan2":
-            y, x = args
-            square = base.power(x.value, 2) + base.power(y.value, 2)
-            return Dual(value, _sum(y.scaled(x.value / square), x.scaled(-y.value / square)))
-        if is_table(name):
-            rates = (base.function(next_of(name, k), at) if arg.slopes else None for k, arg in enumerate(args))
-            return Dual(value, reduce(_sum, (arg.scaled(rate) for arg, rate in zip(args, rates, strict=True))))
-        return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
-
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
         """Return the hull of a and b. Where `way` may be 0 the function jumps,
         so its partial derivatives in the names of `way` are unbounded."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
-    return Arithmetic(lambda value: Dual(base.number(value), {}), power, root, function, both)
+    return Arithmetic(lambda value: Dual(base.number(value), {}), power, root, partial(_function, base), both)
+
+
+def _function(base: Arithmetic, name: str, args: tuple[Dual, ...]) -> Dual:
+    at = tuple(arg.value for arg in args)
+    value = base.function(name, at)
+    if not any(arg.slopes for arg in args):
+        return Dual(value, {})
+    if name in ("Min", "Max"):
+        return reduce(lambda a, b: _extreme(name, a, b, base), args)
+    if name == "atan2":
+        y, x = args
+        square = base.power(x.value, 2) + base.power(y.value, 2)
+        return Dual(value, _sum(y.scaled(x.value / square), x.scaled(-y.value / square)))
+    if is_table(name):
+        rates = (base.function(next_of(name, k), at) if arg.slopes else None for k, arg in enumerate(args))
+        return Dual(value, reduce(_sum, (arg.scaled(rate) for arg, rate in zip(args, rates, strict=True))))
+    return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
 
 def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:

@@ -408,12 +408,7 @@ def structure(context: Context, claim: Claim) -> Finding:
         raise Unproved(f"{form.alignment!r} is no alignment of its chains")
     _ = context.equations
     places = tuple((k, level) for k, size in enumerate(form.blocks) for level in range(1, size + 1))
-    for i, row in enumerate(form.A):
-        for j, entry in enumerate(row):
-            if j == i + 1 and places[j][0] == places[i][0]:
-                only(entry.names & set(z), () if several else z[:1], f"A[{i + 1},{j + 1}]")
-            elif not context.algebra.is_zero(context.value(entry)):
-                raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
+    _superdiagonal(context, places)
     for i, nonlinear in enumerate(form.b):
         allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
         only(nonlinear.names & set(z), allowed, f"b_{i + 1}")
@@ -432,6 +427,18 @@ def structure(context: Context, claim: Claim) -> Finding:
     return Finding(
         f"{chains}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's"
     )
+
+
+def _superdiagonal(context: Context, places: Sequence[tuple[int, int]]) -> None:
+    """Demand that A has entries from one place of a chain to the next alone, which read no state but z_1 of one
+    chain."""
+    form, z = context.form, context.z
+    for i, row in enumerate(form.A):
+        for j, entry in enumerate(row):
+            if j == i + 1 and places[j][0] == places[i][0]:
+                only(entry.names & set(z), () if form.kind == "block_triangular" else z[:1], f"A[{i + 1},{j + 1}]")
+            elif not context.algebra.is_zero(context.value(entry)):
+                raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:

@@ -179,24 +179,25 @@ def precision(real: str) -> Arithmetic:
         slope = intervals.root(x.around, exponent - 1) * point(abs(exponent))
         return x.rounded(intervals.root(x.value, exponent), slope * x.error, units)
 
-    def function(name: str, args: tuple[Computed, ...]) -> Computed:
-        if name in ("Min", "Max"):
-            first, second = args
-            value = intervals.function(name, (first.value, second.value))
-            return Computed(real, value, intervals.function("Max", (first.error, second.error)))
-        (x,) = args
-        if name == "Abs":
-            return Computed(real, _size(x.value), x.error)
-        if name not in UNITS:
-            raise Undefined(f"how far {name} errs is not known")
-        if name in ("sin", "cos", "tan") and not _size(x.around).at_most(_ANGLE):
-            raise Undefined("an angle beyond those of which the error is measured")
-        return x.through(name, UNITS[name])
-
     def no_hull(way: Computed, a: Computed, b: Computed) -> Computed:
         raise Undefined("no second slopes of Min and Max")
 
-    return Arithmetic(number, power, root, function, no_hull)
+    return Arithmetic(number, power, root, partial(_function, real), no_hull)
+
+
+def _function(real: str, name: str, args: tuple[Computed, ...]) -> Computed:
+    if name in ("Min", "Max"):
+        first, second = args
+        value = intervals.function(name, (first.value, second.value))
+        return Computed(real, value, intervals.function("Max", (first.error, second.error)))
+    (x,) = args
+    if name == "Abs":
+        return Computed(real, _size(x.value), x.error)
+    if name not in UNITS:
+        raise Undefined(f"how far {name} errs is not known")
+    if name in ("sin", "cos", "tan") and not _size(x.around).at_most(_ANGLE):
+        raise Undefined("an angle beyond those of which the error is measured")
+    return x.through(name, UNITS[name])
 
 
 _LONGEST = 5_000  # statements, of which a call of 8 states has some 500

@@ -12,7 +12,7 @@ An expression without drift is periodic: t may be replaced by the time modulo ea
 floor(e/m).
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -89,7 +89,11 @@ def _part(node: sp.Basic, t: sp.Symbol, values: Values, choose: Choose) -> _Part
         return _Part(sp.S.One, (), lambda symbol: symbol)
     if isinstance(node, sp.Mod | sp.frac):
         return _part(MEANING[type(node)](*node.args), t, values, choose)
-    parts = [_part(each, t, values, choose) for each in node.args]
+    return _function(node, [_part(each, t, values, choose) for each in node.args], t, values, choose)
+
+
+def _function(node: sp.Basic, parts: Sequence[_Part], t: sp.Symbol, values: Values, choose: Choose) -> _Part:
+    """Return the part of a function of `parts`. Raises: `Aperiodic`."""
     moving = [part for part in parts if part.drift != 0]
     floors = tuple(turn for part in moving for turn in part.turns)
 

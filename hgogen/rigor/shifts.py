@@ -44,8 +44,9 @@ def hidden_shifts(
     the states; `following`: their next values. A state that no row determines is left out."""
     rows, following = tuple(rows), tuple(following)
     conditions, own = _Conditions(tuple(periods)), [None if p is None else exact_turn(p) for p in periods.values()]
+    none = Shifts({}, (), tuple(x for x, period in periods.items() if period is not None))
     if sum(row.count_ops() for row in (*following, *(row for row, _ in rows))) > _OPERATIONS:
-        return Shifts({}, (), tuple(x for x, period in periods.items() if period is not None))
+        return none
     for row, period in rows:
         conditions.need(conditions.change(exact(row)), None if period is None else exact_turn(period))
     F = sp.Matrix([conditions.change(exact(row)) for row in following])
@@ -58,20 +59,28 @@ def hidden_shifts(
     scaled, F = [sp.simplify(sp.Matrix([row]) * U) for row in whole], sp.simplify(U.inv() * F * U if F else F)
     A = sp.simplify(sp.Matrix(zero))
     if not all(e.is_Rational for part in (A, F, *scaled) for e in part):
-        return Shifts({}, (), tuple(x for x, period in periods.items() if period is not None))
+        return none
     turns = [row for row, turn in zip(sp.eye(len(own)).tolist(), own, strict=True) if turn is not None]
     basis, free = _dual(len(own), A, scaled, F, turns)
     wide, loose = _dual(len(own), A, [row for row, need in zip(scaled, periodic, strict=True) if need.sure], F, turns)
     extra = [row for row in wide if _echelon([*basis, row]) != basis]
     unknown = (loose | {j for row in extra for j, e in enumerate(row) if e}) - free
+    single, joint = _in_turns(tuple(periods), own, units, basis)
+    return Shifts(single, joint, tuple(x for j, x in enumerate(periods) if j in unknown))
+
+
+def _in_turns(
+    states: Sequence[sp.Symbol], own: Sequence[sp.Expr | None], units: Sequence[sp.Expr], basis: Sequence[_Slopes]
+) -> tuple[dict[sp.Symbol, sp.Expr], tuple[dict[sp.Symbol, sp.Expr], ...]]:
+    """Return the shifts of single states and of several in the lattice of a `basis`: in turns of states with a period,
+    of which `own` has the others as None, and in `units` of the others."""
     steps = [_step(basis, j) for j in range(len(own))]
     joint = [[_nearest(e, step) for e, step in zip(row, steps, strict=True)] for row in basis]
     sizes = [unit if turn is None else sp.S.One for unit, turn in zip(units, own, strict=True)]
-    parts = [x for x, step, turn in zip(periods, steps, own, strict=True) if step and not (turn and step == 1)]
-    in_turns = [{x: e * size for x, e, size in zip(periods, row, sizes, strict=True) if e} for row in (steps, *joint)]
+    parts = [x for x, step, turn in zip(states, steps, own, strict=True) if step and not (turn and step == 1)]
+    in_turns = [{x: e * size for x, e, size in zip(states, row, sizes, strict=True) if e} for row in (steps, *joint)]
     single, *several = in_turns
-    open = tuple(x for j, x in enumerate(periods) if j in unknown)
-    return Shifts({x: single[x] for x in parts}, tuple(filter(None, several)), open)
+    return {x: single[x] for x in parts}, tuple(filter(None, several))
 
 
 @dataclass(frozen=True)

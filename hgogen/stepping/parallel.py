@@ -82,11 +82,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     period = round(part.period / clock.dt)
     if period < 1 or abs(period * clock.dt - part.period) > 1e-9 * part.period:
         raise BadPeriod(part.period, clock.dt)
-    alone = joined(map(pieces, part.member.parts))
-    if alone.gate:
-        raise BadGain("a bank", "compares its members on the same samples; leave the gate of its member out")
-    if alone.correct:
-        raise BadGain("a bank", "corrects its members by each sample; leave out update of its member")
+    alone = _member(part, pieces)
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
     published = [field for field in alone.fields if field.name in part.published]
@@ -129,6 +125,15 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         inside=lambda program: (Loop("member", 1, substitution.program(program), start=Place("state", "selected")),),
         project=(Loop("member", part.count, substitution.program(projection(part.member, alone))), publish),
     )
+
+
+def _member(part: Parallel, pieces: Callable[[Part], Pieces]) -> Pieces:
+    alone = joined(map(pieces, part.member.parts))
+    if alone.gate:
+        raise BadGain("a bank", "compares its members on the same samples; leave the gate of its member out")
+    if alone.correct:
+        raise BadGain("a bank", "corrects its members by each sample; leave out update of its member")
+    return alone
 
 
 def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:

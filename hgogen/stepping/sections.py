@@ -17,7 +17,7 @@ early. Before the first `predict` every sample is early. A second sample of y in
 raise a status bit. The noise R of an output refers to its own period, a whole multiple of dt.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -216,6 +216,13 @@ def timed(section: Section, output: Signal) -> Section:
     return replace(section, name=f"{section.name}_at", meaning=f"{section.meaning} of period `at`", program=program)
 
 
+def _input_field(inputs: Sequence[Signal], clock: Clock) -> Field:
+    start, names = tuple(map(resting, inputs)), tuple(s.name for s in inputs)
+    low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in inputs) for end in (0, 1))
+    turns = clock.turns if any(clock.turns) else ()
+    return Field("u", start, low=low, high=high, periods=turns, labels=names, meaning="last valid input")
+
+
 @dataclass(frozen=True, eq=False)
 class Assembly:
     """The memory and statements `pieces` of an observer's parts, combined into the sections of a step."""
@@ -305,12 +312,7 @@ class Assembly:
         fields += age_fields(self._aging)
         fields += innovation_fields(system.outputs) if self._innovates else ()
         fields += times.count_fields(system.times, self.clock)
-        if system.inputs:
-            start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
-            low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
-            turns = self.clock.turns if any(self.clock.turns) else ()
-            u = Field("u", start, low=low, high=high, periods=turns, labels=names, meaning="last valid input")
-            fields.append(u)
+        fields += [_input_field(system.inputs, self.clock)] if system.inputs else []
         fields += elapsed_fields(self.clock, system.time)
         if self.uses_output:
             zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
@@ -388,12 +390,7 @@ class Assembly:
         corrupted, and starts copies of the model from the estimate."""
         observer, clock, plant = self.observer, self.clock, self.observer.form.system
         follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
-        guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
-        program: list[Statement] = [times.counted(plant.times, clock)] if plant.times else []
-        program += self._remembered
-        program += [guard_input(observer, clock)] if clock.inputs else []
-        program += [read(observer, clock)] if self.uses_output else []
-        program += [tick(observer.form.system.outputs, self.completes)] if self.rated else []
+        program: list[Statement] = [*self._received]
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
@@ -410,15 +407,35 @@ class Assembly:
         program += [Block("no gate has judged a sample", cleared)] if cleared else []
         program += [aged(self._aging)] if self._aging else []
         program += no_innovation(clock.outputs) if self._innovates else ()
+        watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
+        return Section("predict", "advance the estimate to now", (*program, *self._stored, *watch))
+
+    @property
+    def _received(self) -> Iterator[Statement]:
+        """The statements that read the time, the inputs, and the samples that predict needs."""
+        observer, clock, plant = self.observer, self.clock, self.observer.form.system
+        guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
+        if plant.times:
+            yield times.counted(plant.times, clock)
+        yield from self._remembered
         if clock.inputs:
-            program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
+            yield guard_input(observer, clock)
+        if self.uses_output:
+            yield read(observer, clock)
+        if self.rated:
+            yield tick(plant.outputs, self.completes)
+
+    @property
+    def _stored(self) -> Iterator[Statement]:
+        """The statements that store the input and the sample for the next call."""
+        clock = self.clock
+        if clock.inputs:
+            yield Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)})
         if self.uses_output:
             sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
             valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
-            program.append(Block("remember the sample", sample | valid))
-            program += renewed_where(self._aging, clock.valid > 0) if self._aging else []
-        watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
-        return Section("predict", "advance the estimate to now", (*program, *watch))
+            yield Block("remember the sample", sample | valid)
+            yield from renewed_where(self._aging, clock.valid > 0) if self._aging else ()
 
     @property
     def _innovate(self) -> tuple[Section, ...]:

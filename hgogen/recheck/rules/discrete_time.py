@@ -211,13 +211,8 @@ def error(context: Context, claim: Claim) -> Finding:
     if not shares:
         raise Unproved("it has no shares")
     for share in shares:
-        if not isinstance(share, dict) or set(share) != _SHARE:
-            raise Unproved(f"a share is no object of {', '.join(sorted(_SHARE))}")
-        kind, _ = part(share, "inputs", str), part(share, "follows", dict)
-        if kind not in _KINDS or kind in by_kind:
-            raise Unproved(f"its inputs are none of {', '.join(_KINDS)}, each once")
+        by_kind |= {_kind(share, by_kind): share}
         size, inputs = above_zero(share, "unit"), _inputs(run, share)
-        by_kind[kind] = share
         bounds = part(share, "bounds", list)
         if {_field(one, len(scales)) for one in bounds} != run.estimating or len(bounds) > len(run.estimating):
             raise Unproved("its bounds are not those of the fields that estimate, each once")
@@ -230,6 +225,16 @@ def error(context: Context, claim: Claim) -> Finding:
     states = zip(context.z, run.error.picks, strict=True)
     phrase = ", ".join(f"{z} by at most {printed(totals[k], 1)}" for z, k in states)
     return Finding(f"{run.at}, {'; '.join(sizes)} move {phrase} in all, {under}", run.error.boxes + boxes)
+
+
+def _kind(share: Any, known: Shares) -> str:
+    if not isinstance(share, dict) or set(share) != _SHARE:
+        raise Unproved(f"a share is no object of {', '.join(sorted(_SHARE))}")
+    part(share, "follows", dict)
+    kind: str = part(share, "inputs", str)
+    if kind not in _KINDS or kind in known:
+        raise Unproved(f"its inputs are none of {', '.join(_KINDS)}, each once")
+    return kind
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
@@ -287,20 +292,27 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
             if size:
                 context.demand_observed(j)
                 inputs.append(Input(outer(unit_row(i, stages), unit_row(j, p)), still) * size)
-    rows = (-1 * error.lifted(run.scales)).T
     for i, size in enumerate(_sizes(share, "beside", n)):
-        deviation = Input(zeros(stages, p), rows[i])
-        for j in (j for j, z in enumerate(context.observed) if z == context.z[i]):
-            slope = context.first_gain(j).number
-            if slope is None:
-                raise Unproved("the slope of an output is no number")
-            deviation += ends(method, run.parts, j)[1] * (run.h * slope)
+        deviation = _deviation(run, i)
         inputs += [deviation * size] if size else []
     for k, size in enumerate(_sizes(share, "fields", len(error.N))):
         inputs += [Input(zeros(stages, p), unit_row(k, len(error.N))) * size] if size else []
     if not inputs:
         raise Unproved("a share has no inputs")
     return [each * (1 / scalar(share, "unit")) for each in inputs]
+
+
+def _deviation(run: _Running, i: int) -> Input:
+    """Return the input of state i that is off at the end of a step, and with it the outputs that observe it."""
+    context, error, method = run.context, run.error, run.method
+    onto = (-1 * error.lifted(run.scales)).T[i]
+    deviation = Input(zeros(len(method.nodes), len(context.form.output)), onto)
+    for j in (j for j, z in enumerate(context.observed) if z == context.z[i]):
+        slope = context.first_gain(j).number
+        if slope is None:
+            raise Unproved("the slope of an output is no number")
+        deviation += ends(method, run.parts, j)[1] * (run.h * slope)
+    return deviation
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:

@@ -339,14 +339,7 @@ def least(context: Context, claim: Claim) -> Finding:
     (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (whole(evidence, name, 0, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
-    moving = [text for text in inputs.values() if text.names]
-    if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
-        raise Unproved("its course moves without a period, or has one and is still")
-    if moving:
-        period = expression(part(evidence, "period", str), {})
-        periodic(moving, period)
-        if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
-            raise Unproved("its pieces do not cover the period")
+    _demand_period([text for text in inputs.values() if text.names], evidence, length, starts)
     inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
     span: Box = {"t": (Fraction(0), length * (starts + 2**level))}
     for name, text in inputs.items():
@@ -365,6 +358,17 @@ def least(context: Context, claim: Claim) -> Finding:
     return Finding(
         f"{_printed(inputs)} shows at least {printed(bound, -1)}, {by}, in every window of {printed(window, 1)}"
     )
+
+
+def _demand_period(moving: Sequence[Expression], evidence: Mapping[str, Any], length: Fraction, starts: int) -> None:
+    """Demand that inputs which vary with t have a period, which pieces of a length from `starts` on cover."""
+    if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
+        raise Unproved("its course moves without a period, or has one and is still")
+    if moving:
+        period = expression(part(evidence, "period", str), {})
+        periodic(moving, period)
+        if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
+            raise Unproved("its pieces do not cover the period")
 
 
 class _Course:
