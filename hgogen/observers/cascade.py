@@ -55,7 +55,7 @@ THEOREM = Theorem(
 
 @starts(
     "there is no model of the last row",
-    "practical: an error O(1/theta) stays",
+    "practical convergence: an error O(1/theta) remains",
     "2n-2",
     lambda s: {"theta": s.theta},
     quick=math.inf,

@@ -49,7 +49,7 @@ _FAR = 1e15  # an entry this large overflows with powers of theta and in single 
 
 
 @starts(
-    "the model is steep in what is measured, or its designed gain takes less noise",
+    "the model is steep in the measured state, or its designed gain passes less noise",
     "constant a_i; a bound on theta is proved; noise enters b as well",
     "n",
     lambda s: s.high,

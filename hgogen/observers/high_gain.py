@@ -61,7 +61,7 @@ INSIDE = Hypothesis(
 
 
 @starts(
-    "you begin: the model is known, the noise small",
+    "the model is known and the noise is small: the first choice",
     "constant a_i, or `hg.forms.phase`; a bound on theta is proved",
     "n",
     lambda s: s.high,

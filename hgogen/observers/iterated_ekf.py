@@ -42,7 +42,7 @@ MOST = 10  # passes: each is the output, its row and a cost in straight-line cod
 
 
 @starts(
-    "the noise is known and an output bends within what the estimate may be off",
+    "the noise is known and an output is strongly nonlinear over one standard deviation of the estimate",
     "as `riccati`",
     "n(n+3)/2",
     lambda scale: scale.kalman,

@@ -134,7 +134,7 @@ def _starting(scale: Scale) -> Gains:
 
 @starts(
     "there is no model of phi and no idea of a gain",
-    "practical: an error within a strip; the gain falls only after a fault",
+    "practical convergence: an error within a strip remains; the gain falls only after a fault",
     "n + 1",
     _starting,
 )

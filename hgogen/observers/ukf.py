@@ -62,8 +62,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "the noise is known and the model bends within what the estimate may be off",
-    "as `riccati`; where the points lie",
+    "the noise is known and the model is strongly nonlinear over one standard deviation of the estimate",
+    "as `riccati`; the spread of the sigma points",
     "n(n+3)/2",
     lambda scale: scale.kalman,
     quick=LARGEST,

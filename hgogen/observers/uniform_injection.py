@@ -54,8 +54,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "the slope of a row in its next state varies, and keeps off zero",
-    "`hg.forms.uniform`; proved where the slopes vary little, as 1 to 5.8 for n = 2",
+    "the partial derivative of a row by its next state varies, and stays away from zero",
+    "`hg.forms.uniform`; proved where these derivatives vary little, as 1 to 5.8 for n = 2",
     "n",
     lambda s: s.high,
     quick=3,
