@@ -11,9 +11,14 @@ import plants
 import pytest
 
 import hgogen as hg
-from hgogen.analysis.evidence import Grounds
+from hgogen.analysis.evidence import Grounds, texts
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
-from hgogen.prove.convergence import AtTheta, FromTheta, claims
+from hgogen.prove.convergence import AtTheta, Falls, FromTheta, claims
+from hgogen.prove.inequality import Piece
+from hgogen.prove.quadratic import Weights
+from hgogen.prove.questions import InputBound
+from hgogen.prove.region import Region
+from hgogen.recheck.inequality import BOUND, NORM
 from hgogen.recheck.verification import recheck
 
 
@@ -25,7 +30,6 @@ class Margin:
     alpha: Fraction = Fraction(1)
     rate: float = 0.5
     how: str = "hand"
-    written: None = None
 
     @property
     def error(self) -> "Margin":
@@ -110,3 +114,28 @@ def test_other_numbers_than_the_rule_reads_are_told() -> None:
     said = "are of the numbers gains, margin, theta; its row in OBSERVERS of hgogen/recheck/rules says gains, theta"
     with pytest.raises(OtherNumbers, match=f"^the proofs of the observer 'low_power' {said}"):
         written(observer)
+
+
+_ONE = Fraction(1)
+_NORM = Weights(((_ONE,),), (_ONE,))
+
+
+@pytest.mark.parametrize(
+    ("proof", "keys"),
+    [
+        (_NORM, NORM),
+        (InputBound(_ONE, _NORM, _ONE), BOUND),
+        (Piece(Fraction(0), _ONE, _NORM), ("low", "high", *NORM)),
+        (Region(_NORM, _ONE, (_ONE,)), (*NORM, "level", "first")),
+        (Falls(_ONE, _ONE, _NORM, {"b": _ONE}), ("P", "b", "S")),
+        (Falls(_ONE, _ONE, replace(_NORM, S=())), ("P",)),
+        ({"state": 1, "V": _NORM, "each": [_NORM]}, ("state", *NORM, "each")),
+    ],
+)
+def test_a_proof_is_written_by_the_keys_that_the_checker_reads(proof: Any, keys: tuple[str, ...]) -> None:
+    """Its own fields and those of the proofs in it, also in a mapping and in a list."""
+    written = texts(proved().form, proof)
+    assert written is not None
+    assert tuple(written) == keys
+    assert written["P"] == [["1"]]
+    assert written.get("each", [{"P": [["1"]], "S": ["1"]}]) == [{"P": [["1"]], "S": ["1"]}]

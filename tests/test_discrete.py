@@ -585,6 +585,14 @@ def test_every_other_form_and_observer_refuses_it() -> None:
             case(first, **{**needed, **noise})
 
 
+@pytest.mark.parametrize("name", ["gain", "constant_gain", "injection_filter", "slope", "steady_gain"])
+def test_no_gain_is_designed_of_it(name: str) -> None:
+    call: Callable[..., Any] = getattr(hg.design, name)
+    _, *others = (each.name for each in inspect.signature(call).parameters.values() if each.default is each.empty)
+    with pytest.raises(hg.HgogenError, match=f"{name} is for differential equations"):
+        call(hg.forms.original(cart()), **dict.fromkeys(others))
+
+
 def test_no_proof_is_made_of_it() -> None:
     form = hg.forms.original(cart())
     observer = hg.observers.riccati(form, **NOISE)

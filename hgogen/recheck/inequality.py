@@ -68,6 +68,8 @@ from .matrix import (
 from .text import number
 
 _ROWS, _WHOLE = 60, 100  # most rows: in a step without its inputs, in continuous time with them
+NORM = ("P", "S")  # keys of the evidence of a V = e'P e, with its multipliers
+BOUND = ("alpha", *NORM, "bound")  # of the response to inputs, by one
 ONE = Fraction(1)
 _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]] = {
     "Euler": (((),), ("1",), 1),

@@ -58,6 +58,7 @@ from ..context import STEEP, Context, Finding, chains_rule, integrators, observe
 from ..file import Claim, Observer, ObserverKeys, above_zero, column, matrix, part, scalar, signless
 from ..inclusion import error_inclusion
 from ..inequality import (
+    NORM,
     WORK,
     Decay,
     Input,
@@ -409,7 +410,7 @@ RULES = (
     chains_rule(
         ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),
-    *decays(_GAINS, Decay(_by_norm, _gain, _phrase), ("scale", "slopes", "units", "b"), ("P", "S")),
+    *decays(_GAINS, Decay(_by_norm, _gain, _phrase), ("scale", "slopes", "units", "b"), NORM),
     observer_rule(_LEVELS, ("core",), core, ("units", "P", "mu", "tau")),
     *decays(_LEVELS, Decay(_falls), ("scale", "slopes", "units"), ("P", "mu", "tau", "S")),
     clamped((*OBSERVERS,)),

@@ -65,7 +65,9 @@ from ..context import Context, Finding, Rule, chains_rule, constants, enclosed, 
 from ..file import Claim, Observer, ObserverKeys, above_zero, column, entries, fields, matrix, part, scalar
 from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, one_sided_inclusion
 from ..inequality import (
+    BOUND,
     FLOW,
+    NORM,
     NOW,
     Decay,
     Input,
@@ -177,7 +179,7 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
     for z, field, one in zip(context.z, error.picks, each, strict=True):
-        bound = above_zero(fields(one, "a bound", ("alpha", "P", "S", "bound")), "bound")
+        bound = above_zero(fields(one, "a bound", BOUND), "bound")
         demand_kept(parts, FLOW, NOW, one, inputs)
         within(one, field, scales, bound)
         bounds.append(f"{z} comes to at most {printed(bound, 1)}")
@@ -347,7 +349,6 @@ OBSERVERS = {
     "low_power": ObserverKeys(("theta", "gains")),
     "peaking_free": ObserverKeys(("theta", "gains", "last")),
 }
-_NORM = ("P", "S")
 _INPUTS = (*ERROR, "noise", "beside")
 _UNIFORM_DECAY = Decay(
     _uniform_falls, phrase=lambda _: "the error against the plant converges exponentially for every theta above {}"
@@ -356,16 +357,16 @@ RULES = (
     *(
         replace(rule, kinds=("uniform",), assumes=assumes)
         for rule, assumes in zip(
-            decays((_UNIFORM,), _UNIFORM_DECAY, ("scale", "slopes", "shares"), _NORM),
+            decays((_UNIFORM,), _UNIFORM_DECAY, ("scale", "slopes", "shares"), NORM),
             (("uniform.structure", "uniform.slope_1"), (f"{_UNIFORM}.convergence",)),
             strict=True,
         )
     ),
     Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant", turning=None),
-    *decays(_CHAINS, Decay(_falls, _least, _phrase), ERROR, _NORM, ("{maker}.region",)),
-    chains_rule(INJECTED, ("region",), region, (*ERROR, *_NORM, "level", "first"), turning=()),
-    chains_rule(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
+    *decays(_CHAINS, Decay(_falls, _least, _phrase), ERROR, NORM, ("{maker}.region",)),
+    chains_rule(INJECTED, ("region",), region, (*ERROR, *NORM, "level", "first"), turning=()),
+    chains_rule(("switched_gain",), ("hold",), dwell, ("alpha", *NORM, "up", "down"), "switched_gain.theta"),
     clamped(_CHAINS),
-    chains_rule(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    chains_rule(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", *NORM)),
     chains_rule(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

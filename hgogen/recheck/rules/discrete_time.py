@@ -24,6 +24,8 @@ from ..context import Context, Finding, chains_rule, observer_of, printed
 from ..file import Claim, above_zero, column, entries, fields, matrix, part, scalar
 from ..inclusion import ERROR, INJECTED, ErrorInclusion, error_inclusion
 from ..inequality import (
+    BOUND,
+    NORM,
     Input,
     Method,
     Parts,
@@ -109,7 +111,7 @@ def throughout(context: Context, claim: Claim) -> Finding:
     if not 0 < len(pieces) <= _PIECES:
         raise Unproved(f"it has no pieces, or more than {_PIECES}")
     for piece in pieces:
-        fields(piece, "a piece", ("low", "high", "P", "S"))
+        fields(piece, "a piece", ("low", "high", *NORM))
         low, high = scalar(piece, "low"), scalar(piece, "high")
         if low != end or not low < high:
             raise Unproved("its pieces do not follow each other from 0")
@@ -135,7 +137,7 @@ def noise(context: Context, claim: Claim) -> Finding:
     invariant |e|_P <= 1; the inputs of e are the samples' errors at both ends of a call."""
     run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
-        fields(one, "a bound", ("state", "output", "alpha", "P", "S", "bound"))
+        fields(one, "a bound", ("state", "output", *BOUND))
         state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
         context.demand_observed(output)
         if (state, output) in phrase:
@@ -276,7 +278,7 @@ def _root(value: Fraction) -> Fraction:
 
 
 def _field(one: Any, count: int) -> int:
-    return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
+    return place(fields(one, "a bound", ("field", *BOUND)), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
@@ -324,7 +326,7 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 
 _STEP = (*ERROR, "method")
 RULES = (
-    chains_rule(INJECTED, ("step",), step, (*_STEP, "dt", "alpha", "P", "S")),
+    chains_rule(INJECTED, ("step",), step, (*_STEP, "dt", "alpha", *NORM)),
     chains_rule(INJECTED, ("shorter", "tuned"), throughout, (*_STEP, "theta", "pieces")),
     chains_rule(INJECTED, ("noise",), noise, (*_STEP, "dt", "bounds")),
     chains_rule(INJECTED, ("start",), start, (*_STEP, "dt", "first", "clear", "peaks")),
