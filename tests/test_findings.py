@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +13,11 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.commands.command import NO_COLUMNS
+from hgogen.commands.data import logs_of
 from hgogen.logs.records import Log
+from hgogen.model import load
+from hgogen.reading.measured import WINDOWS
 
 a, b, c = (hg.Signal(name, low=-20, high=20) for name in "abc")
 u, y, y2 = hg.Signal("u", low=-10, high=10), hg.Signal("y", unit="V"), hg.Signal("y2")
@@ -125,6 +130,36 @@ def test_a_fault_has_its_name(name: str, kind: str) -> None:
         assert all(np.abs(changed - first).min() <= 1 for first, _ in one.rows)  # one between two may count
     if kind in ("held", "drawn"):
         assert one.strength == {"held": 4, "drawn": 5}[kind]
+
+
+def test_a_usual_code_need_not_be_far() -> None:
+    """-999 in concentrations from 400 to 1,500, as a reader takes it; a value that is no usual code is an end."""
+    step, log = healthy("walk", 4)
+    rows = np.arange(20, 480, 50)
+    for code, known in ((-999.0, True), (-1000.0, False)):
+        values = 900 + 500 * np.sin(np.arange(500) / 40)[:, None] + log.y
+        values[rows] = code
+        assert known is ("code" in {one.fault for one in hg.inspect(step, Log(log.u, values, log.dt))})
+
+
+def test_a_pulse_that_the_model_predicts_is_no_outlier() -> None:
+    """The output reads an input with pulses; without these it has outliers."""
+    through = hg.System("through", states=(a,), inputs=(u,), outputs=(y,), flow=(-a / 4,), output=(a + u,))
+    observer = hg.observers.riccati(hg.forms.original(through), Q=[1e-4], noise={"y": 0.01}, covariance=[1.0])
+    step, draw = hg.sample(observer, dt=0.2), np.random.default_rng(3)
+    pulses = 5.0 * (np.arange(500) % 25 == 7)[:, None]
+    values = np.round(pulses + 0.01 * draw.normal(size=(500, 1)), 5)
+    assert hg.inspect(step, Log(pulses, values, 0.2)) == ()
+    assert "outliers" in {one.fault for one in hg.inspect(step, Log(0 * pulses, values, 0.2))}
+
+
+def test_lines_of_significant_digits_are_drawn() -> None:
+    """Values above 10 then have a decimal less than those below."""
+    step, log = healthy("walk", 4)
+    at = np.arange(0, 500, 6)
+    course = np.interp(np.arange(500), at, 10 + 4 * np.sin(at / 40) + log.y[at, 0])
+    values = np.array([[float(f"{value:.6g}")] for value in course])
+    assert "drawn" in {one.fault for one in hg.inspect(step, Log(log.u, values, log.dt))}
 
 
 def test_an_offset_and_a_drift_are_those_of_their_signal() -> None:
@@ -271,6 +306,17 @@ def test_a_model_without_an_observer_is_judged_by_riccati(folder: Path) -> None:
     words = ["inspect", str(folder / "spring.toml"), "--data", str(folder / "log.csv"), "--time", "t"]
     printed = " ".join(hgogen(*words, "-o", str(folder))[0].split())
     assert "y, still: y stands still at samples 133 to 192" in printed
+
+
+def test_a_tuning_without_a_period_judges_a_log(folder: Path) -> None:
+    """Where the model has no step of its own; with no finding nothing says that none was sought."""
+    tuning = SPRING.replace("observer =", "tuning.mine =").replace("dt = 0.05, ", "")
+    (folder / "spring.toml").write_text(tuning)
+    words = ["inspect", str(folder / "spring.toml"), "--data", str(folder / "log.csv"), "--time", "t"]
+    assert "y, still: y stands still at samples 133 to 192" in " ".join(hgogen(*words, "-o", str(folder))[0].split())
+    model, columns = load(str(folder / "spring.toml")), replace(NO_COLUMNS, time="t")
+    logs = logs_of(model.plant, [folder / "log.csv"], None, named=columns, shift=None, window=WINDOWS["line"])
+    assert "still" in {one.fault for one in logs.inspected(model).findings[0]}
 
 
 def test_a_run_says_the_fault_in_place_of_its_effect(folder: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset, proposed_options
+from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset, proposed_lags, proposed_options
 from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted, with_rates
 from hgogen.logs.problem import Progress, Shooting, Solution, Solver
 from hgogen.logs.records import BadLog
@@ -1052,6 +1052,25 @@ def test_options_are_proposed_that_the_residuals_ask_for() -> None:
     assert proposed["clean"] == []
     assert [one.partition(": ")[2] for one in proposed["offset"]] == ["an unknown offset, --offset y"]
     assert ["--robust" in one for one in proposed["outliers"]] == [True]
+
+
+def test_a_lag_is_proposed_that_the_residuals_ask_for() -> None:
+    """Of a sensor of the time constant 0.3; not of a prompt one, nor of one that has a lag already."""
+    record, behind, delayed = log(6), 1.0, []
+    for value in np.ravel(record.y):
+        behind += (value - behind) * (1 - np.exp(-DT / 0.3))
+        delayed.append(behind)
+    late = replace(record, y=np.array(delayed))
+    for measured, lags in ((record, 0), (late, 1)):
+        fit = hg.fit(PLANT, measured, free=("k", "c", "g"), starts=1)
+
+        def with_lag(name: str, measured: hg.Log = measured) -> hg.Fit:
+            return hg.fit(PLANT, measured, free=("k", "c", "g"), starts=1, lag=[name])
+
+        proposed = [*proposed_lags(fit, with_lag, ())]
+        assert len(proposed) == lags
+        assert all(0.25 < float(one.partition("of ")[2].partition(" ")[0]) < 0.35 for one in proposed)
+        assert [*proposed_lags(fit, with_lag, ["y"])] == []
 
 
 @pytest.mark.full

@@ -112,6 +112,14 @@ def test_an_input_in_another_unit_is_said() -> None:
     assert not list(clamped(step, np.full((5, 1), np.nan), {"tau": "u"}))
 
 
+def test_an_input_that_is_mostly_off_may_have_another_unit() -> None:
+    """0 is 0 in every unit."""
+    step = load("pendulum").step("riccati")
+    (said,) = map(str, clamped(step, 1e3 * (np.arange(200) % 5 == 0)[:, None], {"tau": "u"}))
+    assert "in 100 % of the samples that are not 0" in said
+    assert '--map tau="u/1000"' in said
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_samples_beyond_the_range_of_their_state_are_told_where_none_is_rejected(tmp_path: Path) -> None:
     """Of the other sign, and yet within the width of the range beside it, where a sample is still taken."""

@@ -111,6 +111,25 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     assert (slight.shift, slight.error < slight.present) == (1, True)
 
 
+@pytest.mark.parametrize("true", ["hold", "line"])
+def test_the_other_course_of_inputs_is_named(true: str) -> None:
+    """x' = u - x, with an input drawn anew for each sample, which is held, or goes on along a line; no shift helps."""
+    x, u, y = hg.Signal("x", low=-5, high=5), hg.Signal("u", low=-5, high=5), hg.Signal("y")
+    plant = hg.System("slow", states=(x,), inputs=(u,), outputs=(y,), flow=[u - x], output=[x])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-3,), noise={"y": 0.01}, covariance=(1,))
+    draw, dt, at, rows = np.random.default_rng(2), 0.3, 0.0, []
+    inputs = draw.uniform(-2, 2, 500)
+    for last, now in zip([0, *inputs[:-1]], inputs, strict=True):
+        for part in (np.arange(60) + 0.5) / 60:
+            at += dt / 60 * ((now if true == "hold" else last + (now - last) * part) - at)
+        rows.append([at + 0.01 * draw.normal()])
+    for between in ("hold", "line"):
+        step = hg.sample(observer, dt=dt, between=between)
+        one = better(step, inputs[:, None], np.array(rows), 0, "python")
+        named = one and (one.between, one.shift)
+        assert named == (None if between == true else (true, 0))
+
+
 @pytest.mark.full
 def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     """Of a record that its own plant made: while the estimate settles, another sign of u may predict better by chance,

@@ -171,8 +171,9 @@ def judging_step(model: Model, observer: str | None, dt: float | tuple[float, fl
 
 
 def judging_observer(model: Model) -> str | None:
-    """Return the name of the observer by which logs are judged if none is given, None for the model's own."""
-    return None if model.has("step") or model.tuning.tables else JUDGE
+    """Return the name of the observer by which logs are judged if none is given: of the model's first tuning, else that
+    of `JUDGE`; None for the model's own step."""
+    return None if model.has("step") else next(iter(model.tuning.tables), JUDGE)
 
 
 def log_findings(

@@ -33,7 +33,7 @@ from hgogen.commands.command import (
     early,
     names_in,
 )
-from hgogen.commands.data import JUDGE, Logs, logs_of
+from hgogen.commands.data import JUDGE, Logs, judging_observer, logs_of
 from hgogen.commands.output import (
     Bar,
     Folder,
@@ -61,6 +61,7 @@ from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the progress of an unfinished fit
 EVERY = 1.0  # seconds at least between two writes of that file
+LESS = 0.7  # residuals with a lag over those without that propose it
 OUTLYING, STEADY, SIZE = 5e-3, 6.0, 0.3  # share of outliers; of a mean: standard errors, and deviations
 FAR = 4.0  # standard errors by which a parameter moves only if the rows held out are unlike the others
 UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
@@ -255,8 +256,11 @@ def fit_(
             whole = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
             result = whole if whole.settled else judged  # the last iterate may be anywhere
     errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
-    proposals = proposed_options(result, logs.allowed, robust, names["--offset"])
-    report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, tuple(proposals))
+    with Bar("other explanations", len(plant.outputs)) as bar:
+        once = partial(fitted, *logs.allowed, starts=1, begin=result.values, each=lambda _: bar.tick("a lag", 0))
+        lags = [*proposed_lags(result, lambda y: once(lag=(*names["--lag"], y)), names["--lag"])]
+    proposals = (*proposed_options(result, logs.allowed, robust, names["--offset"]), *lags)
+    report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, proposals)
     note(*result.warnings)
     saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
     folder.remove(BEGUN)
@@ -376,13 +380,10 @@ def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Ite
 def _step(
     model: Model, observer: str | None, dt: float | tuple[float, float], noise: tuple[Mapping[str, float], ...]
 ) -> CallableStep:
-    has_tuning = model.has("step") or model.tuning.tables
+    judge, (process, sample) = observer or judging_observer(model), noise
     model = model.sampled(dt)
-    if has_tuning or observer is not None:
-        return model.step(observer)
-    process, sample = noise
-    if not process:
-        return model.step(JUDGE)
+    if judge != JUDGE or observer or model.tuning.tables or not process:
+        return model.step(judge)
     return replace(model, tables={JUDGE: {"form": "original", "Q": process, "noise": sample}}).step(JUDGE)
 
 
@@ -400,6 +401,26 @@ def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Ite
         error = e.std() * math.sqrt(min(alike(e - e.mean()), len(e)) / len(e))
         if abs(e.mean()) > max(STEADY * error, SIZE * e.std()):
             yield f"residuals of {y.name} have a mean of {e.mean():.3g}: an unknown offset, --offset {y.name}"
+
+
+def proposed_lags(result: Fit, with_lag: Callable[[str], Fit], fitted: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence that proposes --lag for each output whose residuals are not white, without outliers, and clearly
+    smaller with a lag; `with_lag(y)`: the fit with one of the sensor of y, `fitted`: the outputs that have one."""
+    for name, test in result.whiteness.items():
+        white = test is None or test.white or result.error[name] <= FINE * result.spread[name]
+        if white or name in fitted or result.plant.discrete or result.outlying[name] > OUTLYING:
+            continue
+        try:
+            slow = with_lag(name)
+        except HgogenError:  # of a periodic output that reads an input
+            continue
+        lag = slow.lags[-1]
+        if slow.settled and not lag.at and slow.error[name] < LESS * result.error[name]:
+            yield (
+                f"with --lag {name}, of {lag.value:.3g} {lag.unit}, residuals of {name} are {slow.error[name]:.3g} in "
+                f"place of {result.error[name]:.3g}: its sensor lags or is late, which hgogen inspect tells apart with "
+                "these parameters"
+            )
 
 
 def _without_offset(result: Fit) -> Iterator[str]:

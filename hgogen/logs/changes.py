@@ -9,7 +9,8 @@ J is the median over `SEGMENTS` segments of the log, since the first depends on 
 are tried until J has passed its minimum. Inputs are shifted together as well: of all of them shifted, as of one input
 that acts late, the log is that of outputs which all come late, up to its ends. A change is better if sqrt(J) is less
 than `CLEAR` times the present one, less in nearly all segments, and less than that of copying, since a worse model says
-nothing about signals. It must also be clearly better than
+nothing about signals. Another course of inputs has a limit of its own, `CLEAR_COURSE`, and must be better than a shift
+by a sample. A change must also be clearly better than
 
     the signal with only its mean so changed: an offset, or a wrong estimate of an unobservable state, has that effect
     the change in the first quarter of the log alone: that may lead a wrong estimate to the right one, which stays
@@ -38,11 +39,17 @@ Array = np.ndarray
 LEAST_SHIFT = 3  # samples up to which shifts are tried, and beyond the best one
 LONGEST = 20_000  # most samples of a comparison
 CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early input helps an observer that lags
+CLEAR_COURSE = 0.9  # the same of the course of inputs between samples, of which there are two
 EQUALLY = 1.05  # ratio of errors of changes that fit equally
 SEGMENTS = 8
 LEAST = 10  # samples of a segment
 SCALES = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.4, 2.0, 3.0, 5.0, 7.0, 10.0)  # first factors; the best one is refined
 _USUAL = 0.02  # relative difference to a usual factor, which is taken in its place
+
+
+def clear_ratio(between: str) -> float:
+    """Return the ratio of errors below which a change is clearly better; `between`: that of the course of inputs."""
+    return CLEAR_COURSE if between else CLEAR
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ class Better:
         fix = "".join([fix, *(f", or equally {one.what}, {one.fix(before, operands)}" for one in self.equal)])
         if not self.late:
             return finding, fix
-        names, age = " and ".join(self.late), abs(self.shift)
+        names, age, acts = " and ".join(self.late), abs(self.shift), "act" if len(self.names) > 1 else "acts"
         delays = ", ".join(f"{y} = {age}" for y in self.late)
         clock = operands.get(self.names[0], self.names[0])
         ages = " ".join(f'--map {y}_age="{age} + 0*{clock}"' for y in self.late)
@@ -114,8 +121,8 @@ class Better:
             return finding, f"{sensor}, or {fix} for this log alone; {lag}"
         return finding, (
             f"two readings fit equally: samples of {names} come {age} late, {sensor}; or {' and '.join(self.names)} "
-            f"acts {age} late, say {fix}, and delay it in the firmware too. Another output without delay, --truth, or "
-            f"a look at the hardware decides; {lag}"
+            f"{acts} {age} late, say {fix}, and delay it in the firmware too. Another output "
+            f"without delay, --truth, or a look at the hardware decides; {lag}"
         )
 
     @property
@@ -127,7 +134,8 @@ class Better:
             return f"{names} {looks} {course}" + (f", from its own sample on, {self.shift} later" if self.shift else "")
         if self.shift:
             count = f"{abs(self.shift)} sample{'s' * (abs(self.shift) > 1)} {'later' if self.shift > 0 else 'earlier'}"
-            return f"{names} fits if it is taken {count}"
+            fits = "fit if they are" if len(self.names) > 1 else "fits if it is"
+            return f"{names} {fits} taken {count}"
         return f"{names} {looks} like {self.looks}"
 
 
@@ -145,7 +153,8 @@ def better(
     clear: dict[Change, float] = {}
     for change in trial.changes():
         error = trial.error(change)
-        limit = min(CLEAR * trial.now, math.sqrt(y.shape[1]), EQUALLY * min(clear.values(), default=math.inf))
+        equally = EQUALLY * min(clear.values(), default=math.inf)
+        limit = min(clear_ratio(change.between) * trial.now, math.sqrt(y.shape[1]), equally)
         if error < limit and trial.is_clear(change):
             clear[change] = error
     if not clear:
@@ -215,7 +224,7 @@ class Trial:
         for group in groups:
             for way in (1, -1):
                 yield from self._shifts(group, way)
-        if self.inputs and min(self.error(Change(self.inputs, shift=k)) for k in (1, -1)) < self.now:
+        if self.inputs:
             course = "line" if self.step.clock.between == "hold" else "hold"
             yield from (Change(self.inputs, shift=k, between=course) for k in (0, 1))
 
@@ -291,7 +300,7 @@ class Trial:
         if any(self.error(change) >= CLEAR * _typical(self._of(other)) for other in self._alternatives(change)):
             return False
         if change.between:
-            return True
+            return all(self.error(change) < self.error(Change(self.inputs, shift=k)) for k in (1, -1))
         half = np.arange(len(self.y)) >= len(self.y) // 2
         begun = self.values.copy()
         begun[: len(begun) // 4] = self.changed(change)[: len(begun) // 4]

@@ -33,7 +33,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.estimators.noise import sample_deviations
-from hgogen.logs.changes import CLEAR, Better, better
+from hgogen.logs.changes import Better, better, clear_ratio
 from hgogen.logs.finding import Finding, longest, stretches_of
 from hgogen.logs.records import Log
 from hgogen.logs.trends import Trends, normalised
@@ -55,7 +55,7 @@ _STEADILY_OFF = 3.0  # standard deviations of the innovations in a run in which 
 _PILED = 4.0  # times as many samples at an end as at a level next to it
 _REGULAR = 0.95  # share of the changes at every m-th sample
 _SLOWEST = 50  # m at most
-_FAR = 5.0  # ranges of the other values: a code is so far from them
+_FAR, _CLOSE = 5.0, 0.3  # ranges of the other values: a code is so far from them, a usual one
 _CODES = frozenset((-1.0, 85.0, 127.0, 255.0, 999.0, 4095.0, 9999.0, 32767.0, 65535.0, 99999.0))  # without their sign
 _DECIMALS = 11  # significant ones
 _SPREAD = 5  # tenths of the log with stale samples
@@ -97,11 +97,13 @@ class Course:
 
     @cached_property
     def resolution(self) -> float:
-        """The last decimal of values that are written in a few, at most `_DECIMALS` significant ones."""
+        """The last decimal of values that are written in a few, at most `_DECIMALS` significant ones, of the largest
+        values, which have the fewest where digits are significant ones."""
         largest = float(np.abs(self.present).max()) or 1.0
         first = math.floor(math.log10(largest)) + 1
+        values = self.present[np.abs(self.present) >= 10.0 ** (first - 1)]
         for place in range(first, first - _DECIMALS, -1):
-            counts = self.present / 10.0**place
+            counts = values / 10.0**place
             if np.all(np.abs(counts - np.rint(counts)) < 1e-3):
                 return 10.0**place
         return 0.0
@@ -236,7 +238,8 @@ def codes(course: Course) -> Iterator[Finding]:
         if len(remaining) < LEAST or not (count > 2 or abs(code) in _CODES):
             continue
         low, high = float(remaining.min()), float(remaining.max())
-        strength = max(low - code, code - high) / (_FAR * (high - low)) if high > low else 0.0
+        far = _CLOSE if abs(code) in _CODES and count > 2 else _FAR
+        strength = max(low - code, code - high) / (far * (high - low)) if high > low else 0.0
         if strength > 1:
             at = there[values == code]
             text = f"{course.signal.name} is {code:g} in {count} samples, and {low:g} to {high:g} in all others"
@@ -282,7 +285,9 @@ def pulses(course: Course) -> Iterator[Finding]:
     middle = 1.4826 * float(np.median(uneven)) if len(uneven) else 0.0
     usual = max(middle, float(np.mean(np.abs(np.diff(values)))) / 10, course.quantum, 1e-300)
     wild = (np.abs(r) > _BEYOND * usual) & (across < 0.3 * np.abs(r))
-    at = there[np.flatnonzero(wild) + 1]
+    at, off = there[np.flatnonzero(wild) + 1], np.abs(course.off)
+    predicted = off[at] < _STEADILY_OFF * (np.nanmedian(off) if np.isfinite(off).any() else 0.0)
+    at = at[~predicted]
     if len(at) < _LEAST_OUTLIERS:
         return
     name = course.signal.name
@@ -398,7 +403,7 @@ def findings(
         faults.append(Finding(one.signal, "range", whole, one.count, one.share / MOST_REJECTED, one.finding, one.fix))
     if change is not None:
         text, fix = change.sentence(written.before, written.operands)
-        ratio = CLEAR * change.present / max(change.error, 1e-300)
+        ratio = clear_ratio(change.between) * change.present / max(change.error, 1e-300)
         faults.append(Finding(change.signal, change.fault, whole, len(y), ratio, text, fix))
     deviations, plant = sample_deviations(step), step.observer.form.system.declared
     for course in outputs:

@@ -308,10 +308,10 @@ class Clamped:
 
 
 def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[Clamped]:
-    """Yield each input of u (N, m) that is outside its range, where guards clamp it, in most samples; `columns`: the
-    column of each input."""
+    """Yield each input of u (N, m) that is outside its range, where guards clamp it, in most samples that are not 0,
+    which it is in any unit; `columns`: the column of each input."""
     for signal, values in zip(step.inputs, u.T, strict=True):
-        values, ends = values[np.isfinite(values)], signal.limits
+        values, ends = values[np.isfinite(values) & (values != 0)], signal.limits
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
         if beyond <= MOST_REJECTED:
             continue
@@ -319,7 +319,7 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
         done = "clamped there" if step.clock.guarded else "taken as it is, by a step without guards"
         finding = (
             f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
-            f"samples, and {done}"
+            f"samples that are not 0, and {done}"
         )
         fix = "check its column and its unit, or widen the range"
         if best:
