@@ -344,13 +344,13 @@ _CONDITIONS, _BRANCHES = 4, 3  # conditions of a branch, and branches, in a sent
 class Answer(Encoded):
     """The answer to one question, states alone or states with unknown parameters, on a branch of the plant.
 
-    `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
-    where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`;
-    `discrete`: the orders count samples, not derivatives; `passing`: the plant may leave the branch, where it would
-    show what is hidden, or of a discrete plant and one with functions of time what is observable, so that the rank on
-    it decides nothing; `lost`: the unknowns that are proved to be unobservable by one symmetry of every branch, which
-    changes no condition; `later`: the states of a discrete plant that are not observable at sample 0, and determined
-    later, since the map carries what is hidden to one point.
+    A symmetry is a change of the unknowns that no output shows. `orders`: the order of derivatives of the outputs at
+    which each observable unknown is first observable; `direction`: where the symmetries are fewer than the deficiency,
+    an unobservable direction at a random point, `point`; `discrete`: the orders count samples, not derivatives.
+    `passing`: the plant may leave the branch, and the outputs may show more, or less, elsewhere: the rank on the branch
+    decides nothing. `lost`: the unknowns that are proved to be unobservable, by one symmetry of all branches that
+    leaves the conditions of the branches as they are. `later`: the states of a discrete plant that are not observable
+    at sample 0 and known later, since the map takes all states that look equal to the same next state.
     """
 
     json_keys = (

@@ -225,7 +225,8 @@ class _Derived:
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
     def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
-        """Return the plant's rates in the derivatives y_j^(k), (j, k) in `rows`: poles may cancel there."""
+        """Return the rates x' of the states that y_j, .., y_j^(k-1) read, (j, k) in `rows`: a pole of a rate may cancel
+        in y_j^(k)."""
         expressions = [e for j, order in rows for e in self.chains[j][:order]]
         read = set[sp.Symbol]().union(*(e.free_symbols for e in expressions))
         return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)

@@ -434,7 +434,7 @@ def fit_tables(
     result: Fit, notes: Iterable[str], changes: Mapping[str, ParameterChange] = MappingProxyType({})
 ) -> RenderableType:
     """Return the tables of fitted parameters and residuals, with the notes on the fit; `notes`: those on the logs;
-    `changes`: of the parameters without and with the rows held out."""
+    `changes`: each parameter as fitted without and with the rows that were held out."""
     before, rows = ("before", *(["without rows held out"] if changes else [])), "fitted parameters"
     title = f"{rows}, from all rows" if changes else rows
     parts = headed(title, "name", "value", "standard error", *before, "unit", numbers=3 + len(before))

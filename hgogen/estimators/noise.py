@@ -324,7 +324,7 @@ def _varying(step: "Step") -> dict[str, sp.Expr]:
 
 
 def deviation_lines(step: "Step") -> tuple[str, ...]:
-    """Return lines with `sample_deviations`, of R and of U, none for an observer without R."""
+    """Return texts that give R and U as standard deviations of one sample; none for an observer without R."""
     deviations, lines = sample_deviations(step), []
     for gain, signals in (("R", step.outputs), ("U", step.inputs)):
         known = [s for s in signals if s.name in deviations]

@@ -269,8 +269,8 @@ class Shooting(_OnRecords):
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """Return the information at the unknowns (v), whose sizes are `unit` (v), when the states are optimal for each
-        p with the gaps closed."""
+        """Return the Fisher information of the parameters p at the unknowns (v), whose sizes are `unit` (v), where the
+        states are eliminated: they follow p by the continuity conditions of multiple shooting."""
         v, errors, gaps = self.followed
         at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
         J, A = (table @ ca.diag(unit) for table in at(unknowns))

@@ -426,9 +426,8 @@ def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
 ) -> Callable[[Box], Attempt]:
     """Return a function of a box that tries to prove that values are in the ranges `ends`: by the values, the mean
-    value form, or the values on the face towards which a value is monotone; `varying`: the values with slopes. A
-    generalised derivative that may jump has an unbounded slope, so neither a face nor a mean value proves anything
-    along its names."""
+    value form, or the values on the face towards which a value is monotone; `varying`: the values with slopes. In
+    a variable in which a derivative may jump the slope is unbounded: there only the values prove something."""
 
     def beyond(x: Interval, k: int) -> list[int]:
         low, high = ends[k]

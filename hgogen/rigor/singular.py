@@ -246,7 +246,7 @@ class Resolved(sp.Piecewise):  # type: ignore[misc]
     @property
     def reads(self) -> Iterator[sp.Expr]:
         """Yield the expressions from which the value is computed: the polynomial in x, and those powers and functions
-        of the other form that do not divide by x."""
+        of g(x) as written that do not divide by x."""
         (within, inside), (beyond, _) = self.args
         factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
         base = sp.Mul(*factors)

@@ -63,8 +63,8 @@ def nearest(
     observer: Observer, clock: Clock, fields: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
     """Return the blocks that set the `fields` x to the point nearest to x_0, their initial values, at which the
-    linearised outputs equal the samples: x <- sat(x + V g (y_j - h_j)/(g' V g)), g = dh_j/dx. `samples` by output, the
-    most trusted last: the measurement, and whether it is plausible."""
+    linearised outputs equal the samples: x <- sat(x + V g (y_j - h_j)/(g' V g)), g = dh_j/dx, with the `weights` V.
+    `samples` by output, the most trusted last: the measurement, and whether it is plausible."""
     u = sym("state", "u", len(observer.form.system.inputs))
     x = stacked(fields)
     h = observer.dynamics.output(observer.z, u)
@@ -91,8 +91,8 @@ def nearest(
 
 
 def in_range_or(value: Graph, end: tuple[float, float], period: float | None, other: Graph) -> Graph:
-    """Return a value clamped to a range, or an angle in its turn, or `other` where it is lost. No value is lost after a
-    plausible sample; the test lets a static analyser infer this."""
+    """Return a value clamped to a range, or an angle in its turn; `other` where the value is beyond `LOST`. No
+    plausible sample leads there; the test tells a static analyser so."""
     return ca.if_else(ca.fabs(value) <= LOST, into(value, end, period), other)
 
 
