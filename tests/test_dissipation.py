@@ -279,13 +279,28 @@ EDGES: dict[str, Any] = {  # the system, V, the box, and the gain at which (38) 
 @pytest.mark.parametrize("name", EDGES)
 def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the samples that refute at once: proved above the edge, not proved below it."""
-    monkeypatch.setattr(slope, "_samples", lambda program: iter(()))
+    monkeypatch.setattr(slope, "_samples", lambda claim: iter(()))
     system, V, within, edge = EDGES[name]
     assert hg.dissipation(system, V, mu=1.02 * edge, within=within).proved
     dissipation = hg.dissipation(system, V, mu=0.98 * edge, within=within)
     assert verdicts(dissipation)["inequality"] is not Verdict.PROVED
     if verdicts(dissipation)["inequality"] is Verdict.REFUTED:
         demand_witness(dissipation)
+
+
+def test_a_counterexample_in_a_corner_of_the_box_is_reached() -> None:
+    """It is one for e near -1 and x near 1 only, where no sample of the whole box is: steps uphill lead there."""
+    g, R = sp.Symbol("g", real=True), sp.Rational
+    flow = (
+        -3 * e - R(15, 16) * f + R(13, 16) * g + R(7, 8) * (x**2 - (x - e) ** 2),
+        R(7, 4) * e * f - e / 16 - f**3 / 32 - 3 * f - R(13, 16) * g,
+        -R(3, 8) * e - R(9, 16) * f + g * sp.tanh(e) - 3 * g,
+    )
+    noise = [[1, 0, 0], [-R(5, 4) * x, 1, 1], [0, 0, 1]]
+    system = hg.ErrorSystem("corner", (e, f, g), flow, noise, {x: (-1, 1)}, ())
+    dissipation = hg.dissipation(system, e**2 - e * f + f**2 + g**2, mu=3, within=[1, 1, 1], boxes=100)
+    assert verdicts(dissipation)["inequality"] is Verdict.REFUTED
+    demand_witness(dissipation)
 
 
 @pytest.mark.full

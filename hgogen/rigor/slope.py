@@ -22,10 +22,10 @@ not positive, or from a slab.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import lru_cache, partial, reduce
+from functools import lru_cache, reduce
 from itertools import islice, product
 from typing import Any
 
@@ -51,7 +51,9 @@ from hgogen.rigor.search import (
     corners,
     everywhere,
     middle,
+    placed,
     search,
+    spread,
 )
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, Tape, tape, with_norms
@@ -426,30 +428,16 @@ def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr |
     return abs(expression.xreplace(dict(at)).evalf(20))
 
 
-_GRID = 1024  # intervals of a side's grid of exact samples
-_SCALES = 10  # halvings of the box of e for samples
-_SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
+# --- functions that vanish to second order
+
+_FAR = 20.0  # width of the first steps along a side without ends
+_SAMPLES, _BEST = 600, 6  # samples, and the best of them
+_ROUNDS, _AROUND = 10, 40  # steps uphill from each, and points of a step
 _SMALLEST = 10  # most halvings of the box on which N is tried
 _RELATIVES = (0.05, 0.002)  # tolerances of the norm
-_FEW = 100
+_FEW = 200  # sample points of a matrix
 _BITS = 128
-_FAR = Fraction(10)  # width of samples for symbols without a range
-# replacements of SymPy's own Min and Max, whose code of version 1.13 fails for arrays together with numbers
-_EXTREMES = {sp.Min: sp.Function("least_of"), sp.Max: sp.Function("most_of")}
-_FUNCTIONS = {
-    "least_of": lambda *arguments: reduce(np.minimum, arguments),
-    "most_of": lambda *arguments: reduce(np.maximum, arguments),
-}
-
-
-def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
-    """Return a function of arrays, one for each symbol, to the values of the rows in floats, which prove nothing; the
-    value of a row without symbols is a number. A symbol may have the name of a function."""
-    replaced = [
-        sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args)) for row in rows
-    ]
-    function: Callable[..., list[Any]] = sp.lambdify(symbols, replaced, [_FUNCTIONS, "numpy"], dummify=True)
-    return function
+_DIGITS = 1024  # parts of the largest entry to which a direction is rounded
 
 
 @dataclass(frozen=True)
@@ -467,6 +455,12 @@ class SecondOrder:
     around: Box
     box: Box
     states: tuple[sp.Symbol, ...] = ()
+
+    def sides(self, share: Fraction = Fraction(1)) -> Sides:
+        """Return the box of e, or a share of it around 0, and x."""
+        symbols = (*self.errors, *sorted(self.value.free_symbols - {*self.errors}, key=str))
+        whole = {**self.box, **{e: (low * share, high * share) for e, (low, high) in self.around.items()}}
+        return Sides(symbols, tuple(whole[s] for s in symbols))
 
 
 @dataclass(frozen=True)
@@ -492,26 +486,20 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
     """Return the answer whether S(e, x) < 0 for e != 0: N with S <= - e'N e is definite near e = 0, and bisection
     covers the remainder, with at most `boxes` for each sign. `obstacle`: the reason why N does not bound S; the answer
     is then refuted or unknown."""
-    program = _Program.of(claim)
-
-    def refuted(points: Iterator[Point]) -> Answer | None:
-        violations = program.violations(points)
-        return next((Answer(Verdict.REFUTED, point=point, value=value) for point, value in violations), None)
-
-    counterexample = refuted(_samples(program))
+    counterexample = _refuted(claim, _samples(claim))
     if counterexample or obstacle:
         return counterexample or Answer(Verdict.UNKNOWN, obstacle)
     share, definite = _largest(claim, boxes)
     if definite is None:
         pattern = "near e = 0 the second order does not decide it, with {boxes} boxes for a sign"
-        return refuted(_along(program)) or Answer(Verdict.UNKNOWN, because(pattern, boxes=boxes))
+        return _refuted(claim, _along(claim)) or Answer(Verdict.UNKNOWN, because(pattern, boxes=boxes))
     proof, basis = definite
     if share == 1:
         whole = because("its second order is definite on the whole box of errors")
         return Answer(Verdict.PROVED, whole, proofs=(proof,), basis=basis)
     signs = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
     largest = (dict(sign.range.most.point) for sign in signs if sign.range.most is not None)
-    return refuted(largest) or _on_slabs(claim, boxes, share, definite, signs)
+    return _refuted(claim, largest) or _on_slabs(claim, boxes, share, definite, signs)
 
 
 def _on_slabs(
@@ -537,121 +525,54 @@ def _on_slabs(
 # --- a counterexample
 
 
-@dataclass(frozen=True)
-class _Grid:
-    """A grid of exact points of a box, each a column of integers 0 .. `_GRID`; unbounded sides are cut."""
-
-    symbols: tuple[sp.Symbol, ...]
-    sides: tuple[tuple[Fraction, Fraction], ...]
-
-    @classmethod
-    def of(cls, symbols: Sequence[sp.Symbol], box: Box) -> "_Grid":
-        return cls(tuple(symbols), tuple(_cut(box[s]) for s in symbols))
-
-    def floats(self, columns: np.ndarray) -> np.ndarray:
-        low, high = np.array(self.sides, dtype=float).reshape(-1, 2).T[:, :, None]
-        return np.asarray(low + (high - low) * (columns / _GRID))
-
-    def exactly(self, column: Iterable[float]) -> dict[sp.Symbol, Fraction]:
-        pairs = zip(self.symbols, self.sides, column, strict=True)
-        return {s: low + (high - low) * int(k) / _GRID for s, (low, high), k in pairs}
-
-
-def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.ndarray:
-    reach = max(1, _GRID >> (step + 2))
-    return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
-
-
-Rate = Callable[[np.ndarray], np.ndarray]  # of columns: the values to maximise
-
-
-def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
-    low, high = ends
-    first = Fraction(low) if abs(low) != float("inf") else min(-_FAR, Fraction(min(high, 0)) - _FAR)
-    last = Fraction(high) if abs(high) != float("inf") else max(_FAR, first + _FAR)
-    return first, last
-
-
-@dataclass(frozen=True)
-class _Program:
-    """The function S(e, x), to be proved negative, in outward-rounded
-    (`exactly`) and in float arithmetic (`floats`)."""
-
-    claim: SecondOrder
-    grid: _Grid
-    exactly: Tape
-    floats: Any
-
-    @classmethod
-    def of(cls, claim: SecondOrder) -> "_Program":
-        symbols = (*claim.errors, *sorted(claim.value.free_symbols - {*claim.errors}, key=str))
-        graph = on_arrays(symbols, [claim.value])
-        grid = _Grid.of(symbols, {**claim.box, **claim.around})
-        return cls(claim, grid, tape([claim.value], symbols), lambda *point: graph(*point)[0])
-
-    def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        symbols, everything = self.grid.symbols, {**self.claim.box, **self.claim.around}
-        sides = Sides(symbols, tuple(everything[s] for s in symbols))
-        for point in points:
-            if not any(point[e] for e in self.claim.errors) or not sides.contains(point):
-                continue
-            (ball,) = values(self.exactly, [point[s] for s in symbols], _BITS)
+def _refuted(claim: SecondOrder, points: Iterable[Point]) -> Answer | None:
+    """Return the refutation by the first of the points in the box with S >= 0 and e != 0, exactly."""
+    around = claim.sides()
+    program = tape([claim.value], around.symbols)
+    for point in points:
+        if any(point[e] for e in claim.errors) and around.contains(point):
+            (ball,) = values(program, [point[s] for s in around.symbols], _BITS)
             if ball >= 0:
-                yield point, float(ball.mid())
-
-    def ratio(self, columns: np.ndarray) -> np.ndarray:
-        """Return the ratios S/|e|^2 (k) at grid points, one in each column of `columns`,
-        whose last row is a factor of e; -inf for a ratio that is not finite."""
-        x, n = self.grid.floats(columns[:-1]), len(self.claim.errors)
-        x[:n] = x[:n] * columns[-1]
-        with np.errstate(all="ignore"):
-            value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
-            ratios = value / (x[:n] ** 2).sum(axis=0)
-        return np.where(np.isfinite(ratios), ratios, -np.inf)
+                return Answer(Verdict.REFUTED, point=point, value=float(ball.mid()))
+    return None
 
 
-def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
-    """Return the column that random steps from `best`, of the rate `most`, reach; only steps to a
-    larger rate count. `step_to(column, step)`: candidates, as columns; `rate`: their values."""
+def _samples(claim: SecondOrder) -> Iterator[Point]:
+    """Yield the points with the largest S/|e|^2 that steps uphill reach from the best samples of the box."""
+    around = claim.sides()
+    program = tape([claim.value / sp.Add(*(e**2 for e in claim.errors))], around.symbols)
+    (low, high), m = (end[:, None] for end in around.outer), len(around.symbols)
+    width, t = np.where(np.isinf(high - low), _FAR, high - low), spread(m, _AROUND)[:, :, None]
+
+    def rates(x: Array) -> Array:
+        (ratio,) = enclose(program, x, x)
+        return np.where(ratio.defined, ratio.value[0], -np.inf)
+
+    x = np.concatenate((corners(*around.outer), placed(*around.outer, spread(m, _SAMPLES))), axis=1)
+    best = x[:, np.argsort(-rates(x), kind="stable")[:_BEST]]
     for step in range(_ROUNDS):
-        tried = step_to(best, step)
-        rates = rate(tried)
-        j = int(np.argmax(rates))
-        if rates[j] > most:
-            best, most = tried[:, j], rates[j]
-    return best
+        reach = width / 2.0 ** (step + 2)
+        first, last = np.maximum(low, best - reach)[:, None], np.minimum(high, best + reach)[:, None]
+        candidates = np.concatenate((best[:, None], first + (last - first) * t), axis=1)  # m x points x starts
+        highest = rates(candidates.reshape(m, -1)).reshape(candidates.shape[1:]).argmax(axis=0)
+        best = candidates[:, highest, range(candidates.shape[2])]
+    yield from (around.point(at) for at in best.T.tolist())
 
 
-def _samples(program: _Program) -> Iterator[Point]:
-    rng, size = np.random.default_rng(1), len(program.grid.symbols)
-    whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
-    whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
-    columns = np.vstack((whole, 2.0 ** -rng.integers(0, _SCALES, size=_SAMPLES)))
-    ratio = program.ratio(columns)
-
-    def step_to(best: np.ndarray, step: int) -> np.ndarray:
-        neighbours = _neighbours(best[:-1], step, rng)
-        return np.vstack((neighbours, np.minimum(best[-1] * 2.0 ** rng.integers(-1, 2, size=48), 1.0)))
-
-    for k in np.argsort(-ratio, kind="stable")[:_BEST]:
-        *best, share = _uphill(columns[:, k], ratio[k], step_to, program.ratio).tolist()
-        point = program.grid.exactly(best)
-        yield {s: x * Fraction(share) if s in program.claim.errors else x for s, x in point.items()}
-
-
-def _along(program: _Program) -> Iterator[Point]:
+def _along(claim: SecondOrder) -> Iterator[Point]:
     """Yield points with small e along the eigenvector of the smallest eigenvalue at
     e = 0 of the matrix N in S <= - e'N e, at the x where the eigenvalue is least."""
-    claim, n = program.claim, len(program.claim.errors)
-    eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
+    sampled, around = _Sampled.of(*_restricted(claim, Fraction(0))), claim.sides()
+    with np.errstate(invalid="ignore"):
+        start = around.point(middle(*around.outer).tolist())
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
-    for column in eigenvalues.worst():
-        worst = eigenvalues.grid.exactly(column)
-        x = {s: worst[s] if s in worst else _cut(claim.box[s])[0] for s in program.grid.symbols[n:]}
-        direction = np.linalg.eigh(eigenvalues.floats(np.array([column]).T)[0])[1][:, 0]
-        e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
-        for k, sign in product(range(0, 40, 3), (1, -1)):
-            yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
+    smallest = sampled.spectra[:, 0]
+    for k in (k for k in np.argsort(smallest, kind="stable")[:_BEST] if np.isfinite(smallest[k])):
+        direction = np.linalg.eigh(sampled.matrices[k])[1][:, 0]
+        d = [Fraction(round(float(x) * _DIGITS), _DIGITS) for x in direction]
+        for i, sign in product(range(0, 40, 3), (1, -1)):
+            e = {s: sign * x * reach / 2**i for s, x in zip(claim.errors, d, strict=True)}
+            yield start | sampled.around.point(sampled.points[:, k].tolist()) | e
 
 
 # --- positive definite
@@ -692,12 +613,12 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
     """Return the proof that a symmetric matrix M is positive definite on the
     whole box, and a T with T'M T nearly 1; None if there is no proof."""
-    n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
-    if not eigenvalues.least > 0:
+    n, sampled = matrix.rows, _Sampled.of(matrix, box)
+    if not sampled.least > 0:
         return None
-    T = np.linalg.inv(np.linalg.cholesky(eigenvalues.middle)).T
+    T = np.linalg.inv(np.linalg.cholesky(sampled.matrices[0])).T
     basis = sp.Matrix(n, n, [_four_digits(value) for value in T.ravel()])
-    turned = _Eigenvalues.of(basis.T * matrix * basis, box)
+    turned = _Sampled.of(basis.T * matrix * basis, box)
     if not turned.least > 0:
         return None
     t = tuple(sp.Dummy(f"t{i + 1}", real=True) for i in range(n))
@@ -719,30 +640,26 @@ def _four_digits(value: float) -> sp.Rational:
 
 
 @dataclass(frozen=True)
-class _Eigenvalues:
-    """The eigenvalues `spectra` (k, n) of a symbolic symmetric matrix at sample points, k
-    `columns` of a grid, as floats without proof. `floats`: columns -> matrices (k, n, n)."""
+class _Sampled:
+    """The values `matrices` (k, n, n) of a symbolic symmetric matrix at `points` (m, k) of a box, its middle first, as
+    floats without proof, and their eigenvalues `spectra` (k, n), those of values that are not finite -inf."""
 
-    grid: _Grid
-    floats: Callable[[np.ndarray], np.ndarray]
-    columns: np.ndarray
-    spectra: np.ndarray
+    around: Sides
+    points: Array
+    matrices: Array
+    spectra: Array
 
     @classmethod
-    def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
-        grid, graph = _Grid.of(tuple(box), box), on_arrays(tuple(box), list(matrix))
-        rng, size, n = np.random.default_rng(1), len(box), matrix.rows
-        corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
-        inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
-        columns = np.concatenate((np.full((size, 1), _GRID // 2), corners, inner), axis=1)
-
-        def floats(columns: np.ndarray) -> np.ndarray:
-            with np.errstate(all="ignore"):
-                entries = graph(*grid.floats(columns))
-            whole = np.array([np.broadcast_to(np.asarray(entry, dtype=float), columns.shape[1:]) for entry in entries])
-            return whole.T.reshape(-1, n, n)
-
-        return cls(grid, floats, columns, _spectrum(floats(columns)))
+    def of(cls, matrix: sp.Matrix, box: Box) -> "_Sampled":
+        around, n = Sides(tuple(box), tuple(box.values())), matrix.rows
+        low, high = around.outer
+        with np.errstate(all="ignore"):
+            points = np.concatenate((corners(low, high), placed(low, high, spread(len(low), _FEW))), axis=1)
+        entries = [entry.value for entry in enclose(tape(list(matrix), around.symbols), points, points)]
+        matrices = np.array([least / 2 + most / 2 for least, most in entries]).T.reshape(-1, n, n)
+        good = np.isfinite(matrices).all(axis=(1, 2))
+        matrices = np.where(good[:, None, None], matrices, 0.0)
+        return cls(around, points, matrices, np.where(good[:, None], np.linalg.eigvalsh(matrices), -np.inf))
 
     @property
     def least(self) -> float:
@@ -751,28 +668,6 @@ class _Eigenvalues:
     @property
     def most(self) -> float:
         return float(self.spectra[:, -1].max())
-
-    @property
-    def middle(self) -> np.ndarray:
-        return np.asarray(self.floats(self.columns[:, :1])[0])
-
-    def worst(self) -> Iterator[list[float]]:
-        rng = np.random.default_rng(2)
-
-        def rate(columns: np.ndarray) -> np.ndarray:
-            smallest = _spectrum(self.floats(columns))[:, 0]
-            return np.where(np.isfinite(smallest), -smallest, -np.inf)
-
-        step_to = partial(_neighbours, rng=rng)
-        for k in np.argsort(self.spectra[:, 0], kind="stable")[:_BEST]:
-            if np.isfinite(self.spectra[k, 0]):
-                yield _uphill(self.columns[:, k], -self.spectra[k, 0], step_to, rate).tolist()
-
-
-def _spectrum(matrices: np.ndarray) -> np.ndarray:
-    good = np.isfinite(matrices).all(axis=(1, 2))
-    values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
-    return np.where(good[:, None], values, -np.inf)
 
 
 def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
