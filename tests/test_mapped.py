@@ -133,7 +133,7 @@ def test_bad_words_are_refused(words: tuple[str, str], reason: str, tmp_path: Pa
 def test_a_record_beyond_the_declared_range_is_said(tmp_path: Path) -> None:
     """By a fit and by a tuning; 1 rad and its motion about it, shifted by 180 degrees, leave -4 .. 4."""
     data = ("--data", record(tmp_path, offset=180.0), *RUN[:2], *RUN[4:], "-o", str(tmp_path))
-    said = f"y leaves the declared range of q, -4..4, in {{}} of 400 samples, as far as {1 + np.pi:.4g}: widen it"
+    said = f"y leaves the declared range of q, -4..4, in {{}} of 400 samples, as far as {1 + np.pi:.4g}: "
     t = np.arange(400) * 0.01
     count = int(np.sum(np.exp(-0.05 * t) * np.cos(4.3 * t) + np.pi > 4))
     for words in (("fit", "--free", "a", "--starts", "1"), ("tune", "--observers", "high_gain")):

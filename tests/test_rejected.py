@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from test_cli import hgogen
 
+import hgogen as hg
+from hgogen.logs.records import beyond, wider
 from hgogen.model import load
 from hgogen.run.prediction import clamped
 
@@ -128,3 +130,18 @@ def test_samples_beyond_the_range_of_their_state_are_told_where_none_is_rejected
     (said,) = (note for note in answer["notes"] if "declared range" in note)
     assert said.startswith("y leaves the declared range of q, 0..10, in ")
     assert f" of {answer['record']['samples']} samples, as far as -6." in said
+
+
+def test_the_plausible_cause_of_samples_beyond_a_range_is_said() -> None:
+    """Without a fault it is the range, whose new ends are named; a fault comes first; where none judged, neither."""
+    q = hg.Signal("q", low=0, high=10)
+    plant = hg.System("p", states=(q,), outputs=(hg.Signal("y"),), flow=[0 * q], output=[q])
+    log = hg.Log(np.zeros((20, 0)), np.linspace(4, 12, 20)[:, None], 1.0)
+    causes = {faulty: next(beyond(plant, log, faulty)).partition(": ")[2] for faulty in ((), ("y",), None)}
+    assert causes == {
+        (): "no fault of it is found, so that the range is too small: high = 13 of q",
+        ("y",): "the faults of y come first; then widen it",
+        None: "widen it, if the unit and the sign are right",
+    }
+    assert wider(0.1, 20, 0.0, 30) == "low = 0, high = 32"
+    assert wider(-5, -1, -7, -0.2) == "low = -7.4, high = 0"

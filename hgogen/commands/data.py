@@ -33,7 +33,8 @@ HELD_OUT, LARGEST_PART = 0.3, 0.9  # part at the end of each log that judges: by
 @dataclass(frozen=True, eq=False)
 class Logs:
     """The logs of a plant. The rows of each from `cuts` on are validation data, of all rows if `cuts` are the lengths.
-    The first `given` logs are those to learn from, the others only judge."""
+    The first `given` logs are those to learn from, the others only judge. `faulty`: the signals of each log with a
+    fault, None where no observer judged it."""
 
     plant: System
     records: tuple[Record, ...]
@@ -41,6 +42,7 @@ class Logs:
     given: int
     shifts: Mapping[str, int] = field(default_factory=dict)
     findings: Annotated[tuple[tuple[Finding, ...], ...], "faults of each log"] = ()
+    faulty: tuple[tuple[str, ...] | None, ...] = ()
 
     @property
     def learned(self) -> tuple[Log, ...]:
@@ -82,17 +84,17 @@ class Logs:
 
     def notes(self) -> tuple[str, ...]:
         """Return where the logs leave the declared ranges, with the file's name if several."""
-        several = len(self.records) > 1
+        several, faulty = len(self.records) > 1, self.faulty or (None,) * len(self.records)
         return tuple(
             f"{record.report.path}: {note}" if several else note
-            for record, log in zip(self.records, self.whole, strict=True)
-            for note in beyond(self.plant, log)
+            for record, log, names in zip(self.records, self.whole, faulty, strict=True)
+            for note in beyond(self.plant, log, names)
         )
 
     def inspected(self, model: Model, observer: str | None = None) -> "Logs":
         """Return the logs with their faults, by the step of the model's observer, or of that of `JUDGE` with its first
         gains; those of times alone where no step can be made."""
-        faults = []
+        faults, faulty = list[tuple[Finding, ...]](), list[tuple[str, ...] | None]()
         with Bar("looking for faults", 2 * len(self.records)) as bar:
             for record, log in zip(self.records, self.whole, strict=True):
                 step, each = (
@@ -106,8 +108,9 @@ class Logs:
                     run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
                     each = log_findings(step, record, run, samples.u, samples.y, self.shifts)[0]
                 faults.append(tuple(each))
+                faulty.append(None if step is None else faulty_signals(each))
                 bar.tick()
-        return replace(self, findings=tuple(faults))
+        return replace(self, findings=tuple(faults), faulty=tuple(faulty))
 
     def summaries(self) -> Iterator[RenderableType]:
         """Yield the printed summary of each log, and its faults."""
@@ -192,6 +195,11 @@ def log_findings(
     written = Written(shifts, record.operands, record.clock[1], begin, step.dt)
     faults, change = findings(step, run, u, y, first, engine=engine_here(), written=written, dt=elapsed)
     return [*of_times(record, step.clock.varying is not None), *faults], change
+
+
+def faulty_signals(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return the names of the signals with a fault, each once."""
+    return tuple(dict.fromkeys(name for one in findings for name in one.signal.split(", ") if name))
 
 
 def fault_lines(findings: Iterable[Finding]) -> Iterator[Text]:

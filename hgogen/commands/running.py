@@ -38,6 +38,7 @@ from hgogen.commands.command import (
 from hgogen.commands.data import (
     Begin,
     fault_lines,
+    faulty_signals,
     judging_observer,
     log_findings,
     log_summary,
@@ -326,7 +327,7 @@ def _over_record(
     bar.tick("faults of the log")
     faults, other = log_findings(judge, record, run, u, y, opened.shifts, counted)
     used = Log(u, np.where(rejected(judge, run, y), np.nan, y), step.dt)
-    doubts = (*loss(step, done, record.t, u, y), *beyond(model.plant, used))
+    doubts = (*loss(step, done, record.t, u, y), *beyond(model.plant, used, faulty_signals(faults)))
     more = too_far(ahead, [one.ahead for one in errors])
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     messages = doubts, tuple(more)
@@ -524,6 +525,7 @@ def inspect_(
         bar.tick("other shifts, signs and units")
         faults, other = log_findings(judge, opened.record, run, u, y, opened.shifts)
         notes = tuple(share.sentence for share in done.gates if share.excessive)
+        notes += (*beyond(loaded.plant, Log(u, y, step.dt), faulty_signals(faults)),)
         report = InspectReport(loaded.path, step, opened.record, tuple(faults), other, notes)
         bar.tick("the figure")
     return folder.save(report, f"{name}_faults.json", report.written(name))

@@ -14,7 +14,7 @@ one; its error is the root of the mean over the segments.
 
 import math
 import warnings
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -147,8 +147,9 @@ def middle_of(signal: Signal) -> float:
     return sum(signal.interval) / 2 if signal.bounded else 0.0
 
 
-def beyond(plant: System, record: Log) -> Iterator[str]:
-    """Yield a sentence for each output that measures a state outside of its declared range."""
+def beyond(plant: System, record: Log, faulty: Collection[str] | None = None) -> Iterator[str]:
+    """Yield a sentence for each output that measures a state outside of its declared range, with the plausible cause;
+    `faulty`: the signals with a fault, None where no observer judged the log."""
     for y, h, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
         state = next((x for x in plant.states if x == h and x.bounded), None)
         if state is None:
@@ -158,10 +159,28 @@ def beyond(plant: System, record: Log) -> Iterator[str]:
         outside = outside[(outside < low) | (outside > high)]
         if len(outside):
             farthest = outside[np.argmax(np.maximum(low - outside, outside - high))]
+            cause = "widen it, if the unit and the sign are right"
+            if faulty is not None:
+                ends = wider(low, high, float(outside.min()), float(outside.max()))
+                fits = f"no fault of it is found, so that the range is too small: {ends} of {state.name}"
+                cause = f"the faults of {', '.join(faulty)} come first; then widen it" if faulty else fits
             yield (
                 f"{y.name} leaves the declared range of {state.name}, {low:g}..{high:g}, in {len(outside)} of "
-                f"{len(column)} samples, as far as {farthest:.4g}: widen it, if the unit and the sign are right"
+                f"{len(column)} samples, as far as {farthest:.4g}: {cause}"
             )
+
+
+def wider(low: float, high: float, least: float, largest: float) -> str:
+    """Return the ends of a range from `low` to `high` that holds the values from `least` to `largest`, with a tenth of
+    its width to spare but not across 0, as a model file has them."""
+    spare, unit, ends = 0.1 * (high - low), 10.0 ** (math.floor(math.log10(high - low)) - 1), []
+    if least < low:
+        first = math.floor((least - spare) / unit) * unit
+        ends.append(f"low = {0 if least >= 0 > first else first:.6g}")
+    if largest > high:
+        last = math.ceil((largest + spare) / unit) * unit
+        ends.append(f"high = {0 if largest <= 0 < last else last:.6g}")
+    return ", ".join(ends)
 
 
 class BadSignal(BadArgument):
