@@ -58,18 +58,15 @@ Pattern = tuple[bool, ...]  # which outputs have a sample
 class InfiniteCore(HgogenError):
     """A linear error dynamics e' = M e (the core) whose numbers overflow."""
 
-    def __str__(self) -> str:
-        return "the error core has numbers beyond the range of a double; choose smaller gains, or other units"
+    text = "the error core has numbers beyond the range of a double; choose smaller gains, or other units"
 
 
 @dataclass(eq=False)
 class NoCovariance(HgogenError):
     """A method that integrates the covariance P, for an observer without P."""
 
+    text = "{method} is a method for the covariance of a Riccati observer, here there is none: take rk4"
     method: str
-
-    def __str__(self) -> str:
-        return f"{self.method} is a method for the covariance of a Riccati observer, here there is none: take rk4"
 
 
 class NoRealisation(BadArgument):

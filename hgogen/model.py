@@ -55,12 +55,10 @@ _PLAIN = {
 class ModelFails(HgogenError):
     """A model file, or a function in it, that raises an error."""
 
+    text = "{path}, line {line}: {error}"
     path: str
     line: int
     error: str
-
-    def __str__(self) -> str:
-        return f"{self.path}, line {self.line}: {self.error}"
 
 
 class MissingPart(BadArgument):

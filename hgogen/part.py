@@ -46,8 +46,7 @@ class Varying:
 class NeedsFixedStep(HgogenError):
     """A request for the constant step length of a clock whose step length varies."""
 
-    def __str__(self) -> str:
-        return "dt varies, and this needs one step length: give hg.sample a number for dt"
+    text = "dt varies, and this needs one step length: give hg.sample a number for dt"
 
 
 Guards = Literal["all", "none"]

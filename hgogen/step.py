@@ -326,15 +326,13 @@ class Step:
 class NoVaryingStep(HgogenError):
     """A request for a varying dt, for an observer or a method with constants of one step length."""
 
+    text = (
+        "{observer} by {method} has constants of one step length, so that dt cannot vary: give dt as a number, or take "
+        "riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or an observer without a covariance by rk4, "
+        "heun or euler"
+    )
     observer: str
     method: str
-
-    def __str__(self) -> str:
-        return (
-            f"{self.observer} by {self.method} has constants of one step length, so that dt cannot vary: give dt as a "
-            "number, or take riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or "
-            "an observer without a covariance by rk4, heun or euler"
-        )
 
 
 MOST_SUBSTEPS, MOST_UNEVEN = 64, 1000
@@ -345,14 +343,12 @@ class CannotUpdate(HgogenError):
     """A request for prediction and correction in separate calls, from an observer that integrates with the
     measurement."""
 
+    text = (
+        "{observer} by {rule} integrates with the measurement, so it cannot predict and update apart; call the step, "
+        "or use riccati with the method continuous_discrete"
+    )
     observer: str
     rule: str
-
-    def __str__(self) -> str:
-        return (
-            f"{self.observer} by {self.rule} integrates with the measurement, so it cannot predict and update apart; "
-            "call the step, or use riccati with the method continuous_discrete"
-        )
 
 
 def plan(

@@ -26,12 +26,10 @@ LONGEST = 255  # bytes of a name, on most file systems
 class CannotWrite(HgogenError):
     """A folder or file that cannot be written."""
 
+    text = "cannot write {path}: {reason}; {fix}"
     path: str
     reason: str
     fix: str = "choose a folder that can be written"
-
-    def __str__(self) -> str:
-        return f"cannot write {self.path}: {self.reason}; {self.fix}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import hgogen as hg
 from hgogen.logs.clocks import of_times
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import Record, read
-from hgogen.reading.missing import without
 
 DT, N = 0.02, 400
 EVEN, DRAW = DT * np.arange(N), np.random.default_rng(3)
@@ -79,7 +78,7 @@ def test_samples_are_missing_by_value_by_repeats_and_by_number(tmp_path: Path) -
     record = logged(tmp_path, {"t": EVEN})
     record = replace(record, values=np.where(np.arange(N)[:, None] % 100 == 7, -999.0, record.values))
     record.values[50] = record.values[49]
-    masked = without(record, ["y=-999", "y=repeats, y=10..12"], (), (y,))
+    masked = record.without(["y=-999", "y=repeats, y=10..12"], (), (y,))
     lost = np.flatnonzero(np.isnan(masked.values[:, 0]))
     np.testing.assert_array_equal(lost, [7, 10, 11, 12, 50, 107, 207, 307])
     assert masked.report.notes[-3:] == (
@@ -94,4 +93,4 @@ def test_samples_are_missing_by_value_by_repeats_and_by_number(tmp_path: Path) -
         ("y=0..999", "leaves no sample of y"),
     ):
         with pytest.raises(BadRecord, match=said):
-            without(record, [text], (), (y,))
+            record.without([text], (), (y,))

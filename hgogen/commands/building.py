@@ -59,7 +59,7 @@ from hgogen.extras.folder import ALL, SOURCES, chosen, folder, known
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.files import BYTES, Unread, content_of, name_key
-from hgogen.reading.given import field_text, values_by_name
+from hgogen.reading.given import field_text, gains_by_name
 from hgogen.run import native
 from hgogen.run.comparison import Agreement, BoundedError, Disagree, Falling, bounded_errors, falling
 from hgogen.run.samples import Engine
@@ -84,17 +84,6 @@ Prefix = Annotated[
     str | None,
     typer.Option("--name", metavar="PREFIX", help="What files, functions, types and macros begin with."),
 ]
-
-
-def demand_packing(ecosystems: str | None, name: str | None, target: str, c: str) -> None:
-    """Raise `BadParameter` if --for is given with a target other than C, `UnknownEcosystem`, `ReservedName`, or what
-    `demand_prefix` raises."""
-    demand_prefix(name)
-    if ecosystems is None:
-        return
-    if target != c:
-        raise typer.BadParameter(f"is for {c}, not for {target}; leave one of the two", param_hint="--for")
-    chosen(ecosystems, name or "")
 
 
 def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
@@ -221,6 +210,17 @@ def _languages() -> list[str]:
     return [name for name in targets.__all__ if set(_TAKES) <= signature(getattr(targets, name)).parameters.keys()]
 
 
+def _demand_code(target: str, ecosystems: str | None, name: str | None) -> None:
+    """Raise `UnknownCase` for a target that is no language, `BadParameter` if --for is given with another than C,
+    `UnknownEcosystem`, `ReservedName`, or what `demand_prefix` raises."""
+    _demand_language(target)
+    demand_prefix(name)
+    if ecosystems is not None and target != C99:
+        raise typer.BadParameter(f"is for {C99}, not for {target}; leave one of the two", param_hint="--for")
+    if ecosystems is not None:
+        chosen(ecosystems, name or "")
+
+
 def _demand_language(target: str) -> None:
     if target in set(targets.__all__) - set(_languages()):
         declaration = signature(getattr(targets, target))
@@ -317,8 +317,7 @@ def build_(
     written in the place of C, and its self-check is run where its compiler is there. With --for the C lies in
     src/, with what the ecosystem asks for beside it, and figures in extras/.
     """
-    _demand_language(target)
-    demand_packing(ecosystems, name, target, C99)
+    _demand_code(target, ecosystems, name)
     loaded = load(model).set(setting)
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
@@ -402,8 +401,7 @@ def generate_(
     of it where there is no compiler. With --for the C lies in src/, with what the ecosystem asks for beside it: build
     files, an example, a README with the costs that `hgogen cost` measured; figures lie in extras/.
     """
-    _demand_language(target)
-    demand_packing(ecosystems, name, target, C99)
+    _demand_code(target, ecosystems, name)
     if name and len(models) > 1:
         raise typer.BadParameter("is one name, of one model; write the models one by one", param_hint="--name")
     loaded = [load(model).set(setting) for model in models]
@@ -461,7 +459,7 @@ class Simulated(ModelReport):
     @property
     def gains(self) -> dict[str, Any]:
         """The observer's gains, those of several coordinates or outputs by the name of each."""
-        return {gain.name: values_by_name(gain) for gain in self.step.layout.gains}
+        return gains_by_name(self.step.layout.gains)
 
     def tables(self) -> Iterator[Any]:
         """Yield the events of each trial, and the errors with their bounds."""
@@ -509,7 +507,7 @@ def simulate_(
         if out is not None:
             note("of a campaign no figures are drawn, and --out names a folder for nothing")
         rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, campaign_options, seeds)
-        return SimulatedCampaigns(loaded.path, {gain.name: values_by_name(gain) for gain in step.layout.gains}, rows)
+        return SimulatedCampaigns(loaded.path, gains_by_name(step.layout.gains), rows)
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = run_trials(step, chosen, engine, seeds)

@@ -25,7 +25,7 @@ from hgogen.program import Field
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.given import BadGain, BadNames, field_text, values_by_name
+from hgogen.reading.given import BadGain, BadNames, field_text, gains_by_name
 from hgogen.sentence import Encoded, Sentence, equations, plain, point
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
@@ -132,7 +132,7 @@ class Checked(Encoded):
     @property
     def gain_values(self) -> dict[str, Any]:
         """The observer's gains, those of several coordinates or outputs by the name of each."""
-        return {gain.name: values_by_name(gain) for gain in self.gains}
+        return gains_by_name(self.gains)
 
     @property
     def listed(self) -> tuple[ListedCheck, ...]:

@@ -18,7 +18,6 @@ from typing import (
     Any,
     Literal,
     NamedTuple,
-    TypedDict,
     TypeVar,
     Union,
     get_args,
@@ -45,7 +44,7 @@ from hgogen.commands.output import (
 )
 from hgogen.errors import HgogenError, ReportedWarning
 from hgogen.modelfiles.place import ends_python
-from hgogen.modelfiles.setting import SEEDS, Setting
+from hgogen.modelfiles.setting import SEEDS, Option, Setting
 from hgogen.recheck.text import RecheckError
 from hgogen.run import native
 from hgogen.sentence import Encoded, keys_of
@@ -85,14 +84,23 @@ def _options_of(
     behind: dict[str, tuple[Any, Any]] = {}
     groups: dict[str, tuple[Any, tuple[str, ...]]] = {}
     for name, each in signature(function).parameters.items():
-        for kind, parts, there in GROUPS:
-            if each.annotation is kind:
-                hints = get_type_hints(parts, include_extras=True)
-                groups[name] = kind, tuple(hints)
-                (options if there else behind).update({part: (hint, None) for part, hint in hints.items()})
-        if name not in groups:
+        if each.annotation in GROUPS:
+            hints = get_type_hints(each.annotation, include_extras=True)
+            groups[name] = each.annotation, tuple(hints)
+            (options if GROUPS[each.annotation] else behind).update(
+                {part: (_option(hint), None) for part, hint in hints.items()}
+            )
+        else:
             options[name] = each.annotation, each.default
     return options | ({"as_json": (Json, False)} if reporting else {}) | behind, groups
+
+
+def _option(hint: Any) -> Any:
+    """Return the annotation of an option for typer, of several types the first."""
+    kind, option = get_args(hint)
+    if not isinstance(option, Option):
+        return hint
+    return Annotated[_alternatives(kind)[0] | None, typer.Option(help=option.help, metavar=option.metavar)]
 
 
 PRINTED = "-"  # the standard output as the file of --json
@@ -354,42 +362,7 @@ NO_RUNS = Runs()
 NO_COLUMNS = Columns()
 
 
-class _Set(TypedDict):
-    """The settings of every step that a command makes: form, method, period, precision, guards, preference, reports,
-    parameters and tuning, as given by options."""
-
-    form: Annotated[str | None, typer.Option(metavar="NAME", help="The form, in the place of the model's.")]
-    method: Annotated[str | None, typer.Option(metavar="NAME", help="The method, in the place of the model's.")]
-    dt: Annotated[float | None, typer.Option(help="The sampling period, in the model's unit of time.")]
-    real: Annotated[
-        Literal["float", "double"] | None,
-        typer.Option(help="float or double; by default C is written in float and samples run in double."),
-    ]
-    guards: Annotated[
-        Literal["all", "none"] | None,
-        typer.Option(help="all, or none: the mathematics alone, without clamps, tests and restarts."),
-    ]
-    prefer: Annotated[
-        Literal["speed", "flash"] | None,
-        typer.Option(help="speed, or flash: what repeats in loops, a shorter program that takes longer."),
-    ]
-    report: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES", help="Functions that report on the estimate, with commas: sigma, age, innovation."
-        ),
-    ]
-    parameters: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Values of parameters, as `hgogen fit` writes them.")
-    ]
-    tuning: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Tunings, as `hgogen tune` writes them; of these the row to take is."),
-    ]
-
-
-# the class of a group, the class with its options, and whether they replace it in the order of options
-GROUPS = ((Setting, _Set, False), (Runs, Runs, False), (Columns, Columns, True))
+GROUPS = {Setting: False, Runs: False, Columns: True}  # whether its options replace a group in the order of options
 
 
 def engine_here(reader: Reader | None = None) -> "Engine":

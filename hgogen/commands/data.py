@@ -23,7 +23,6 @@ from hgogen.logs.records import Log, beyond, demand_regular, log_of, step_limits
 from hgogen.model import Model
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
-from hgogen.reading.missing import without
 from hgogen.run.samples import Run
 from hgogen.system import System
 
@@ -155,7 +154,7 @@ def logs_of(
     words["own_times"] = "always" if varying else "irregular"
     part, judges = parts_of(held_out or ())
     each = (named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
-    records = tuple(without(one, named.missing or (), plant.supplied, plant.outputs) for one in each)
+    records = tuple(one.without(named.missing or (), plant.supplied, plant.outputs) for one in each)
     for record in records:
         demand_regular(plant, record.report)
     cuts = [round(len(record.t) * (1 - part)) for record in records[: len(data)]]

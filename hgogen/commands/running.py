@@ -62,7 +62,6 @@ from hgogen.reading.cells import BadRecord
 from hgogen.reading.files import file_name_fault
 from hgogen.reading.log import mapping, quotient, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
-from hgogen.reading.missing import without
 from hgogen.run.comparison import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
 from hgogen.run.gates import GateShare
@@ -291,7 +290,7 @@ def _opened(
     record = _record(step, data, columns, (*step.inputs, *step.samples), true)
     shifts = shifts_of(str(data), shift, step.inputs, step.outputs)
     ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-    record = without(record.shifted(shifts | ages), columns.missing or (), step.inputs, step.outputs)
+    record = record.shifted(shifts | ages).without(columns.missing or (), step.inputs, step.outputs)
     return _Opened(model, step, record, shifts)
 
 

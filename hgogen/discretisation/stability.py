@@ -102,13 +102,11 @@ class Limit:
 class UnstableCore(HgogenError):
     """The error that a linear error core has an eigenvalue in the right half plane, and converges at no step length."""
 
+    text = (
+        "the error core has the eigenvalue {eigenvalue:.6g}, which no step length makes stable; choose gains whose "
+        "poles have negative real parts"
+    )
     eigenvalue: complex
-
-    def __str__(self) -> str:
-        return (
-            f"the error core has the eigenvalue {self.eigenvalue:.6g}, which no step length makes stable; "
-            "choose gains whose poles have negative real parts"
-        )
 
 
 def core_limit(core: Array, polynomial: Sequence[float]) -> float:

@@ -181,10 +181,8 @@ TOGETHER = frozenset({"expand", "triangularise", "add", "disturb", "correct", "c
 class NoLanes(HgogenError):
     """The error for a matrix kernel without code in lanes, since its branches depend on its numbers."""
 
+    text = "the kernel {kernel} goes another way in each lane; call the scalar step"
     kernel: str
-
-    def __str__(self) -> str:
-        return f"the kernel {self.kernel} goes another way in each lane; call the scalar step"
 
 
 @dataclass(frozen=True)

@@ -105,10 +105,8 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 class BadPrefix(HgogenError):
     """The error for a name that cannot be the prefix of a step's files and symbols, since C reserves it."""
 
+    text = "the name {name} is a keyword or a macro of C; take another, such as {name}_observer"
     name: str
-
-    def __str__(self) -> str:
-        return f"the name {self.name} is a keyword or a macro of C; take another, such as {self.name}_observer"
 
 
 def prefixed(step: AnyStep, name: str) -> AnyStep:

@@ -44,11 +44,9 @@ class NotPrintable(HgogenError):
 class BeyondFloat(HgogenError):
     """The error for a number that overflows to infinity, or underflows to 0, in the working precision."""
 
+    text = "{value:g} is beyond the range of {real}; choose other units, or real='double'"
     value: float
     real: str
-
-    def __str__(self) -> str:
-        return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
 
 
 @dataclass(eq=False)
@@ -78,10 +76,8 @@ def demand_apart(lookup: Lookup, real: Real) -> None:
 class BadReal(HgogenError):
     """The error for a working precision that is neither float nor double."""
 
+    text = 'real = {real!r} must be "float" or "double"'
     real: str
-
-    def __str__(self) -> str:
-        return f'real = {self.real!r} must be "float" or "double"'
 
 
 def demand_real(real: str) -> None:

@@ -35,13 +35,11 @@ _SECONDS = 900  # time limit of a tool
 class NoBoard(HgogenError):
     """The error for a missing tool of the board: the cross compiler, or the emulator QEMU."""
 
+    text = (
+        "there is no {name}, without which nothing is measured; install gcc-arm-none-eabi, libnewlib-arm-none-eabi and "
+        "qemu-system-arm"
+    )
     name: str
-
-    def __str__(self) -> str:
-        return (
-            f"there is no {self.name}, without which nothing is measured; install gcc-arm-none-eabi, "
-            "libnewlib-arm-none-eabi and qemu-system-arm"
-        )
 
 
 @dataclass(eq=False)

@@ -36,11 +36,9 @@ class UnknownEcosystem(BadArgument):
 class ReservedName(HgogenError):
     """The error for a step's name that an ecosystem of firmware projects reserves."""
 
+    text = "the name {name} is {ecosystem}'s own; take another by --name"
     name: str
     ecosystem: str
-
-    def __str__(self) -> str:
-        return f"the name {self.name} is {self.ecosystem}'s own; take another by --name"
 
 
 class Text(Template):

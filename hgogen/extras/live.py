@@ -39,10 +39,8 @@ INSTALL = "apt install clang lld, or pip install ziglang"
 class NoWebAssembly(HgogenError):
     """An error: there is no compiler for WebAssembly, or it failed; `reason`: which."""
 
+    text = "there is no observer as WebAssembly: {reason}"
     reason: str
-
-    def __str__(self) -> str:
-        return f"there is no observer as WebAssembly: {self.reason}"
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from hgogen.errors import BadArgument, nearest
 from hgogen.registry import cases
 
 if TYPE_CHECKING:
     from hgogen.call import CallableStep
-    from hgogen.emit.syntax import Real
-    from hgogen.part import Guards, Prefer
 
 
 SEEDS = 1000  # noise seeds of a trial, at most
@@ -21,22 +19,36 @@ class UnknownCase(BadArgument):
     """An unknown form, method or target."""
 
 
+class Option(NamedTuple):
+    """The help of a command-line option, and the name of its value in the help."""
+
+    help: str
+    metavar: str | None = None
+
+
+_REAL = Option("float or double; by default C is written in float and samples run in double.")
+_GUARDS = Option("all, or none: the mathematics alone, without clamps, tests and restarts.")
+_PREFER = Option("speed, or flash: what repeats in loops, a shorter program that takes longer.")
+_REPORT = Option("Functions that report on the estimate, with commas: sigma, age, innovation.", "NAMES")
+_TUNING = Option("Tunings, as `hgogen tune` writes them; of these the row to take is.", "FILE")
+
+
 @dataclass(frozen=True)
 class Setting:
-    """The overridden settings of a model: a form and a method by name, the period `dt` in the model's unit of time, or
-    the shortest and the longest time between two calls, the precision `real`, "float" or "double", the `guards`, "all"
-    or "none", the preference `prefer`, "speed" or "flash", the names of reports in `report`, a file of values of
-    `parameters` and one of a `tuning`; None for the file's own setting."""
+    """The overridden settings of a model, each with its command-line option; None for the file's own setting. `dt` may
+    be the shortest and the longest time between two calls."""
 
-    form: str | None = None
-    method: str | None = None
-    dt: float | tuple[float, float] | None = None
-    real: "Real | None" = None
-    guards: "Guards | None" = None
-    prefer: "Prefer | None" = None
-    report: str | None = None
-    parameters: Path | None = None
-    tuning: Path | None = None
+    form: Annotated[str | None, Option("The form, in the place of the model's.", "NAME")] = None
+    method: Annotated[str | None, Option("The method, in the place of the model's.", "NAME")] = None
+    dt: Annotated[float | tuple[float, float] | None, Option("The sampling period, in the model's unit of time.")] = (
+        None
+    )
+    real: Annotated[Literal["float", "double"] | None, _REAL] = None
+    guards: Annotated[Literal["all", "none"] | None, _GUARDS] = None
+    prefer: Annotated[Literal["speed", "flash"] | None, _PREFER] = None
+    report: Annotated[str | None, _REPORT] = None
+    parameters: Annotated[Path | None, Option("Values of parameters, as `hgogen fit` writes them.", "FILE")] = None
+    tuning: Annotated[Path | None, _TUNING] = None
 
     def __bool__(self) -> bool:
         return bool(self.words)

@@ -355,6 +355,11 @@ def values_by_name(field: Field) -> dict[str, float] | list[float] | float:
     return values if field.size > 1 else values[0]
 
 
+def gains_by_name(gains: Iterable[Field]) -> dict[str, Any]:
+    """Return the values of gains by name, those of several coordinates or outputs by the name of each."""
+    return {gain.name: values_by_name(gain) for gain in gains}
+
+
 FACTORED = "y y'"  # the unit of the gain R where it is D of R = L D L'
 
 

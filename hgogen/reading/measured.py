@@ -45,7 +45,7 @@ from hgogen.reading.cells import (
 )
 from hgogen.reading.given import unmasked
 from hgogen.reading.jumps import other_angle
-from hgogen.reading.log import Table, column_named, column_of, converted, log_of, operand, words_of
+from hgogen.reading.log import Table, column_named, column_of, converted, log_of, of_signals, operand, words_of
 from hgogen.signal import Signal, finer_units, plural, seconds
 
 Window = tuple[float, float]
@@ -63,7 +63,8 @@ _PLAIN = Signal("plain")  # a column of no signal is a course of plain numbers
 _SINCE_1970 = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds", 1.0: "seconds"}
 _EPOCH, _MINUTE, _DAY = (9.4e8, 4.1e9), 60.0, 86_400.0  # s: from 1999 to 2099; rows are a minute apart at most
 _RUN = 10  # periods back in time, and half of the rows between two such: a logger that was started again
-_ROW = re.compile(r"row\s*[:=]?\s*(\d+)")
+_ROW, _SAMPLES = re.compile(r"row\s*[:=]?\s*(\d+)"), re.compile(r"(\d+)\.\.(\d+)")
+_ALIKE = 1e-9  # relative difference of equal values
 _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 
@@ -219,6 +220,35 @@ class Record:
                 way = "later" if by > 0 else "earlier"
                 notes.append(f"{name} is taken {way} than it was logged, by samples: {abs(by)}")
         return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
+
+    def without(self, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> "Record":
+        """Return the record with samples missing that `texts` of the option --missing name: of one value, y=-999, that
+        repeat the one before, y=repeats, or by their numbers, y=150..199, both included. Raises: `BadRecord`."""
+        values, notes, path = self.values.copy(), [], self.report.path
+        for option, name, what in of_signals(path, "--missing", texts, inputs, outputs):
+            column = values[:, self.names.index(name)]
+            lost = _lost(column, what)
+            if lost is None:
+                reason = "must read SIGNAL=VALUE, SIGNAL=repeats or SIGNAL=FIRST..LAST, such as y=-999 or y=150..199"
+                raise BadRecord(path, f"{option} {reason}")
+            if not np.isfinite(column[~lost]).any():
+                raise BadRecord(path, f"{option} leaves no sample of {name}; give another value, or fewer samples")
+            notes.append(f"{name}: samples taken as missing by {what}: {int((lost & np.isfinite(column)).sum())}")
+            column[lost] = np.nan
+        return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
+
+
+def _lost(column: np.ndarray, what: str) -> np.ndarray | None:
+    """Return the mask (N,) of the samples that `what` means; None for no such text."""
+    if match := _SAMPLES.fullmatch(what):
+        first, last = map(int, match.groups())
+        return (np.arange(len(column)) >= first) & (np.arange(len(column)) <= last)
+    if what == "repeats":
+        return np.append(False, column[1:] == column[:-1])
+    try:
+        return np.asarray(np.isclose(column, float(what), rtol=_ALIKE, atol=0.0))
+    except ValueError:
+        return None
 
 
 def shifted(values: np.ndarray, by: int) -> np.ndarray:

@@ -190,12 +190,10 @@ EVERYTHING = (-math.inf, math.inf)
 class EmptyBox(HgogenError):
     """The error that the range [low, high] of a signal has ends that are NaN or in the wrong order."""
 
+    text = "the range [{low}, {high}] of {name} holds no number; give low <= high, not NaN"
     name: str
     low: End
     high: End
-
-    def __str__(self) -> str:
-        return f"the range [{self.low}, {self.high}] of {self.name} holds no number; give low <= high, not NaN"
 
 
 def box(

@@ -486,23 +486,19 @@ Places = Sequence[Mapping[sp.Symbol, Fraction]]
 class NothingMeasured(HgogenError):
     """The error of a plant without outputs or without states, of which observability has no meaning."""
 
+    text = "the plant has no {what}, so there is nothing to observe; give it at least one"
     what: str
-
-    def __str__(self) -> str:
-        return f"the plant has no {self.what}, so there is nothing to observe; give it at least one"
 
 
 @dataclass(eq=False)
 class NowhereDefined(HgogenError):
     """The error of a plant that is defined at none of the random points."""
 
+    text = (
+        "at none of {tries} random points is the plant defined, real, and told apart from zero; look for a division by "
+        "zero, or the root or logarithm of what is never positive"
+    )
     tries: int
-
-    def __str__(self) -> str:
-        return (
-            f"at none of {self.tries} random points is the plant defined, real, and told apart from zero; look for a "
-            "division by zero, or the root or logarithm of what is never positive"
-        )
 
 
 def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:

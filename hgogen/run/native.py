@@ -46,11 +46,10 @@ class NoCompilerWarning(UserWarning):
 class NoCompiler(HgogenError):
     """An error: C was requested and there is no compiler."""
 
-    def __str__(self) -> str:
-        return (
-            "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
-            "reading of the step"
-        )
+    text = (
+        "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
+        "reading of the step"
+    )
 
 
 @dataclass(eq=False)

@@ -91,22 +91,18 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
 class CorrectsAtSamples(HgogenError):
     """The error of an integrating method for a filter that predicts and corrects at samples."""
 
+    text = "{method} integrates, {filter} predicts and corrects: take continuous_discrete or cholesky"
     method: str
     filter: str
-
-    def __str__(self) -> str:
-        return f"{self.method} integrates, {self.filter} predicts and corrects: take continuous_discrete or cholesky"
 
 
 @dataclass(eq=False)
 class NoEquation(HgogenError):
     """The error for the differential equation of an observer that has none."""
 
+    text = "{observer} is no differential equation: {reason}; take its step"
     observer: str
     reason: str
-
-    def __str__(self) -> str:
-        return f"{self.observer} is no differential equation: {self.reason}; take its step"
 
 
 def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:

@@ -41,10 +41,8 @@ _ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "measurement": "mea
 class NoCrate(HgogenError):
     """The error for a model whose name no crate can have."""
 
+    text = "the model {name} cannot be a crate of Rust, where that is a crate or a keyword; rename the model"
     name: str
-
-    def __str__(self) -> str:
-        return f"the model {self.name} cannot be a crate of Rust, where that is a crate or a keyword; rename the model"
 
 
 def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
