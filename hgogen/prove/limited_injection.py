@@ -254,56 +254,51 @@ class LimitedInjection(Flow):
         return lambda alpha: self._holds(by, self.theta, alpha)
 
     def _holds(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> bool:
-        e, P = self.error.at(theta).floats, np.array(self._P(one), dtype=float)
-        parts = e.M / float(theta), e.G / float(theta), e.H
-        forms = self._values(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
+        e = self.error.at(theta).floats
+        forms = self._values(one, (e.M, e.G, e.H), float(theta), float(alpha))
         return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
 
     def _proof(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
-        e = self.error.at(theta)
-        parts = tuple(np.array(fractions(M), dtype=object).reshape(M.shape) for M in (e.M, e.G, e.H))
-        M, G, H = parts
-        P = np.array(self._P(one), dtype=object)
-        forms = self._values(one, (M / theta, G / theta, H), P, one.mu, one.tau, alpha / theta)
         if one.adaptation.shape.most and alpha > theta * one.adaptation.decay:
             return None
+        e = self.error.at(theta)
+        M, G, H = (np.array(fractions(A), dtype=object).reshape(A.shape) for A in (e.M, e.G, e.H))
+        forms = self._values(one, (M, G, H), theta, alpha)
         if not all(definite.positive(fmpq_mat(rational(-form).tolist())) for form in forms):
             return None
-        S = () if one_by_one(len(P), len(H)) else tuple(_multiplier(v) for v in (P @ G / theta).T)
-        return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
+        P = self._P(one)
+        S = () if one_by_one(len(P), len(H)) else tuple(map(_multiplier, (np.array(P) @ G / theta).T))
+        return Falls(theta, alpha, Weights(P, S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 
-    def _values(
-        self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
-    ) -> list[Array]:
-        """Return the matrices that prove V' <= -alpha V if all are negative, from
-        `parts` M/theta, G/theta and H, for the V of `one`, a = alpha/theta."""
-        (N, G, H), way, n = parts, one.adaptation, len(P)
-        K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
-        base = way.form(N, K, P, mu, tau)
-        changes = [way.form(N + np.outer(g, h), K, P, mu, tau) - base for g, h in zip(G.T, H, strict=True)]
-        base = base + a * way.value(P, mu)
-        inner = N.T @ P + P @ N + a * P
-        turns = [np.outer(P @ g, h) + np.outer(h, P @ g) for g, h in zip(G.T, H, strict=True)]
-        if one_by_one(len(P), len(H)):
-            ends = list(product((-1, 1), repeat=len(H)))
-            return [_combined(form, by, d) for form, by in ((base, changes), (inner, turns)) for d in ends]
-        S = [type(mu)(_multiplier(v)) for v in (P @ G).T]
-        wide = [np.append(h, 0 * mu) for h in H]
-        return [_bounded(base, changes, wide, S), _bounded(inner[:n], turns, list(H), S)]
+    def _values(self, one: Decay, parts: tuple[Array, Array, Array], theta: Any, alpha: Any) -> list[Array]:
+        """Return the matrices that prove V' <= -alpha V if all are negative, from `parts` M, G and H
+        of the error dynamics, for the V of `one`; in floats or rationals, as theta and alpha are."""
+        number, way, (M, G, H) = type(theta), one.adaptation, parts
+        N, G, a, (n, m) = M / theta, G / theta, alpha / theta, G.shape
+        P, mu, tau = np.array([[number(x) for x in row] for row in self._P(one)]), number(one.mu), number(one.tau)
+        K = np.array([number(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
+
+        def forms(N: Array) -> tuple[Array, Array]:
+            """Return the matrices behind the saturation or dead zone, and where all of the error is injected."""
+            return way.form(N, K, P, mu, tau) + a * way.value(P, mu), N.T @ P + P @ N + a * P
+
+        if one_by_one(n, m):
+            return [form for d in product((-1, 1), repeat=m) for form in forms(N + (G * np.array(d)) @ H)]
+        steps = [forms(N + np.outer(g, h)) for g, h in zip(G.T, H, strict=True)]
+        S = [number(_multiplier(v)) for v in (P @ G).T]
+        each = zip(forms(N), zip(*steps, strict=True), strict=True)
+        return [_bounded(form, [after - form for after in afters], H, S) for form, afters in each]
 
 
-def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
-    return np.asarray(sum((sign * move for sign, move in zip(d, by, strict=True)), form))
-
-
-def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
+def _bounded(form: Array, by: Sequence[Array], reads: Array, S: Sequence[Any]) -> Array:
     """Return `form` plus, for each v of `by` and row h of `reads`, S
     h h' + v v'/S, which is at least d (v h' + h v'), |d| <= 1."""
-    for move, h, s in zip(by, reads, S, strict=True):
+    for move, read, s in zip(by, reads, S, strict=True):
+        h = np.append(read, 0 * read[: len(form) - len(read)])
         v = move @ h - h * (h @ move @ h) / 2
         form = form + s * np.outer(h, h) + np.outer(v, v) / s
     return form
