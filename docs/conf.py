@@ -31,6 +31,7 @@ html_theme, html_title, html_show_sourcelink = "pydata_sphinx_theme", f"hgogen {
 html_extra_path = [f"{site_pages.PAGES}/extra"]  # reports, which are pages already
 html_static_path, html_css_files = ["_static"], ["site.css"]
 html_search_scorer = str(Path(__file__).parent / "search_order.js")
+html_sidebars = {"*": []}  # a page that has no pages below it
 html_theme_options = {
     "pygments_light_style": "default",
     "pygments_dark_style": "github-dark",

@@ -73,6 +73,8 @@ def test_a_how_to_is_one_question(page: str) -> None:
     assert title.endswith("?")
     assert len(text(page).splitlines()) <= 60
     assert blocks("python", text(page)) or shown("hgogen", text(page))
+    lines = [line for block in blocks("python", text(page)) for line in block.splitlines()]
+    assert [line for line in lines if len(line) > 105] == []  # the width of a page of the site
 
 
 @pytest.mark.full
