@@ -201,7 +201,9 @@ def test_run_and_inspect_filter_from_row_to_row(folder: Path) -> None:
     assert [float(row["G"]) for row in rows] == pytest.approx(wanted["G"], rel=1e-8)
     model = next(one["model"] for one in report["predictions"] if one["ahead"] == 1)
     assert model < 4  # 2 is the noise; a row is 12 from the one before
-    assert json.loads(hgogen("inspect", *words, "--json")[0])["findings"] == []
+    inspected = json.loads(hgogen("inspect", *words, "--json")[0])
+    assert inspected["findings"] == []
+    assert [one for one in inspected["notes"] if one.startswith("no delay is searched between rows")]
 
 
 @pytest.mark.full

@@ -247,19 +247,12 @@ def fit_(
         robust=robust,
         by=by.value,
     )
-    again = AGAIN * robust
-    total = (starts + again + (1 + again) * logs.parted) * ITERATIONS
-    with Bar("iterations", total) as bar, stopped.kept(bar) as each:
-        judged = result = fitted(*logs.learned, starts=starts, jobs=jobs, each=each, resume=begun)
-        if logs.parted:
-            bar.reach((starts + again) * ITERATIONS)
-            whole = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
-            result = whole if whole.settled else judged  # the last iterate may be anywhere
+    judged, result = _fitted_twice(fitted, logs, starts, AGAIN * robust, jobs, stopped, begun)
     errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
-    with Bar("other explanations", len(plant.outputs)) as bar:
-        once = partial(fitted, *logs.allowed, starts=1, begin=result.values, each=lambda _: bar.tick("a lag", 0))
-        lags = [*proposed_lags(result, lambda y: once(lag=(*names["--lag"], y)), names["--lag"])]
-    proposals = (*proposed_options(result, logs.allowed, robust, names["--offset"]), *lags)
+    proposals = (
+        *proposed_options(result, logs.allowed, robust, names["--offset"]),
+        *proposed_lags(result, partial(_with_lag, fitted, result, logs, names["--lag"]), names["--lag"]),
+    )
     report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, proposals)
     note(*result.warnings)
     saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
@@ -267,6 +260,34 @@ def fit_(
     if new:
         new.write(result)
     return saved
+
+
+def _fitted_twice(
+    fitted: Callable[..., Fit],
+    logs: Logs,
+    starts: int,
+    again: int,
+    jobs: int,
+    stopped: "_Stopped",
+    begun: Progress | None,
+) -> tuple[Fit, Fit]:
+    """Return the fit without the rows held out, and that from all rows, which begins where the former ended; `again`:
+    passes after the starts."""
+    total = (starts + again + (1 + again) * logs.parted) * ITERATIONS
+    with Bar("iterations", total) as bar, stopped.kept(bar) as each:
+        judged = fitted(*logs.learned, starts=starts, jobs=jobs, each=each, resume=begun)
+        if not logs.parted:
+            return judged, judged
+        bar.reach((starts + again) * ITERATIONS)
+        whole = fitted(*logs.allowed, starts=1, begin=judged.values, each=lambda _: bar.tick())
+        return judged, whole if whole.settled else judged  # the last iterate may be anywhere
+
+
+def _with_lag(fitted: Callable[..., Fit], result: Fit, logs: Logs, lags: Sequence[str], output: str) -> Fit:
+    """Return the fit of all rows with a lag of one output more, which begins where the `result` ended."""
+    with Bar(f"a lag of {output}", ITERATIONS) as bar:
+        every = (*lags, output)
+        return fitted(*logs.allowed, starts=1, begin=result.values, lag=every, each=lambda _: bar.tick())
 
 
 @dataclass(frozen=True)

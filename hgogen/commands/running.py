@@ -486,7 +486,7 @@ class InspectReport(ModelReport):
         yield log_summary(self.record.report)
         yield from fault_lines(self.findings)
         yield from map(Text, self.notes)
-        if not (self.findings or self.notes):
+        if not self.findings:
             yield "no fault found, in the signals and in the innovations of the model's observer"
 
     def written(self, name: str) -> dict[str, str | bytes]:
@@ -525,6 +525,11 @@ def inspect_(
         faults, other = log_findings(judge, opened.record, run, u, y, opened.shifts)
         notes = tuple(share.sentence for share in done.gates if share.excessive)
         notes += (*beyond(loaded.plant, Log(u, y, step.dt), faulty_signals(faults)),)
+        if opened.elapsed is not None:
+            middle = float(np.median(opened.elapsed[1:]))
+            notes += (
+                f"no delay is searched between rows at times of their own; --dt {middle:.3g} lays them on a grid",
+            )
         report = InspectReport(loaded.path, step, opened.record, tuple(faults), other, notes)
         bar.tick("the figure")
     return folder.save(report, f"{name}_faults.json", report.written(name))
