@@ -26,7 +26,7 @@ from hgogen.analysis.undefined import MAKER, undefined_slopes, undefined_values
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.commands import library
 from hgogen.commands.advice import KNOWN, Admitted, Advice, advice
-from hgogen.commands.claims import COLOURS, Checked, _text, checked, checks_table, few, theorem_table
+from hgogen.commands.claims import Checked, _text, checked, checks_table, coloured, few, theorem_table
 from hgogen.commands.command import PRINTED, ModelReport, Report, Tuned, command, json_file, print_report
 from hgogen.commands.output import Bar, filled, headed, note, results
 from hgogen.errors import HgogenError, nearest
@@ -531,9 +531,8 @@ def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = NONE
     for row in forms.answered:
-        verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
         why = because("as above") if row.why == before and len(str(row.why)) > _REPEATABLE else row.why
-        table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
+        table.add_row(coloured(row.verdict, row.verdict), Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
     reasons: dict[Reason, list[str]] = {}
     for row in forms.rows:
@@ -638,9 +637,7 @@ def undefined_list(checks: Iterable[Check]) -> RenderableType:
     for check in checks:
         pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"
         sentence = Sentence.of(pattern, id=check.id, reason=check.reason, point=point(check.witness))
-        lines.append(
-            Text(f"{check.verdict:10}", style=COLOURS.get(check.verdict, "cyan")).append(str(sentence), "default")
-        )
+        lines.append(coloured(f"{check.verdict:10}", check.verdict).append(str(sentence), "default"))
     return Group(*lines)
 
 
@@ -653,8 +650,7 @@ def observability_table(observability: Observability, least: Sight | None = None
     for check, answer, what in zip(
         observability.checks, (observability.known, observability.joint), whose, strict=False
     ):
-        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
+        table.add_row(coloured(check.verdict, check.verdict), Text(_answered(answer, what)) if answer else "")
     if least is not None:
         table.add_row(
             Text("practically unobservable", style="red") if least.below_resolution else Text("measured"),

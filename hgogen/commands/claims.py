@@ -220,7 +220,13 @@ def _note_without_observer(model: Model, survey: Survey, form: Form) -> str:
     return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
 
 
-COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+_COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+
+
+def coloured(text: object, verdict: Verdict | None, without: str = "") -> Text:
+    """Return a text in the colour of a verdict, `without` one in that colour."""
+    return Text(str(text), style=_COLOURS.get(verdict, "cyan") if verdict else without)
+
 
 _ALIKE = 4  # equal rows from which on they become one
 
@@ -237,7 +243,7 @@ def checks_table(head: Iterable[Sentence], listed: Iterable[Check], accepted: Se
     for called, check in _gathered(listed, accepted):
         pattern = "{claim}\n{reason}; at {point}" if check.witness else "{claim}\n{reason}"
         sentence = Sentence.of(pattern, claim=check.claim, reason=check.reason, point=point(check.witness))
-        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        verdict = coloured(check.verdict, check.verdict)
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
         table.add_row(verdict, Text(called), _text(sentence))
@@ -308,7 +314,7 @@ def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> Rendera
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
     table = headed("", "", "hypothesis", "known by")
     for row in hypotheses:
-        standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
+        standing = coloured(row.standing, row.verdict, without="magenta")
         known = "; ".join(part for part in (", ".join(row.checks), str(row.reason)) if part)
         where = f" [{row.reference}]" if row.reference else ""
         table.add_row(standing, Text(row.claim + where), Text(known))
