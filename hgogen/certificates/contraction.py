@@ -189,14 +189,12 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
     def by_theta(level: Fraction) -> bool:
         return at(level).may_contract(h)
 
-    if steps.may_contract(h):
-        longest = _proved(steps.certain, h, farthest(steps.may_contract, h, far))
-        least = _proved(lambda level: at(level).certain(h), theta, farthest(by_theta, theta, min(theta, Fraction(1))))
-    else:
-        contracting = _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
-        longest = contracting and _proved(steps.certain, contracting, farthest(steps.may_contract, contracting, h))
-        high = _first(by_theta, (theta * 2**k for k in range(1, _DOUBLINGS + 1)))
-        least = high and _proved(lambda level: at(level).certain(h), high, farthest(by_theta, high, theta))
+    contracts = steps.may_contract(h)  # else the searches begin where it first does, and end at h and theta
+    short = h if contracts else _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
+    high = theta if contracts else _first(by_theta, (theta * 2**k for k in range(1, _DOUBLINGS + 1)))
+    ends = (far, min(theta, Fraction(1))) if contracts else (h, theta)
+    longest = short and _proved(steps.certain, short, farthest(steps.may_contract, short, ends[0]))
+    least = high and _proved(lambda level: at(level).certain(h), high, farthest(by_theta, high, ends[1]))
     pieces = all_shorter(steps, longest) if longest else ()
     tuned = all_shorter(at(least), h * theta / least) if least and least < theta else ()
     return Reach(longest, pieces, least, tuned)
