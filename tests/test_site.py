@@ -158,7 +158,7 @@ def answers(site: Path, question: str) -> list[str]:
         "outlier": "outliers",
         "Arduino": "arduino",
         "late camera": "late_sensor",
-        "CasADi": "casadi",
+        "CasADi model": "casadi",
     }.items(),
 )
 def test_the_search_answers_with_the_right_page_first(built: Path, question: str, page: str) -> None:
