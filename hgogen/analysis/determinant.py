@@ -327,8 +327,8 @@ def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
         program = tape(list(jacobian), read)
     except NoTape:
         return np.zeros((0, n, n))
-    at = [[Fraction(point[s].p, point[s].q) for s in read] for point in points(read)]
-    matrices = np.array([[float(x.mid()) for x in values(program, place)] for place in at]).reshape(-1, n, n)
+    balls = (values(program, [point[s] for s in read]) for point in points(read))
+    matrices = np.array([[float(x.mid()) for x in row] for row in balls]).reshape(-1, n, n)
     return np.asarray(matrices[np.isfinite(matrices).all(axis=(1, 2))])
 
 

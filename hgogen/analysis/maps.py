@@ -23,7 +23,6 @@ Fliess, "Generalized controller canonical forms for linear and nonlinear dynamic
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from types import MappingProxyType
 
 import sympy as sp
@@ -200,8 +199,8 @@ def _holds(
         program = tape(errors, read)
     except NoTape:
         return False
-    at = ([Fraction(point[s].p, point[s].q) for s in read] for point in points(read))
-    return not any(ball.is_finite() and abs(ball) > _NOTHING for place in at for ball in values(program, place, _BITS))
+    balls = (ball for at in points(read) for ball in values(program, [at[s] for s in read], _BITS))
+    return not any(ball.is_finite() and abs(ball) > _NOTHING for ball in balls)
 
 
 # ---------------------------------------------------------------- as an observer evaluates it

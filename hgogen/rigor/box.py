@@ -115,19 +115,22 @@ def _is_noise(value: sp.Expr) -> bool:
     return bool(value.is_Float and value._prec == 1)
 
 
-def _near_an_edge(node: sp.Expr) -> bool:
-    """Return whether a function's argument may be at a jump or an unbounded
-    derivative, as 0 for a root. SymPy counts digits by the derivative,
-    and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
+def edges(node: sp.Expr) -> tuple[sp.Expr, ...]:
+    """Return the expressions of which one is 0 where a power or function jumps or has no bounded slope."""
     (first, *_) = node.args
-    edges = node.args if isinstance(node, _STEEP) else ()  # expressions that are 0 at those points
     if isinstance(node, sp.Pow):
-        edges = () if node.exp.is_Integer and node.exp > 0 else (first,)
-    elif isinstance(node, _WITH_ENDS):
-        edges = (first - 1, first + 1)
-    elif isinstance(node, sp.tan):
-        edges = (sp.cos(first),)
-    return any(_is_noise(part) for e in edges for part in e.evalf(15).as_real_imag())
+        return () if node.exp.is_Integer and node.exp > 0 else (first,)
+    if isinstance(node, _WITH_ENDS):
+        return first - 1, first + 1
+    if isinstance(node, sp.tan):
+        return (sp.cos(first),)
+    return tuple(node.args) if isinstance(node, _STEEP) else ()
+
+
+def _near_an_edge(node: sp.Expr) -> bool:
+    """Return whether a function's argument may be at one of its edges, as 0 for a root. SymPy counts
+    digits by the derivative, and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
+    return any(_is_noise(part) for e in edges(node) for part in e.evalf(15).as_real_imag())
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:

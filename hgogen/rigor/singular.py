@@ -46,6 +46,7 @@ import sympy as sp
 from flint import arb, ctx, fmpq, fmpq_series
 
 from hgogen.check import Verdict
+from hgogen.rigor import definite
 from hgogen.rigor.bounds import clamped_cells, contains_zero, enclose, nonzero, rational
 from hgogen.rigor.box import EVERYTHING, STRANGE, Box, End, exact, sides
 from hgogen.rigor.lookup import Cells, Table, applied, replaced
@@ -416,7 +417,7 @@ def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
     for radius in _RADII:
         with ctx.workprec(_DIGITS):
             count = _enough(terms, a[m:], m, radius)
-        coefficients = tuple(sp.Rational(int(c.p), int(c.q)) for c in a[m : m + count])
+        coefficients = tuple(sp.Rational(definite.fraction(c)) for c in a[m : m + count])
         polynomial = sp.Add(*(c * _X**k for k, c in enumerate(coefficients)))
         forms = (polynomial, beyond)
         if count and max(_loss(form, radius) for form in forms) <= _LOSS:
@@ -436,7 +437,7 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
     """Return the number of coefficients q_0, q_1, .. of sum of terms = x^j
     (q_0 + q_1 x + ..) for which the remainder is at most 2^-57 of the
     first nonzero term for |x| < radius; 0 if there is none."""
-    r = arb(_fraction(radius))
+    r = arb(definite.number(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
     except _NoSeries:
@@ -458,10 +459,6 @@ def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
     return max(size / total if total else inf for size, total in sizes)
 
 
-def _fraction(value: sp.Rational) -> fmpq:
-    return fmpq(int(value.p), int(value.q))
-
-
 def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
     """Return the first coefficients of x^m times the sum of the terms, or of a majorant series."""
     before, ctx.cap = ctx.cap, _ORDER
@@ -478,7 +475,7 @@ def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
 
 def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
     if e.is_Rational:
-        return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
+        return 0 * x + definite.number(abs(e) if majorant else e)
     if e == _X:
         return x
     if e.is_Add:

@@ -35,7 +35,7 @@ import sympy as sp
 from hgogen.check import Verdict
 from hgogen.rigor import outward
 from hgogen.rigor.bounds import Proof, Sign, as_programmed, ends, nonzero, special_point
-from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, exact, kind, put, sides
+from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, edges, exact, kind, put, sides
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Kinked, Stepped, Table
 from hgogen.rigor.outward import Array, Flags, Pair, add, meet, negate, scale, up, where_known
@@ -366,7 +366,9 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
 
 
 def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
-    for argument in dict.fromkeys(_singular_arguments(row)):
+    kinds = (sp.Pow, sp.log, sp.asin, sp.acos, sp.atanh, sp.acosh), (sp.tan,)
+    nodes = (node for some in kinds for node in sorted(row.atoms(*some), key=str))
+    for argument in dict.fromkeys(e for node in nodes for e in edges(node)):
         symbols = [s for s in around.symbols if s in argument.free_symbols]
         part = around.only(symbols)
         if not symbols:
@@ -374,20 +376,6 @@ def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
         special = special_point(argument, tape([argument], part.symbols), part, ("= 0",))
         if special:
             yield next(around.spread()) | special[1]
-
-
-def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
-    for node in sorted(row.atoms(sp.Pow, sp.log, sp.asin, sp.acos, sp.atanh, sp.acosh), key=str):
-        if isinstance(node, sp.Pow):
-            if not (node.exp.is_Integer and node.exp > 0):
-                yield node.base
-        elif isinstance(node, sp.log):
-            yield node.args[0]
-        else:
-            yield node.args[0] - 1
-            yield node.args[0] + 1
-    for node in sorted(row.atoms(sp.tan), key=str):
-        yield sp.cos(node.args[0])
 
 
 def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
