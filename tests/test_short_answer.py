@@ -105,3 +105,20 @@ def test_the_model_s_own_observer_is_kept_where_none_is_proved(tmp_path: Path) -
     gains = "Q = [1, 1, 1], R = 1e-4, covariance = [1, 1, 1], dt = 0.01"
     path = written(tmp_path, f'observer = {{kind = "ukf", form = "original", {gains}}}\n{MIXER}')
     assert any(line.startswith("take        ukf in original form, with the gains of the model") for line in check(path))
+
+
+def test_a_form_beside_another_question_does_not_hide_it(tmp_path: Path) -> None:
+    """--form alone prints its claims; with a certificate, a claim or a range it is the form of the answer."""
+    path, file = written(tmp_path, SPRING), tmp_path / "c.json"
+    alone = check(path, "--form", "triangular")
+    check(path, "--form", "triangular", "--certificate", str(file))
+    assert '"hgogen certificate"' in file.read_text()
+    proof = check(path, "--form", "triangular", "--proof", "triangular.structure")
+    assert proof[0].startswith("proved   triangular.structure: ")
+    assert len(proof) < len(alone)
+    assert any(line.startswith("h**2") for line in check(path, "--form", "triangular", "--bound", "h**2"))
+
+
+def test_latex_beside_json_is_refused(tmp_path: Path) -> None:
+    text = " ".join(check(written(tmp_path, SPRING), "--latex", "--json", status=2))
+    assert "prints LaTeX; ask for JSON by itself" in text

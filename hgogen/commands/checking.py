@@ -410,8 +410,10 @@ def check_(
     if many is not None:
         print_report(_answered_library(many, limit or library.LIMIT), as_json)
         return
+    if latex and as_json:
+        raise typer.BadParameter("prints LaTeX; ask for JSON by itself", param_hint="--latex")
     loaded, whole = load(str(model)).set(setting), latex or bool(as_json) or everything
-    if loaded.setting.form and not whole:
+    if loaded.setting.form and not (whole or certificate or bounds or observer or proof):
         print_report(FormClaims(loaded.plant.name, of(loaded.setting.form, loaded.plant)), None)
         return
     if observer is not None:
