@@ -402,7 +402,7 @@ def check_(
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
-    _demand_places(certificate, json_file(as_json))
+    _demand_results(certificate, as_json, latex)
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
     options |= {"--all": everything, "--proof": proof, "--observer": observer}
     options |= dict(word.split(maxsplit=1) for word in setting.words)
@@ -410,8 +410,6 @@ def check_(
     if many is not None:
         print_report(_answered_library(many, limit or library.LIMIT), as_json)
         return
-    if latex and as_json:
-        raise typer.BadParameter("prints LaTeX; ask for JSON by itself", param_hint="--latex")
     loaded, whole = load(str(model)).set(setting), latex or bool(as_json) or everything
     if loaded.setting.form and not (whole or certificate or bounds or observer or proof):
         print_report(FormClaims(loaded.plant.name, of(loaded.setting.form, loaded.plant)), None)
@@ -442,13 +440,16 @@ def _demand_unset(options: Mapping[str, Any], many: Path | None) -> None:
         raise typer.BadParameter(reason, param_hint=unused)
 
 
-def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
-    for option, file in (("--certificate", certificate), ("--json", json_file)):
+def _demand_results(certificate: Path | None, as_json: str | None, latex: bool) -> None:
+    if latex and as_json:
+        raise typer.BadParameter("prints LaTeX; ask for JSON by itself", param_hint="--latex")
+    report = json_file(as_json)
+    for option, file in (("--certificate", certificate), ("--json", report)):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
         if file is not None:
             demand_place([file.name], file.parent)
-    if certificate is not None and certificate == json_file:
+    if certificate is not None and certificate == report:
         raise typer.BadParameter("one file cannot be the certificate and the JSON", param_hint="--certificate")
 
 
