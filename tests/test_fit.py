@@ -1055,7 +1055,8 @@ def test_options_are_proposed_that_the_residuals_ask_for() -> None:
 
 
 def test_a_lag_is_proposed_that_the_residuals_ask_for() -> None:
-    """Of a sensor of the time constant 0.3; not of a prompt one, nor of one that has a lag already."""
+    """Of a sensor of the time constant 0.3; not of a prompt one, nor of one that has a lag already, nor where the model
+    errs more than a lag explains: g is wrong by a third."""
     record, behind, delayed = log(6), 1.0, []
     for value in np.ravel(record.y):
         behind += (value - behind) * (1 - np.exp(-DT / 0.3))
@@ -1071,6 +1072,8 @@ def test_a_lag_is_proposed_that_the_residuals_ask_for() -> None:
         assert len(proposed) == lags
         assert all(0.25 < float(one.partition("of ")[2].partition(" ")[0]) < 0.35 for one in proposed)
         assert [*proposed_lags(fit, with_lag, ["y"])] == []
+    wrong = hg.fit(PLANT, late, free=("k", "c"), starts=1)
+    assert [*proposed_lags(wrong, lambda y: hg.fit(PLANT, late, free=("k", "c"), starts=1, lag=[y]), ())] == []
 
 
 @pytest.mark.full

@@ -61,7 +61,7 @@ from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the progress of an unfinished fit
 EVERY = 1.0  # seconds at least between two writes of that file
-LESS = 0.7  # residuals with a lag over those without that propose it
+LESS = 0.5  # residuals with a lag over those without that propose it
 OUTLYING, STEADY, SIZE = 5e-3, 6.0, 0.3  # share of outliers; of a mean: standard errors, and deviations
 FAR = 4.0  # standard errors by which a parameter moves only if the rows held out are unlike the others
 UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
