@@ -410,14 +410,16 @@ def generate_(
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
     prepared = []
-    for one in loaded:  # all models, before any trial is run or file written
-        folder = Folder(out, name or named(one, observer))
-        note(*one.notes)
-        step = one.step(observer)
-        known = proved_bound(step, one, note)
-        code, library = _generate_code(one, step, known, observer, target, ecosystems, name, folder)
-        folder.demand(*library)
-        prepared.append((one, folder, step, known, code, library))
+    with Bar("models", len(loaded)) as bar:
+        for one in loaded:  # all models, before any trial is run or file written
+            folder = Folder(out, name or named(one, observer))
+            note(*one.notes)
+            step = one.step(observer)
+            known = proved_bound(step, one, note)
+            code, library = _generate_code(one, step, known, observer, target, ecosystems, name, folder)
+            folder.demand(*library)
+            prepared.append((one, folder, step, known, code, library))
+            bar.tick()
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
     generated = []
     for one, folder, step, known, code, library in prepared:
