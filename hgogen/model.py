@@ -5,6 +5,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
@@ -251,14 +252,18 @@ class Model(Displayed):
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _written_step(self) -> CallableStep:
-        step = self._called("step")
+        step = self._called("step", CallableStep)
         if not isinstance(step, CallableStep):
             raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
-        return step
+        if step is not self._part("step"):
+            return step
+        fresh: CallableStep = copy(step)
+        fresh.reset()  # the file may have called it
+        return fresh
 
     def trials(self) -> tuple[Trial, ...]:
         """Return the result of the file's `trial()`, one trial or several. Raises: `MissingPart`, `ModelFails`."""
-        returned = self._called("trial")
+        returned = self._called("trial", Trial | tuple | list)
         trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
             kind = type(returned).__name__
@@ -273,8 +278,10 @@ class Model(Displayed):
             raise MissingPart(self.path, f"defines no {part}, which this command needs; add {self.fixes[part]}")
         return getattr(self.module, part)
 
-    def _called(self, part: str) -> Any:
+    def _called(self, part: str, wanted: Any) -> Any:
         function = self._part(part)
+        if isinstance(function, wanted):
+            return function
         if not callable(function):
             kind = type(function).__name__
             raise MissingPart(self.path, f"{part} is of type {kind}; make it a function, {self.fixes[part]}")

@@ -238,3 +238,32 @@ def test_a_tuning_and_a_certificate_without_the_command_line(tmp_path: Path) -> 
     assert content["observer"]["name"] == "riccati"
     with pytest.raises(hg.HgogenError, match="there is no such model file"):
         hg.load(tmp_path / "nothing.py")
+
+
+SCRIPT = """
+import numpy as np
+import hgogen as hg
+from hgogen.trial import Trial
+
+q, w, y = hg.Signal("q", low=-1, high=1), hg.Signal("w", low=-3, high=3), hg.Signal("y")
+plant = hg.System("spring", states=(q, w), outputs=(y,), flow=[w, -q], output=[q])
+observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1, -1))
+step = hg.sample(observer, hg.methods.rk4, dt=1e-2)
+trial = Trial("swing", 1, {"q": 0.5, "w": 0})
+run = step.run(y=np.ones(10))
+"""
+
+
+def test_a_script_whose_step_and_trial_are_values_is_a_model(tmp_path: Path) -> None:
+    """As the lines of a first page are: its step begins anew, however far the script has run it, and each time."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    model = load(path)
+    step = model.step()
+    assert step.observer.name == "high_gain"
+    first = hg.sample(step.observer, hg.methods.rk4, dt=1e-2)(y=0.3)["q"]
+    assert step(y=0.3)["q"] == first
+    assert step(y=0.3)["q"] != first
+    assert model.step()(y=0.3)["q"] == first
+    assert model.step("high_gain").dt == 1e-2
+    assert [trial.name for trial in model.trials()] == ["swing"]
