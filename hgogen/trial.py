@@ -12,11 +12,13 @@ first sample that is not before it.
 
 A plant without a trial has a proposed one:
 
-    x(0) = m + c s S,   u(t) = m + c S sin(2 pi t/D),   xhat(0) = m,   duration 10 D
+    x(0) = m + c s S,   u_k(t) = m + c S sin(2 pi t/T_k + k pi/2),   xhat(0) = m,   duration 10 D
+    T_k = D sqrt(k + 1),  longer where the declared range of a derivative of u_k asks for it,   k = 0, 1, ..
 
 m: the middle and S: half of a range; D: the longest time in which a state crosses its range at its fastest; s: a sign
-for each state; c = 1/2, 1/4 or 1/10. The proposal is the motion that stays longest in all ranges of the states, the
-first of equals; where it leaves them, the trial ends before.
+for each state; c = 1/2, 1/4 or 1/10. No two inputs have the same signal, so that their differences act too. The
+proposal is the motion that stays longest in all ranges of the states, the first of equals; where it leaves them, the
+trial ends before.
 """
 
 import ctypes
@@ -771,8 +773,16 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
         for signs in SIGNS:
             signed = zip(plant.states, islice(cycle(signs), len(plant.states)), strict=True)
             start = state([_middle(x) + share * sign * _half(x) for x, sign in signed])
-            inputs = {u.name: _middle(u) + share * _half(u) * sp.sin(2 * sp.pi * t / longest) for u in plant.supplied}
+            inputs = {u.name: _tone(k, u, share * _half(u), longest) for k, u in enumerate(plant.supplied)}
             yield Trial("proposed", CROSSINGS * longest, start, inputs, estimate=middle, seeds=(0,))
+
+
+def _tone(k: int, u: Signal, amplitude: float, longest: float) -> sp.Expr:
+    """Return u_k, with (2 pi/T_k)^j c S within the range of the derivative j where that has 0 inside."""
+    limits = ((order, min(-low, high)) for order, (low, high) in enumerate(u.rates, 1))
+    slowest = (2 * math.pi * (amplitude / limit) ** (1 / order) for order, limit in limits if limit > 0)
+    period = max(longest * math.sqrt(k + 1), *slowest, 0.0)
+    return _middle(u) + amplitude * sp.sin(2 * sp.pi * t / period + k * sp.pi / 2)
 
 
 def _stay(plant: System, trial: Trial) -> float:

@@ -1,13 +1,16 @@
 """A trial from ranges: it stays in them, moves, and says why there is none."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.commands.trial_runs import trials_of
 from hgogen.trial import CROSSINGS, NoTrial
 
 X, V = hg.Signal("x", low=-1, high=3), hg.Signal("v", low=-2, high=2)
@@ -26,6 +29,30 @@ def test_it_is_half_way_to_the_ends() -> None:
     assert trial.estimate == {"x": 1.0, "v": 0.0}
     u = np.array([float(trial.inputs["u"].subs(hg.trial.t, s)) for s in np.linspace(0, trial.duration, 201)])
     assert (u.min(), u.max()) == (pytest.approx(0.5, abs=1e-2), pytest.approx(1.5, abs=1e-2))
+
+
+def test_the_heading_of_a_unicycle_turns() -> None:
+    """Equal signals of both wheels would drive it straight on for ever."""
+    x, y = (hg.Signal(name, low=-100, high=100) for name in "xy")
+    heading, left, right = hg.Signal("psi", period=2 * sp.pi), *(hg.Signal(w, low=-30, high=30) for w in ("l", "r"))
+    flow = [(left + right) * sp.cos(heading) / 20, (left + right) * sp.sin(heading) / 20, (right - left) / 4]
+    states, outputs = (x, y, heading), (hg.Signal("gx"), hg.Signal("gy"))
+    unicycle = hg.System("unicycle", states=states, inputs=(left, right), outputs=outputs, flow=flow, output=[x, y])
+    trial = hg.proposed_trial(unicycle)
+    truth = hg.trial.simulate(unicycle, trial, trial.duration / 733)
+    assert np.ptp(truth.x[:, 2]) > 1
+    assert np.argmax(np.abs(np.fft.rfft(truth.u, axis=0)), axis=0).tolist() == [10, 7]  # in 10 D
+    assert (np.abs(truth.u) <= 30).all()
+
+
+def test_an_input_stays_within_the_ranges_of_its_derivatives() -> None:
+    """Half of u's range at once in 2 s is a rate of pi/2; .01 is slower, and .001 of the second derivative slowest."""
+    slow = hg.Signal("u", low=0, high=2, rates=((-0.01, 0.5), (-0.001, 0.001)))
+    u = sp.sympify(hg.proposed_trial(plant(V, -2 * V + 0 * slow, inputs=(slow,))).inputs["u"])
+    moments = np.linspace(0, 1000, 3001)
+    rate, second = (sp.lambdify(hg.trial.t, sp.diff(u, hg.trial.t, order))(moments) for order in (1, 2))
+    assert np.abs(rate).max() == pytest.approx(0.01, rel=1e-4)
+    assert np.abs(second).max() < 0.001
 
 
 @pytest.mark.full
@@ -72,3 +99,25 @@ def test_a_plant_that_escapes_has_one_before() -> None:
     assert trial.start == {"x": 0.0}  # the sign -1, half way down: it stays longest
     leaves = np.arctan(3) - np.arctan(0)
     assert 0.9 * leaves / 2 < trial.duration <= 0.9 * leaves  # to a power of 2
+
+
+NOISY = """
+name = "cart"
+states.x = {low = -1, high = 3, flow = "v"}
+states.v = {low = -2, high = 2, flow = "u - v"}
+inputs.u = {low = 0, high = 2}
+outputs.y = {equation = "x"}
+observer = {kind = "ekf", Q_per_sample = {x = 1e-5, v = 1e-4}, noise = {y = 0.05}, dt = 0.01}
+"""
+
+
+def test_it_has_the_noise_that_the_observer_of_the_model_declares(tmp_path: Path) -> None:
+    """A model's own trial keeps its own."""
+    path = tmp_path / "cart.toml"
+    path.write_text(NOISY)
+    proposed = hg.load(str(path))
+    (trial,) = trials_of(proposed, proposed.step())
+    assert trial.noise["y"].sigma == pytest.approx(0.05, rel=1e-12)
+    path.write_text(NOISY + "trial = {duration = 1, start = {x = 0, v = 0}, inputs = {u = 1}}")
+    declared = hg.load(str(path))
+    assert trials_of(declared, declared.step()) == declared.trials()

@@ -46,7 +46,6 @@ from hgogen.commands.trial_runs import (
     summaries,
     trial_figures,
     trials_of,
-    trials_or_proposed,
     trials_table,
     tried,
 )
@@ -189,7 +188,8 @@ def cost_(
     folder = Folder(out, name or named(loaded, observer))
     folder.demand(COSTS)
     note(*loaded.notes)
-    unnamed_step, trial, real = loaded.step(observer), trials_or_proposed(loaded)[0], loaded.setting.real or "float"
+    unnamed_step, real = loaded.step(observer), loaded.setting.real or "float"
+    trial = trials_of(loaded, unnamed_step)[0]
     step = prefixed(unnamed_step, name) if name else unnamed_step
     costs = measured(step, targets.c99(step, real=real, check=False), rows_given(unnamed_step, trial), real)
     paths = folder.write({COSTS: json_text({"model": loaded.name, **encoded(costs)}) + "\n"})

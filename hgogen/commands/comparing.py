@@ -26,7 +26,7 @@ from hgogen.commands.command import (
     one_or_all,
 )
 from hgogen.commands.output import Bar, Written, filled, folder_of, headed, note, refusals_table, rendered
-from hgogen.commands.trial_runs import CampaignRow, campaigns, time_cell, trials_or_proposed
+from hgogen.commands.trial_runs import CampaignRow, campaigns, time_cell, trials_or_proposed, with_declared_noise
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -152,6 +152,7 @@ def compare_(
     if not campaign_options:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps, dt, refused = _alike(loaded, names, chosen)
+    chosen = with_declared_noise(loaded, chosen, steps[chosen[0].name].values())
     if campaign_options:
         rows = campaigns(lambda one: steps[one.name], chosen, engine, campaign_options, seeds)
         return ComparedCampaigns(loaded.path, dt, engine, rows, refused)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +15,7 @@ from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands.command import Runs
 from hgogen.commands.output import Bar, headed, note
+from hgogen.estimators.noise import sample_deviations
 from hgogen.model import Model
 from hgogen.run.campaign import (
     BadCampaign,
@@ -47,7 +48,7 @@ from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
 from hgogen.sentence import up
 from hgogen.target import lines_of
-from hgogen.trial import Trajectory, Trial, demand_trial, proposed_trial, try_out
+from hgogen.trial import OrnsteinUhlenbeck, Trajectory, Trial, demand_trial, proposed_trial, try_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,10 +68,21 @@ def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
     return (trial,)
 
 
+def with_declared_noise(model: Model, trials: Sequence[Trial], steps: Iterable[CallableStep]) -> tuple[Trial, ...]:
+    """Return a proposed trial with the standard deviations of one sample that the first of the `steps` with R declares;
+    a model's own trials as they are."""
+    if model.has("trial"):
+        return tuple(trials)
+    declared = next(filter(None, map(sample_deviations, steps)), {})
+    names = [y.name for y in model.plant.declared.outputs if y.name in declared]
+    noise = {name: OrnsteinUhlenbeck(declared[name]) for name in names}
+    return tuple(replace(one, noise=noise) for one in trials)
+
+
 def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
-    """Return a model's trials after checking that its step can run on each. Raises: `NoTrial`, `MissingPart`,
-    `BadTrial`."""
-    known = trials_or_proposed(model)
+    """Return a model's trials, a proposed one with the noise that the step declares, after checking that the step can
+    run on each. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
+    known = with_declared_noise(model, trials_or_proposed(model), [step])
     for trial in known:
         demand_trial(step.observer.form.system.declared, trial, step.dt)
     return known
