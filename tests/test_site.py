@@ -164,3 +164,10 @@ def answers(site: Path, question: str) -> list[str]:
 def test_the_search_answers_with_the_right_page_first(built: Path, question: str, page: str) -> None:
     first, *_ = answers(built, question)
     assert first == f"howto/{page}.html"
+
+
+def test_the_frame_of_the_home_page_does_not_move_it() -> None:
+    """A fragment in the address of a frame scrolls the page around it, too; its page reads `?live` instead."""
+    (address,) = re.findall(r'<iframe class="live" src="(.*?)"', (ROOT / "docs" / "index.md").read_text())
+    assert address == "reports/fitzhugh_nagumo.html?live"
+    assert 'location.search === "?live"' in (ROOT / "hgogen/extras/report/live.js").read_text()

@@ -280,6 +280,9 @@ async function main() {
   requestAnimationFrame(frame);
 }
 
+if (location.search === "?live") { // in a frame, of which a fragment would move the page around it too
+  scrollTo(0, document.getElementById("observer-live").offsetTop);
+}
 if (data.wasm) {
   main().catch((error) => { element("state").textContent = "The observer cannot run here: " + error; });
 }
