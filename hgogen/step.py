@@ -94,9 +94,12 @@ class StepTooLong(HgogenError):
 
 
 def _time(value: float, unit: str) -> str:
+    return f"{_floor(value):g}" + f" {unit}" * (unit != "s")
+
+
+def _floor(value: float) -> float:
     """Return a time to three digits, rounded down, so that a printed limit is admissible."""
-    rounded = decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)
-    return f"{float(rounded):g}" + f" {unit}" * (unit != "s")
+    return float(decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value))
 
 
 def _advice(take: float, unit: str, basis: str) -> str:
@@ -117,7 +120,11 @@ class StartsUncorrected(UserWarning):
 
 
 class StepMayFail(UserWarning):
-    """A step length between the advised and the refused one: it may fail."""
+    """A step length between the advised one, `take`, and the refused one: it may fail."""
+
+    def __init__(self, text: str, take: float = INF) -> None:
+        super().__init__(text)
+        self.take = take
 
 
 _LAST = 32  # cached steps
@@ -476,12 +483,11 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
         raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, time, proof)
     if dt > advised.take:
         rule, above = advised.rule or method.name, f"; above {_time(tightest.refused, time)} it is refused"
-        warnings.warn(
+        text = (
             f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.refused < INF)}; "
-            f"{_advice(advised.take, time, advised.basis)}{proof}",
-            StepMayFail,
-            stacklevel=4,
+            f"{_advice(advised.take, time, advised.basis)}{proof}"
         )
+        warnings.warn(StepMayFail(text, _floor(advised.take)), stacklevel=4)
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:

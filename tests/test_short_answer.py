@@ -1,6 +1,7 @@
 """The short answer of `check`: at most ten lines, which name what works."""
 
 import re
+import warnings
 from pathlib import Path
 
 import pytest
@@ -103,7 +104,8 @@ def test_a_form_is_printed_alone(tmp_path: Path) -> None:
 
 def test_the_model_s_own_observer_is_kept_where_none_is_proved(tmp_path: Path) -> None:
     gains = "Q = [1, 1, 1], R = 1e-4, covariance = [1, 1, 1], dt = 0.01"
-    path = written(tmp_path, f'observer = {{kind = "ukf", form = "original", {gains}}}\n{MIXER}')
+    other = f'tuning.riccati = {{form = "original", {gains}}}\n'
+    path = written(tmp_path, f'observer = {{kind = "ukf", form = "original", {gains}}}\n{other}{MIXER}')
     assert any(line.startswith("take        ukf in original form, with the gains of the model") for line in check(path))
 
 
@@ -122,3 +124,41 @@ def test_a_form_beside_another_question_does_not_hide_it(tmp_path: Path) -> None
 def test_latex_beside_json_is_refused(tmp_path: Path) -> None:
     text = " ".join(check(written(tmp_path, SPRING), "--latex", "--json", status=2))
     assert "prints LaTeX; ask for JSON by itself" in text
+
+
+def test_the_model_s_gains_are_preferred_to_untried_ones_that_are_proved(tmp_path: Path) -> None:
+    gains = "Q = {h = 1, v = 1}, noise = {y = 0.01}, covariance = {h = 1, v = 1}, dt = [0.001, 0.02]"
+    own = f'observer = {{kind = "riccati", form = "original", {gains}}}\n{SPRING}'
+    taken = "take riccati, the extended Kalman filter, in original form, with the gains of the model:"
+    assert taken in words(own, tmp_path)
+    other = f'tuning.nonlinear_filter = {{kind = "ukf", form = "original", {gains}}}\n{SPRING}'
+    assert "take ukf in original form, with the gains of the model:" in words(other, tmp_path)
+
+
+def test_a_tuning_of_any_observer_is_preferred_to_untried_gains() -> None:
+    text = " ".join(check(str(MODELS / "lorenz.toml")))  # its other tunings accept what is refuted
+    assert "take        kalman_like in state_affine form, with the gains of the model:" in text
+
+
+def test_a_proposed_dt_is_one_that_the_step_advises(tmp_path: Path) -> None:
+    flow = '"k*u - d*w - f*tanh(w/0.3)"'
+    motor = f"""
+name = "motor"
+states.th = {{low = -600, high = 600, flow = "w"}}
+states.w = {{low = -250, high = 250, flow = {flow}}}
+inputs.u = {{low = -12, high = 12}}
+outputs.angle = {{equation = "th"}}
+outputs.tacho = {{equation = "w"}}
+parameters.k = {{value = 15, low = 1, high = 200}}
+parameters.d = {{value = 1, low = 0, high = 20}}
+parameters.f = {{value = 1, low = 0, high = 100}}
+"""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lines = check(written(tmp_path, motor), "--all")
+    assert [line.endswith("dt = 0.00788}") for line in lines if line.startswith("  tuning.riccati = ")] == [True]
+
+
+def words(text: str, folder: Path) -> str:
+    """Return the answer to a model, with single spaces."""
+    return " ".join(" ".join(check(written(folder, text))).split())

@@ -156,12 +156,12 @@ class _Tuned:
             kind = checked_step.observer.name
             done.add(kind)
             yield kind, _admitted(kind, self.claims.tuning or "step", checked_step, self._line())
-        for name, table in self.model.tuning.tables.items():
-            kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
+        tuning = self.model.tuning
+        for name, kind in tuning.kinds.items():
             unasked = kind in observers.__all__ and kind not in self.kinds  # of no kind it is refused
             if kind in done or unasked:
                 continue
-            step = self._step(name, kind, table)
+            step = self._step(name, kind, tuning.tables[name])
             if step is not None:
                 done.add(kind)
                 yield kind, _admitted(kind, name, step, self._line(name))

@@ -234,8 +234,10 @@ class ShortAnswer(CheckReport):
         which observer to take, and the line that makes it
         what is proved of it, what is not, and what to fix first
 
-    An observer with proved convergence is preferred, of those the model's own; where none is proved, the model's own,
-    else the extended Kalman filter. Only `KINDS` are tried beside the tuned ones, so that the answer takes seconds.
+    Gains of the model are preferred to first gains, which nobody tried. Among either, an observer with proved
+    convergence is preferred, of those the model's own; where none is proved, the model's own, else the extended Kalman
+    filter. Only `KINDS` are tried beside the model's own observer, so that the answer takes seconds; all its tunings
+    are where it has gains for none of these.
     """
 
     proof: str | None
@@ -248,9 +250,13 @@ class ShortAnswer(CheckReport):
     @cached_property
     def advice(self) -> Advice:
         """The advice on the model as it is set, about few observers."""
-        claims = self.claims
-        kinds = (claims.observer, *KINDS)
-        return advice(self.loaded, self.observability, self.survey, claims, deep=self.deep, kinds=kinds)
+        short = self._about(self.claims.observer, *KINDS)
+        if all(one.proposed for one in short.admitted) and self.loaded.tuning.tables:
+            return self._about(*KINDS, *self.loaded.tuning.kinds.values())
+        return short
+
+    def _about(self, *kinds: str) -> Advice:
+        return advice(self.loaded, self.observability, self.survey, self.claims, deep=self.deep, kinds=kinds)
 
     @property
     def as_set(self) -> bool:
@@ -262,8 +268,9 @@ class ShortAnswer(CheckReport):
         """The observer to take, of those advised."""
         own = self.claims.observer
 
-        def place(one: Admitted) -> tuple[int, bool, bool, tuple[int, int, int]]:
-            return KNOWN[one.convergence][1], one.observer != own, one.observer != "riccati", one.rank
+        def place(one: Admitted) -> tuple[bool, int, bool, bool, tuple[int, int, int]]:
+            known = KNOWN[one.convergence][1]
+            return one.proposed, known, one.observer != own, one.observer != "riccati", one.rank
 
         return min(self.advice.admitted, key=place, default=None)
 

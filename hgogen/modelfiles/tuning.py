@@ -30,6 +30,7 @@
 In Python `form` may be a function of the plant, and a value may be the object that the text names.
 """
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -40,7 +41,7 @@ from typing import Any, TypeVar
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, refuted
-from hgogen.errors import HgogenError, nearest
+from hgogen.errors import HgogenError, is_ignored, nearest
 from hgogen.estimators import innovation, theta
 from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.form import Form
@@ -52,7 +53,7 @@ from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import NUMBER, TABLE, TEXT, BadModelFile, demand_keys
 from hgogen.signal import plural
 from hgogen.starting import Starting, starting_gains
-from hgogen.step import StepTooLong
+from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
@@ -170,10 +171,24 @@ class Tuning:
     @property
     def synonyms(self) -> Iterator[str]:
         """A sentence for each tuning whose kind is another name of an observer."""
-        for name, table in self.tables.items():
-            kind = table.get("kind", name) if isinstance(table, Mapping) else name
-            if isinstance(kind, str) and kind in SYNONYMS and not (self.plant.discrete and kind == "luenberger"):
+        for name, kind in self._called.items():
+            if self._is_synonym(kind):
                 yield f"{self.where(name)}: {SYNONYMS[kind].sentence}"
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """The name of the observer of each tuning, by the tuning's name; that of `hg.observers` for a textbook name."""
+        return {
+            name: SYNONYMS[kind].observer if self._is_synonym(kind) else kind for name, kind in self._called.items()
+        }
+
+    @property
+    def _called(self) -> dict[str, str]:
+        tables = self.tables.items()
+        return {name: str(table.get("kind", name)) if isinstance(table, Mapping) else name for name, table in tables}
+
+    def _is_synonym(self, kind: str) -> bool:
+        return kind in SYNONYMS and not (self.plant.discrete and kind == "luenberger")
 
     def period(self, name: str) -> float:
         """Return the sampling period dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
@@ -374,9 +389,25 @@ def _surveyed(plant: System, deep: bool) -> Survey:
     return survey(plant, deep=deep)
 
 
+def _advised(
+    make: Callable[..., Observer], form: Form, starting: Starting, fixed: bool
+) -> tuple[Starting, CallableStep]:
+    """Return the step of starting gains, and the gains: unless dt is `fixed`, those at the longest dt that the step
+    advises, where theirs may fail."""
+    with warnings.catch_warnings():
+        if not (fixed or is_ignored(StepMayFail)):
+            warnings.simplefilter("error", StepMayFail)
+        try:
+            return starting, sample(make(form, **starting.gains), dt=starting.dt)
+        except StepMayFail as limit:
+            starting = starting_gains(form, make, dt=limit.take)
+    return starting, sample(make(form, **starting.gains), dt=starting.dt)
+
+
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
     """Return the first step of the observer with this name, on the first of the forms in `rows` that admits it, at the
-    sampling period `dt`, by default that of its starting gains; or the reason why there is none."""
+    sampling period `dt`, by default that of its starting gains or the longest that the step advises, if that is
+    shorter; or the reason why there is none."""
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):
@@ -389,7 +420,7 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         if not starting:
             return NoFirst(starting.none, ruled=True)
         try:
-            step = sample(make(row.form, **starting.gains), dt=starting.dt)
+            starting, step = _advised(make, row.form, starting, fixed=dt is not None)
         except HgogenError as error:
             # without the fix, such as another form: all forms are tried
             reason = str(replace(error, fix="") if isinstance(error, BadGain) else error)
