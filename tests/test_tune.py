@@ -600,7 +600,9 @@ def row(name: str, error: float, **over: Any) -> Any:
 
 def test_the_verdict_says_why_and_where_measures_disagree() -> None:
     proved, first = row("high_gain", 0.52, rank=(0, True, 9)), row("riccati", 0.5)
-    made: Any = SimpleNamespace(best=proved, rows=(first, proved), tied=(first, proved), ahead=1, truth=(), final=())
+    made: Any = SimpleNamespace(
+        best=proved, rows=(first, proved), credible=(first, proved), tied=(first, proved), ahead=1, truth=(), final=()
+    )
     rows = [
         Judged("riccati", {1: {"y": 0.2}, 5: {"y": 0.8}}, {"v": 0.3}, {}),
         Judged("high_gain", {1: {"y": 0.21}, 5: {"y": 1.0}}, {"v": 0.4}, {"y": 9.0}),
@@ -621,6 +623,42 @@ def test_the_verdict_says_why_and_where_measures_disagree() -> None:
     assert verdicts(made, rows, explained=True) == (said[0], said[2])  # by a fault of the log
 
 
+def test_a_row_that_a_truth_contradicts_is_not_the_one_to_take() -> None:
+    even, far = np.full(5, 0.01), np.full(5, 1.0)
+    follows = row("high_gain", 0.5, errors=np.full(5, 0.25), hidden=far, rank=(0, True, 9))
+    filters = row("riccati", 0.9, errors=np.full(5, 0.81), hidden=even)
+    made = Calibration((follows, filters), {}, 1, 5)
+    assert made.credible == made.tied == (filters,)
+    assert made.best is filters
+    said = verdicts(made, [Judged(name, {}, {}, {}) for name in ("riccati", "high_gain")])
+    assert said[0].endswith("; high_gain errs 0.5, but by the truth 10 times as much as riccati")
+    scattered = np.array([0.005, 0.005, 0.005, 0.005, 0.06])  # by chance worse: one segment of five
+    for hidden in (None, 1.1 * even, scattered):
+        blind = replace(made, rows=(replace_hidden(follows, hidden), filters))
+        assert blind.best.name == "high_gain"
+    assert replace(made, rows=(replace_hidden(follows, 1.11 * even), filters)).best is filters
+
+
+def replace_hidden(one: Any, hidden: Any) -> Any:
+    """A row with other errors of hidden states."""
+    return SimpleNamespace(**{**vars(one), "hidden": hidden})
+
+
+def test_a_truth_compares_rows_without_choosing_gains() -> None:
+    """Errors of hidden states are those of the rows themselves, also of the adaptive one, relative to their mean."""
+    record, states = log(8, 300)
+    blind = hg.tune(PLANT, record, observers=["riccati"])
+    made = hg.tune(PLANT, record, observers=["riccati"], compared=[{"v": states[:, 1]}])
+    assert [one.table for one in made.rows] == [one.table for one in blind.rows]
+    assert (made.truth, blind["riccati"].hidden) == ((), None)
+    for one in made.rows:
+        assert one.hidden is not None
+        assert one.hidden.shape == one.errors.shape
+        assert 0 < one.hidden.mean() < 1
+    constant = hg.tune(PLANT, record, observers=["riccati"], compared=[{"v": 0 * states[:, 1]}])
+    assert constant["riccati"].hidden is None  # of a truth that does not change nothing is relative
+
+
 def test_a_rival_is_better_by_more_than_five_percent() -> None:
     others = {"a": 0.96, "b": math.nan, "copying": 0.96, "differencing": 1.06}
     assert [*_rival(1.0, others, "predicts y", "")] == ["copying predicts y as well, 0.96 for 1"]
@@ -630,7 +668,7 @@ def test_a_rival_is_better_by_more_than_five_percent() -> None:
 
 def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None:
     bad = row("riccati", 1.3)
-    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1, truth=(), final=())
+    made: Any = SimpleNamespace(best=bad, rows=(bad,), credible=(bad,), tied=(bad,), ahead=1, truth=(), final=())
     rows = [
         Judged("riccati", {1: {"y": 0.2}}, {}, {"y": 9.0}),
         Judged("copying", {1: {"y": 0.1}}, {}, {}),

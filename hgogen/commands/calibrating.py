@@ -290,8 +290,8 @@ def tune_(
         {state: each[name] for state, (name, _) in true.items()}
         for each in logs.columns([name for name, _ in true.values()])
     ]
-    courses = zip(measured[: logs.given], logs.cuts, strict=False)
-    training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
+    cut_courses = zip(measured[: logs.given], logs.cuts, strict=False)
+    training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in cut_courses]
     tuned = partial(
         tune,
         plant,
@@ -305,10 +305,11 @@ def tune_(
         dt=limits,
         jobs=jobs,
     )
-    trained, final_truth = (training_truth, measured[: logs.given]) if tune_on == "truth" else ((), ())
+    courses = "truth" if tune_on == "truth" else "compared"
+    trained, final_truth = ({courses: known if true else ()} for known in (training_truth, measured[: logs.given]))
     forms = requested_forms(loaded, deep)
-    first = partial(tuned, *logs.learned, observers=names or None, truth=trained, rows=forms)
-    again = partial(tuned, *logs.allowed, truth=final_truth) if logs.parted else None
+    first = partial(tuned, *logs.learned, observers=names or None, rows=forms, **trained)
+    again = partial(tuned, *logs.allowed, **final_truth) if logs.parted else None
     with _kept_results(folder, resume) as done:
         searches, number = (partial(first, done=done), again), len(names) or len(kinds.__all__)
         calibration, reason, stopped = _searched(*searches, number, path)

@@ -183,6 +183,10 @@ def _selection(calibration: Calibration) -> Iterator[str]:
     finals = {row.name: row.error for row in calibration.final}
     if best is first:
         yield f"{sentence}, the least of all"
+    elif first not in calibration.credible and first.hidden is not None and best.hidden is not None:
+        ratio = math.sqrt(first.hidden.mean() / best.hidden.mean())
+        by_truth = f"by the truth {ratio:.3g} times as much as {best.name}"
+        yield f"{sentence}; {first.name} errs {first.error:.3g}, but {by_truth}"
     elif best not in calibration.tied:
         rivals = ", ".join(f"{name} {error:.3g}" for name, error in finals.items() if name != best.name)
         yield f"{sentence}; {first.name} errs {first.error:.3g}, but from all rows {rivals} to {finals[best.name]:.3g}"

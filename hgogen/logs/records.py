@@ -427,6 +427,14 @@ def as_good(errors: Array, best: Array) -> bool:
     return bool(difference.mean() <= max(limit, ALIKE * best.mean()))
 
 
+def clearly_worse(errors: Array, best: Array) -> bool:
+    """Return whether the root of the mean of the squared `errors` by segment exceeds that of the `best` by more than
+    5 %, and their mean by more than one standard error of the paired differences."""
+    difference = errors - best
+    scatter = difference.std(ddof=1) / np.sqrt(len(difference))
+    return bool(errors.mean() > AS_WELL**2 * best.mean() and not difference.mean() <= scatter)
+
+
 def readable(plant: System, record: Log, number: int) -> Log:
     """Return the log number `number` without the samples that a step rejects: those outside of an output's plausible
     range. Raises: `BadLog`, `BadShape`."""

@@ -29,7 +29,7 @@ from hgogen.estimators.synonyms import suggested
 from hgogen.form import Form
 from hgogen.logs.likelihood import MIDDLE, STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import demand_same, digests, paced
-from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable, step_limits
+from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, clearly_worse, readable, step_limits
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
 from hgogen.observer import OF_MAPS, Observer
 from hgogen.reading.given import count, requires_any_plant, requires_switches
@@ -62,7 +62,8 @@ class Tuned:
     `name`: the observer's, or "adaptive" for a riccati with an adaptive theta; `first`: observer, form and step;
     `numbers`: the scale that its rule used; `noise`: the maximum of the `likelihood` with Q and R, None if the rule
     does not read both; `sampling`: `method`, `between` and, in float, `real`, as in a tuning; `errors`: by segment,
-    cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their errors over all segments.
+    cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their errors over all segments; `hidden`:
+    the squared errors of hidden states by segment, relative to their mean, None without a truth to compare with.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Tuned:
     sampling: Mapping[str, str]
     errors: Array
     tried: tuple[tuple[Scale, float], ...] = field(repr=False)
+    hidden: Array | None = None
 
     @property
     def error(self) -> float:
@@ -392,9 +394,19 @@ class Calibration(Displayed):
     final: tuple[Tuned, ...] = ()
 
     @property
+    def credible(self) -> tuple[Tuned, ...]:
+        """The rows that a measured truth does not contradict: they estimate hidden states as well as the row that does
+        so best, within 5 % or the scatter between segments; all rows without a truth."""
+        errors = {row.name: row.hidden for row in self.rows if row.hidden is not None}
+        best = min(errors.values(), key=np.mean, default=None)
+        contradicted = [name for name, each in errors.items() if best is not None and clearly_worse(each, best)]
+        return tuple(row for row in self.rows if row.name not in contradicted)
+
+    @property
     def tied(self) -> tuple[Tuned, ...]:
-        """The rows that predict as well as the best: within 5 %, and no worse segment by segment."""
-        return tuple(row for row in self.rows if as_good(row.errors, self.rows[0].errors))
+        """The credible rows that predict as well as the best of them: within 5 %, and no worse segment by segment."""
+        credible = self.credible
+        return tuple(row for row in credible if as_good(row.errors, credible[0].errors))
 
     @property
     def best(self) -> Tuned:
@@ -432,6 +444,7 @@ def tune(
     real: Real = "double",
     segments: int = SEGMENTS,
     truth: Sequence[Mapping[str, np.ndarray]] = (),
+    compared: Sequence[Mapping[str, np.ndarray]] = (),
     rows: Iterable[Row] | None = None,
     deep: bool = False,
     gate: Gates | None = None,
@@ -450,10 +463,11 @@ def tune(
     which includes riccati; `ahead`: the prediction horizon in samples, 1 for an estimate of the present; `method` by
     name, `between` and `real`: as in `sample`; `segments`: of each record for cross-validation, each of a sample at
     least; `truth`: the courses (N) of hidden states by name, a mapping for each record, which then replace predictions;
-    `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation
-    gates, as of `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing
-    for all observers (`logs.likelihood`); `robust`: whether such outliers are left out without gates in the filters, as
-    by gates of all outputs that a share of `GOOD_SHARE` of the good samples pass; `dt`: the shortest and the longest of
+    `compared`: such courses that choose no gains, but a row clearly worse by them is not the best; `rows`: the
+    candidate forms, by default those that the plant is in, slow ones only if `deep`; `gate`: innovation gates, as of
+    `riccati`, for the filters that take them: samples beyond them at the most likely Q and R are missing for all
+    observers (`logs.likelihood`); `robust`: whether such outliers are left out without gates in the filters, as by
+    gates of all outputs that a share of `GOOD_SHARE` of the good samples pass; `dt`: the shortest and the longest of
     steps for logs at their own times, by default those of the logs; `begin`: rows tuned on a part of the logs, on whose
     forms the likelihood is searched from their noise, and from one start more, in place of nine; `jobs`: processes that
     try gains, None for one for each core; `done`: the results by trial of an equal call that was stopped, as lists of
@@ -475,6 +489,7 @@ def tune(
     logs, shares = _without_outliers(logs, longest(limits), sought, candidates, sampling)
     true = _truth(plant, truth, logs)
     judge = _judge(plant, logs, true, ahead, segments)
+    by_truth = partial(_by_truth, _of_hidden(plant, _truth(plant, compared, logs), logs, segments))
     task = Task(logs, judge, limits, sampling, candidates, gates, _noise_by_form(begin, candidates))
     if done is not None:
         _demand_same_task(task, plant, (ahead, segments, true), done)
@@ -483,9 +498,9 @@ def tune(
     searches = {name: tuned(task, name) for name in sorted(names, key=FILTER.__ne__)}  # the filter first
     best: list[Tuned] = []
     for name, one in together(searches, work, jobs or os.cpu_count() or 1):
-        gains[name] = one
+        gains[name] = by_truth(one)
         if name == FILTER and isinstance(one, Tuned):
-            gains[ADAPTIVE] = adaptive(task, one, each)
+            gains[ADAPTIVE] = by_truth(adaptive(task, one, each))
         best = sorted((row for row in gains.values() if isinstance(row, Tuned)), key=lambda row: row.error)
         refused = {name: why for name, why in gains.items() if isinstance(why, str)}
         calibration = Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else (), shares)
@@ -500,15 +515,28 @@ def _judge(
 ) -> Judge:
     """Return the judge by predictions `ahead`, or by the `true` courses of hidden states if there are any. Raises:
     `CannotTune` for logs that show no change; `BadGain` for more segments than samples."""
-    named = {x.name: x for x in plant.declared.states}
-    hidden = Hidden(true, tuple(named[state] for state in true[0])) if true else None
-    judge = Judge(logs, hidden or Ahead(ahead, plant.outputs), segments)
+    judge = _of_hidden(plant, true, logs, segments) or Judge(logs, Ahead(ahead, plant.outputs), segments)
     if judge.count < 2:
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
         reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
     count("segments", segments, 2, judge.most)
     return judge
+
+
+def _of_hidden(
+    plant: System, true: tuple[Mapping[str, np.ndarray], ...], logs: tuple[Log, ...], segments: int
+) -> Judge | None:
+    """Return the judge by the `true` courses of hidden states, None without any."""
+    named = {x.name: x for x in plant.declared.states}
+    return Judge(logs, Hidden(true, tuple(named[state] for state in true[0])), segments) if true else None
+
+
+def _by_truth(judge: Judge | None, row: Tuned | str) -> Tuned | str:
+    """Return the row with its errors by a `judge` of hidden states, where it has two segments to compare."""
+    if judge is None or isinstance(row, str) or judge.count < 2:
+        return row
+    return replace(row, hidden=judge.errors(row.first.step))
 
 
 def _noise_by_form(tuned_rows: Iterable[Tuned], candidates: Sequence[Row]) -> dict[int, list[Noise]]:
