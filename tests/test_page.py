@@ -141,6 +141,13 @@ def test_two_figures_share_no_id() -> None:
     assert re.findall(r'id="([^"]*)"', text)[1:] == ["f0a", "f2a"]
     assert re.findall(r'href="#([^"]*)"', text) == ["f0a", "f2a"]
     assert 'd="m0 0l1.3 2"' in text
+    assert re.findall("<figcaption>(.*?)</figcaption>", text) == ["one", "two"]
+
+
+def test_a_figure_says_what_it_shows_and_of_which_trial() -> None:
+    text = page.svg_figures({"free_run_states.svg": b"<svg></svg>", "pulse_errors.svg": b"<svg></svg>"})
+    captions = ["States and measurements in the trial free_run", "Errors and their proved bounds in the trial pulse"]
+    assert re.findall("<figcaption>(.*?)</figcaption>", text) == captions
 
 
 @needs_webassembly
@@ -288,3 +295,55 @@ def test_a_browser_runs_the_observer_on_a_log(tmp_path: Path) -> None:
     assert "row 2 has 4 cells, and the header 2" in ragged
     refused = browsed("pendulum", 'window.hgogen.replay("log.csv", "a,b\\n1,2");', tmp_path)
     assert f"log.csv has no column {names.replace(',', ', ')}; it has a, b" in refused
+
+
+IRREGULAR = """
+name = "cart"
+states.x = {low = -1, high = 3, flow = "v"}
+states.v = {low = -2, high = 2, flow = "u - v"}
+inputs.u = {low = 0, high = 2}
+outputs.y = {equation = "x"}
+observer = {kind = "riccati", form = "original", Q = {x = 1e-3, v = 1e-2}, noise = {y = 0.05}, dt = [0.001, 0.2]}
+"""
+
+
+@needs_webassembly
+@pytest.mark.skipif(BROWSER is None, reason="no chromium")
+@pytest.mark.full
+def test_a_log_of_an_irregular_period_has_times(tmp_path: Path) -> None:
+    """In t or in dt, as `Step.run` takes them; without both it is refused."""
+    model = tmp_path / "cart.toml"
+    model.write_text(IRREGULAR)
+    times = 5 + np.array([0, 0.1, 0.15, 0.33, 0.34, 0.5])
+    u, y, dt = np.ones(6), np.cos(times), np.diff(times, prepend=times[0])
+    run = load(str(model)).step(None).rebuilt(real="float").run(u[:, None], y[:, None], "python", dt=dt)
+    for name, column in (("t", times), ("dt", dt)):
+        rows = np.column_stack([u, y, column]).tolist()
+        log = "\\n".join([f"u,y,{name}", *(",".join(map(repr, row)) for row in rows)])
+        page_text = browsed(str(model), f'window.hgogen.replay("log.csv", "{log}");', tmp_path)
+        replayed = re.search(r'data-replayed="6 ([^"]*)"', page_text)
+        assert replayed
+        assert [float(v) for v in replayed[1].split()] == pytest.approx(run.x[-1].tolist(), rel=1e-3)
+        assert "6 rows, one call each, over 0.5 s." in page_text
+        assert "u, y and t, or dt since the row before, in s" in page_text
+    refused = browsed(str(model), 'window.hgogen.replay("log.csv", "u,y\\n1,2");', tmp_path)
+    assert "log.csv has no column t or dt" in refused
+
+
+@needs_webassembly
+@pytest.mark.skipif(BROWSER is None, reason="no chromium")
+@pytest.mark.full
+def test_labels_of_axes_differ_and_have_no_more_digits_than_they_need(tmp_path: Path) -> None:
+    axes = {
+        "0, 10, false": ["0", "5", "10"],
+        "-0.034, 2.2, false": ["0", "1", "2"],
+        "1.5700, 1.5716, false": ["1.5700", "1.5705", "1.5710", "1.5715"],
+        "-3e6, 3e6, false": ["-2e+6", "0e+0", "2e+6"],
+        "0.3010, 0.3424, true": ["2.0", "2.1"],
+        "-0.7, 0.6, true": ["0.2", "0.5", "1", "2"],
+        "-5.2, 0.3, true": ["1e-5", "0.001", "0.1"],
+    }
+    script = f"document.title = JSON.stringify([{','.join(f'window.hgogen.ticks({axis})' for axis in axes)}]);"
+    title = re.search(r"<title>(.*?)</title>", browsed("van_der_pol", script, tmp_path))
+    assert title
+    assert [[label for _, label in each] for each in json.loads(title[1])] == list(axes.values())

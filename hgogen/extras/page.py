@@ -84,6 +84,11 @@ def page(
     return Template(template("report.html")).substitute(filled), why
 
 
+CAPTIONS = {
+    "states": "States and measurements",
+    "errors": "Errors and their proved bounds",
+    "theta": "The adapted gain theta",
+}
 MARKDOWN = MarkdownIt("commonmark").enable("table")
 
 
@@ -104,8 +109,14 @@ def svg_figures(files: Mapping[str, bytes]) -> str:
             text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|\n\s*|(?<=<g) id=\"[^\"]*\"", "", text, flags=re.DOTALL)
             # the ids of two figures in one page have to differ
             text = re.sub(r'(id="|href="#|url\(#)', rf"\g<0>f{k}", text[text.index("<svg") :])
-            drawn.append(f"<figure>{text}<figcaption>{html.escape(name.removesuffix('.svg'))}</figcaption></figure>")
+            drawn.append(f"<figure>{text}<figcaption>{html.escape(_caption(name))}</figcaption></figure>")
     return "\n".join(['<h2 id="figures">Figures</h2>', *drawn] if drawn else [])
+
+
+def _caption(name: str) -> str:
+    """Return the caption of a figure from the name of its file, which has the trial and the kind."""
+    trial, _, kind = name.removesuffix(".svg").rpartition("_")
+    return f"{CAPTIONS.get(kind, kind)} in the trial {trial}" if trial else kind
 
 
 def _shortened(path: re.Match[str]) -> str:

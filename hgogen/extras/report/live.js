@@ -28,6 +28,27 @@ function normal() {
 const shortest = (difference, period) => period ? difference - period * Math.round(difference / period) : difference;
 const text = (value) => String(Number(Number(value).toPrecision(4)));
 
+function ticks(low, high, log) { // values with labels; on a log axis low and high are exponents
+  const powers = (factors) => { // of ten, times each of the factors
+    const values = [];
+    for (let k = Math.floor(low); k <= high; ++k) { factors.forEach((each) => values.push(each * Math.pow(10, k))); }
+    return values.filter((v) => Math.log10(v) >= low - 1e-9 && Math.log10(v) <= high + 1e-9);
+  };
+  if (log) {
+    const decades = powers([1]), values = decades.length > 1 ? decades : powers([1, 2, 5]), skip = Math.ceil(values.length / 4);
+    if (values.length < 2) { return ticks(Math.pow(10, low), Math.pow(10, high), false); }
+    return values.filter((v, k) => k % skip === 0).map((v) => [v, v < 1e-3 || v >= 1e5 ? v.toExponential(0) : text(v)]);
+  }
+  const power = Math.pow(10, Math.floor(Math.log10((high - low) / 2)));
+  const step = power * [5, 2, 1].find((each) => each * power <= (high - low) / 2);
+  const exponent = Math.floor(Math.log10(step) + 1e-9), most = Math.max(Math.abs(low), Math.abs(high));
+  const label = (v) => most >= 1e6 || most < 1e-3
+    ? v.toExponential(v ? Math.max(0, Math.floor(Math.log10(Math.abs(v)) + 1e-9) - exponent) : 0) : v.toFixed(Math.max(0, -exponent));
+  const values = [];
+  for (let k = Math.ceil(low / step); k * step <= high; ++k) { values.push([k * step, label(k * step)]); }
+  return values;
+}
+
 class Plot { // a canvas with curves over the last window of time
   constructor(parent, title, names, log) {
     this.canvas = parent.appendChild(document.createElement("canvas"));
@@ -56,17 +77,18 @@ class Plot { // a canvas with curves over the last window of time
     }
     if (log) { low = Math.max(low, high - 6); } // six decades
     if (!(low <= high)) { low = 0; high = 1; }
-    const room = Math.max((high - low) * 0.06, Math.abs(high) * 1e-6, 1e-12);
+    const least = log ? 0.1 : 1e-3 * Math.max(Math.abs(low), Math.abs(high)) || 1; // span of a constant signal
+    const room = Math.max((high - low) * 0.06, (least - high + low) / 2);
     low -= room; high += room;
     const first = this.t[0] || 0, last = Math.max(this.t[this.t.length - 1] || 1, first + 1e-9);
     const x = (t) => left + (t - first) / (last - first) * (width - left - 8);
     const y = (v) => top + (high - v) / (high - low) * (height - top - bottom);
     const ink = style.getPropertyValue("--quiet");
     g.fillStyle = ink; g.strokeStyle = style.getPropertyValue("--line"); g.textAlign = "right";
-    for (let k = 0; k < 3; ++k) {
-      const v = low + (high - low) * (0.08 + 0.42 * k);
+    for (const [value, label] of ticks(low, high, log)) {
+      const v = scale(value);
       g.beginPath(); g.moveTo(left, y(v)); g.lineTo(width - 8, y(v)); g.stroke();
-      g.fillText(log ? Math.pow(10, v).toExponential(0) : text(v), left - 5, y(v) + 4);
+      g.fillText(label, left - 5, y(v) + 4);
     }
     g.textAlign = "left"; g.fillText(this.title, left, 12);
     g.textAlign = "right"; g.fillText(text(last) + " " + data.time, width - 8, height - 4);
@@ -147,13 +169,17 @@ async function main() {
     return { each, until: -1 };
   });
   let k = 0, running = true, speed = 1, noise = 1, off = 1, last = [], y = [], jumps = 0, file = null;
-  let every = 1, owed = 0, before = null;
+  let every = 1, owed = 0, before = null, clock = 0; // the clock in the unit of time
   const { held, button } = faults(element("faults"));
-  const now = () => k * data.dt;
+  const varying = data.given.includes(null), wanted = [...data.given, ...data.samples.map((output) => output.name)]
+    .filter((each) => each !== null && !data.ages.includes(each));
+  const now = () => clock;
+  element("columns").textContent = wanted.join(", ")
+    + (varying ? " and t, or dt since the row before, in " + data.time : ", and a row for each " + data.dt + " " + data.time);
 
   function begin() {
     const gains = k ? Array.from(m.gains) : null;
-    k = 0; jumps = 0; file = null; last = []; y = [];
+    k = 0; clock = 0; jumps = 0; file = null; last = []; y = [];
     c.begin();
     if (gains) { m.gains.set(gains); c.tune(); }
     data.start.forEach((x, i) => {
@@ -188,7 +214,7 @@ async function main() {
     });
     call(data.given.map((name, j) => name === null ? data.dt : m.u[j]), samples);
     if (k % every === 0) { record(true); }
-    ++k;
+    clock = ++k * data.dt;
   }
 
   function record(known) {
@@ -200,11 +226,11 @@ async function main() {
     });
   }
 
-  function replay(name, content) { // the observer on a log, a row for each period
+  function replay(name, content) { // the observer on a log, a row for each call
     const lines = content.trim().split(/\r?\n/), mark = lines[0].match(/[;\t]/)?.[0] ?? ","; // "," may be decimal
     const rows = lines.map((row) => row.split(mark).map((cell) => cell.trim().replace(/^"(.*)"$/, "$1")));
-    const head = rows.shift() || [], names = [...data.given, ...data.samples.map((output) => output.name)];
-    const missing = names.filter((each) => each !== null && !head.includes(each) && !data.ages.includes(each));
+    const head = rows.shift() || [], missing = wanted.filter((each) => !head.includes(each));
+    if (varying && !head.includes("dt") && !head.includes("t")) { missing.push("t or dt"); }
     if (missing.length) {
       element("state").textContent = name + " has no column " + missing.join(", ") + "; it has " + head.join(", ")
         + ". Name the columns as the model names its outputs and inputs.";
@@ -221,14 +247,22 @@ async function main() {
     every = Math.max(1, Math.ceil(rows.length / POINTS));
     const number = (row, each) => {
       const cell = row[head.indexOf(each)];
-      return each === null ? data.dt : data.ages.includes(each) && !head.includes(each) ? 0 : cell ? Number(cell.replace(",", ".")) : NaN;
+      return each === null ? elapsed : data.ages.includes(each) && !head.includes(each) ? 0 : cell ? Number(cell.replace(",", ".")) : NaN;
     };
+    let elapsed = data.dt, earlier = varying ? number(rows[0] || [], "t") : 0;
     for (const row of rows) {
+      if (varying) {
+        const t = number(row, "t");
+        elapsed = head.includes("dt") ? number(row, "dt") : t - earlier;
+        earlier = t;
+      }
+      clock += k ? Math.max(elapsed, 0) || 0 : 0;
       call(data.given.map((each) => number(row, each)), data.samples.map((output) => number(row, output.name)));
       if (k % every === 0) { record(false); }
       ++k;
     }
-    element("state").textContent = name + ": " + rows.length + " rows, one call each " + data.dt + " " + data.time + ".";
+    element("state").textContent = name + ": " + rows.length + " rows, one call "
+      + (varying ? "each, over " + text(clock) : "each " + data.dt) + " " + data.time + ".";
     document.documentElement.dataset.replayed = rows.length + " " + Array.from(m.estimate).map(text).join(" ");
   }
 
@@ -263,7 +297,7 @@ async function main() {
   element("drop").addEventListener("dragover", (event) => event.preventDefault());
   element("drop").addEventListener("drop", (event) => { event.preventDefault(); dropped(event.dataTransfer.files); });
   begin();
-  window.hgogen = { advance, replay, cells: m, calls: () => k };
+  window.hgogen = { advance, replay, ticks, cells: m, calls: () => k };
 
   function frame(time) {
     if (running) {
