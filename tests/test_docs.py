@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.commands.app import _FILES as COMMANDS
-from hgogen.commands.app import app
+from hgogen.commands.app import app, command_of
 from hgogen.commands.library import answers
 from hgogen.model import load
 from hgogen.modelfiles import declarations, tuning
@@ -161,6 +161,13 @@ def test_the_cc_line_works(tmp_path: Path) -> None:
 
 def test_commands_are_those_there_are() -> None:
     assert set(re.findall(r"^\| `hgogen (\w+)", text("command_line"), re.MULTILINE)) == set(COMMANDS)
+
+
+def test_every_command_that_writes_files_says_where() -> None:
+    """Each with --out has a row of "Where files go"."""
+    rows = text("command_line").split("## Where files go")[1].split("\n\n")[1]
+    writers = [name for name in COMMANDS if any("--out" in option.opts for option in command_of(name).params)]
+    assert sorted(re.findall(r"`(\w+)`", "".join(row.split("|")[1] for row in rows.splitlines()))) == sorted(writers)
 
 
 @cache
