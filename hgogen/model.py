@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
-from hgogen.errors import BadArgument, HgogenError
-from hgogen.estimators.synonyms import suggested
+from hgogen.errors import BadArgument, HgogenError, nearest
+from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.modelfiles.declarations import Bounds, NoBounds, bounds, stored, trial_of
 from hgogen.modelfiles.json_file import put, read_tunings, read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, ends_python, listed, located, sentence
@@ -147,11 +147,9 @@ class Model(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on expressions that SymPy reads otherwise than the text on the declared box, and on observers that have
-        another name here. Raises: `MissingPart`."""
+        """Notes on expressions that SymPy reads otherwise than the text on the declared box. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
-        folded = (str(note) for note in (fold.on(around) for fold in self.folds) if note)
-        return (*folded, *self.tuning.synonyms)
+        return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
     def has(self, part: str) -> bool:
         """Return whether the file defines `part`, such as "trial"; for "step" a tuning with a period suffices."""
@@ -193,13 +191,14 @@ class Model(Displayed):
         return _guarded(self.path, lambda: tuning.step(name, default_period, dt, start))
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
-        """Return the model's tunings, completed by one for the observer `name` if it has none: starting gains at the
-        period `dt`, else at the period in the setting, else at that of the model's own step. Raises: `MissingPart` for
-        an unknown observer, or one that no form of the plant admits."""
-        tuning = self.tuning
+        """Return the model's tunings, completed by one for the observer `name` if it has none: of a textbook name the
+        tuning that is this observer, else starting gains at the period `dt`, else at the period in the setting, else at
+        that of the model's own step. Raises: `MissingPart` for an unknown observer, or one that no form of the plant
+        admits."""
+        tuning = self.tuning.with_textbook_name(name)
         if name in tuning.tables:
             return tuning
-        if name not in observers.__all__:
+        if name not in (*observers.__all__, *SYNONYMS):
             raise MissingPart(self.path, self._untuned(name))
         period = dt or self.setting.longest or (self._default_period if self.has("step") else None)
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
@@ -242,9 +241,9 @@ class Model(Displayed):
     def _untuned(self, name: str) -> str:
         tunings = ", ".join(self.tuning.tables)
         known = f"it has tunings for {tunings}" if tunings else "it has no tuning"
-        if name not in observers.__all__:
+        if name not in (*observers.__all__, *SYNONYMS):
             listed = f"the observers are {', '.join(observers.__all__)}"
-            fix = suggested(name, [*self.tuning.tables, *observers.__all__], listed)
+            fix = nearest(name, [*self.tuning.tables, *SYNONYMS, *observers.__all__], listed)
             return f"there is no observer {name!r:.60}, {known}; {fix}"
         every, needed = arguments(getattr(observers, name))
         fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))

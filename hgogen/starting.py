@@ -42,7 +42,8 @@ class Scale:
     """The numbers from which starting gains are computed: theta, dt and the longest time D in which a state crosses its
     range (`longest`), in the plant's time; ranges S and process scales Q by the form's states (`states`, `process`);
     ranges Y and noise sigma by output (`outputs`, `noise`); the lengths of the chains (`blocks`). `spread`: the ratio
-    of the fastest to the slowest pole, of poles about -1; `corner`: the speed of filters over theta."""
+    of the fastest to the slowest pole, of poles about -1; `corner`: the speed of filters over theta; `discrete`:
+    whether the plant is, so that R and Q are those of a sample."""
 
     theta: float
     dt: float
@@ -54,6 +55,7 @@ class Scale:
     blocks: tuple[int, ...]
     spread: float = 1
     corner: float = 3
+    discrete: bool = False
 
     @property
     def n(self) -> int:
@@ -214,7 +216,7 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
     longest = rates.longest or 1.0
     chains = tuple(filter(None, form.blocks))
-    base = Scale(theta, dt, longest, states, {}, outputs, deviations, chains)
+    base = Scale(theta, dt, longest, states, {}, outputs, deviations, chains, discrete=form.system.discrete)
     process = dict(base.units)
     for i, slope in reversed(_slopes(form).items()):  # from the end of each chain
         name, behind = form.names[i], form.names[i + 1]

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.cli import app
 from hgogen.estimators.synonyms import SYNONYMS
+from hgogen.form import OneOutput
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile
 
@@ -56,7 +57,9 @@ kind = "ekf"
 dt = 0.015625
 """
     path.write_text(text + "Q_per_sample = [0.25, 1]\nnoise = {y = 0.5}\n")
-    assert hg.load(path).notes == ("tuning.filter: ekf is riccati at theta = 1, the extended Kalman filter",)
+    sentences = ["tuning.filter: ekf is riccati at theta = 1, the extended Kalman filter"]
+    assert list(hg.load(path).tuning.synonyms) == sentences
+    assert "ekf is" not in CliRunner().invoke(app, ["generate", str(path), "-o", str(tmp_path / "out")]).output
     assert hg.load(path).step("filter").tuned["R"] == (0.25 * DT,)
     assert hg.load(path).step("filter").observer.form.kind == "original"
     assert "ekf is riccati at theta = 1" in " ".join(CliRunner().invoke(app, ["check", str(path)]).output.split())
@@ -65,11 +68,50 @@ dt = 0.015625
         hg.load(path).step("filter")
 
 
-def test_where_a_tuning_is_asked_for_by_another_name_the_sentence_says_whose() -> None:
-    for command in (["generate", "duffing"], ["advise", "duffing", "--dt", "0.01"]):
+def test_where_an_observer_is_named_the_sentence_says_whose_other_name_it_is(tmp_path: Path) -> None:
+    for command in (["generate", "duffing", "-o", str(tmp_path)], ["advise", "duffing", "--dt", "0.01"]):
         option = "--observer" if command[0] == "generate" else "--observers"
-        answer = " ".join(CliRunner().invoke(app, [*command, option, "ekf"]).output.split())
-        assert "ekf is riccati at theta = 1, the extended Kalman filter" in answer
+        done = CliRunner().invoke(app, [*command, option, "ekf"])
+        assert done.exit_code == 0
+        assert done.output.count("ekf is riccati at theta = 1, the extended Kalman filter") == 1
+
+
+def test_a_model_without_such_a_tuning_takes_first_gains_by_a_textbook_name() -> None:
+    model = hg.load("geared_motor")  # two outputs; its riccati has a theta of its own
+    assert (model.step("ekf").observer.name, model.tuned("ekf").tables["ekf"]["density"]) == ("riccati", True)
+    assert model.step("luenberger").observer.name == "high_gain"
+    alone = hg.load("van_der_pol").plant
+    first = hg.starting_gains(hg.forms.triangular(alone), hg.observers.luenberger)
+    numbers = hg.starting_gains(hg.forms.triangular(alone), hg.observers.high_gain).gains
+    assert dict(first.gains) == {"poles": tuple(numbers["theta"] * pole for pole in numbers["poles"])}
+    assert numbers["theta"] > 1
+
+
+def test_the_tuning_that_is_the_named_observer_is_taken() -> None:
+    model = hg.load("duffing")
+    assert model.tuned("ekf").tables["ekf"] == {"kind": "riccati", **model.tuning.tables["riccati"]}
+    assert model.step("ekf").tuned["R"] == model.step("riccati").tuned["R"]
+
+
+def test_first_gains_of_a_discrete_plant_have_no_density() -> None:
+    x1, x2 = (hg.Signal(name, low=-5, high=5) for name in ("x1", "x2"))
+    map = hg.System("map", states=(x1, x2), outputs=(y,), flow=[x1 + 0.1 * x2, x2], output=[x1], discrete=True)
+    gains = hg.starting_gains(hg.forms.original(map), hg.observers.kalman).gains
+    assert hg.observers.kalman(hg.forms.original(map), **gains).name == "riccati"
+
+
+@pytest.mark.parametrize(("wrong", "right"), [("efk", "ekf"), ("luenbeger", "luenberger"), ("riccatti", "riccati")])
+def test_a_mistyped_observer_has_the_textbook_name_as_its_hint(wrong: str, right: str) -> None:
+    for command in (["check", "sir", "--observer", wrong], ["advise", "sir", "--dt", "0.1", "--observers", wrong]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code != 0
+        assert f"did you mean {right}?" in " ".join(done.output.split())
+
+
+def test_a_filter_without_form_on_several_outputs_names_the_key() -> None:
+    plane = hg.System("plane", states=(q, w), outputs=(y, hg.Signal("v")), flow=[w, -q], output=[q, w])
+    with pytest.raises(OneOutput, match='form = "original"'):
+        hg.forms.triangular(plane)
 
 
 def test_a_negative_kappa_is_refused_with_a_way_out() -> None:

@@ -36,6 +36,7 @@ from hgogen.commands.command import (
     begun_work,
     command,
     early,
+    explained,
     horizons,
     names_in,
     numbers_by_name,
@@ -87,7 +88,10 @@ Gating = Annotated[
     list[str] | None,
     typer.Option("--gate", metavar="A,B=P", help="Innovation gate of outputs that pass together; repeatable."),
 ]
-Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
+Names = Annotated[
+    str | None,
+    typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.", callback=explained),
+]
 
 
 @dataclass(frozen=True)

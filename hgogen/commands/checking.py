@@ -423,7 +423,7 @@ def check_(
         return
     if observer is not None:
         loaded.tuned(observer)
-    note(*loaded.notes)  # before any verdict is printed
+    note(*loaded.notes, *(loaded.tuning.synonyms if observer is None else ()))  # before any verdict is printed
     ranges = tuple(NamedRange(text, hg.bound(text, loaded.plant)) for text in bounds or ())
     parts = loaded.path, loaded, observer, ranges, deep, certificate
     report = CheckReport(*parts) if whole else ShortAnswer(*parts, proof)

@@ -218,6 +218,15 @@ def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any)
     note(f"{kind}{' '.join(str(message).split())}")
 
 
+def explained(context: typer.Context, names: str | None) -> str | None:
+    """Return the names of observers in an option, after a note on each textbook name."""
+    if names and not context.resilient_parsing:
+        from hgogen.estimators.synonyms import SYNONYMS  # slow to import
+
+        note(*(SYNONYMS[name].sentence for name in names.split(",") if name in SYNONYMS))
+    return names
+
+
 Value = TypeVar("Value")
 Reader = Literal["c", "python"]
 ModelArgument = Annotated[
@@ -225,7 +234,7 @@ ModelArgument = Annotated[
 ]
 Tuned = Annotated[
     str | None,
-    typer.Option("--observer", metavar="NAME", help="A tuning of the model, or an observer."),
+    typer.Option("--observer", metavar="NAME", help="A tuning of the model, or an observer.", callback=explained),
 ]
 Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the trial's.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]

@@ -23,6 +23,7 @@ from hgogen.commands.command import (
     Seeds,
     command,
     engine_here,
+    explained,
     one_or_all,
 )
 from hgogen.commands.output import Bar, Written, filled, folder_of, headed, note, refusals_table, rendered
@@ -44,7 +45,13 @@ if TYPE_CHECKING:
 
 Names = Annotated[
     str | None,
-    typer.Option("--observers", "--observer", metavar="A,B,..", help="Tunings of the model, or observers."),
+    typer.Option(
+        "--observers",
+        "--observer",
+        metavar="A,B,..",
+        help="Tunings of the model, or observers.",
+        callback=explained,
+    ),
 ]
 
 

@@ -4,17 +4,17 @@ Q and R of `riccati` are spectral densities. Most filters that are called `ekf` 
 sample, so that under these names Q and R are accepted only with `density=True`.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial, update_wrapper
 from inspect import signature
 from typing import Any
 
-from hgogen.errors import nearest
 from hgogen.estimators import discrete
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
 from hgogen.reading.given import BadGain, demand_switch
+from hgogen.starting import Gains, Scale, rule, two
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,6 @@ SYNONYMS = {
 }
 
 
-def suggested(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Return the end of a sentence on an unknown observer: what its other name is, or as `nearest`."""
-    return SYNONYMS[name].sentence if name in SYNONYMS else nearest(name, known, otherwise)
-
-
 def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..., Observer]:
     """Return the function of the observer that has the other name `name`; `case_called` gives one of `hg.observers`."""
     known = SYNONYMS[name]
@@ -60,9 +55,28 @@ def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..
     update_wrapper(function, case)
     parameters = (each for each in signature(case).parameters.values() if each.name not in known.fixed)
     vars(function).update(
-        __name__=name, __doc__=f"{known.sentence}.", __signature__=signature(case).replace(parameters=[*parameters])
+        __name__=name,
+        __doc__=f"{known.sentence}.",
+        __signature__=signature(case).replace(parameters=[*parameters]),
+        rule=replace(rule(case), gains=partial(_starting, name, case)),
     )
     return function
+
+
+def _starting(name: str, case: Callable[..., Observer], numbers: Scale) -> Gains | str:
+    """Return the starting gains of the observer `case` without those that the name fixes: poles times theta, Q and R as
+    densities."""
+    gains = rule(case).gains(numbers)
+    if isinstance(gains, str):
+        return gains
+    free = {key: entry for key, entry in gains.items() if key not in SYNONYMS[name].fixed}
+    if "poles" in free:
+        free["poles"] = _times(gains["theta"], free["poles"])
+    return free | {"density": True} if SYNONYMS[name].explicit and not numbers.discrete else free
+
+
+def _times(theta: float, poles: Any) -> Any:
+    return tuple(_times(theta, each) for each in poles) if isinstance(poles, tuple) else two(theta * poles)
 
 
 _OF_MAPS = remembered(discrete.luenberger)

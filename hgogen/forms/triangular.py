@@ -20,7 +20,10 @@ from hgogen.form import Asking, Form, one_output
 from hgogen.system import System
 
 _REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"
-_ONE = ", and the triangular form takes one; keep one of them, or use the form original (block forms are for several)"
+_ONE = (
+    ", and the triangular form takes one; keep one of them, or use the form original, in a tuning "
+    'form = "original" (block forms are for several)'
+)
 
 
 @Asking(1, ({}, {"measured": True}), most=1)

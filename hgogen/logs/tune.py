@@ -25,7 +25,7 @@ from hgogen.emit.cost import cost
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
-from hgogen.estimators.synonyms import suggested
+from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.form import Form
 from hgogen.logs.likelihood import MIDDLE, STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import demand_same, digests, paced
@@ -229,8 +229,8 @@ def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ..
     """Return the names, each once, by default all observers of such plants. Raises: `UnknownObserver`."""
     known = tuple(every.__all__)
     for name in names or ():
-        if name not in known:
-            fix = suggested(name, known, f"there are {', '.join(known)}")
+        if name not in (*known, *SYNONYMS):
+            fix = nearest(name, [*SYNONYMS, *known], f"there are {', '.join(known)}")
             raise UnknownObserver(f"observer {name[:60]!r}", f"is none; {fix}")
     usual = tuple(name for name in known if name in OF_MAPS or not plant.discrete)
     return usual if names is None else tuple(dict.fromkeys(names))

@@ -182,6 +182,19 @@ class Tuning:
             name: SYNONYMS[kind].observer if self._is_synonym(kind) else kind for name, kind in self._called.items()
         }
 
+    def with_textbook_name(self, name: str) -> "Tuning":
+        """Return the tunings with one under the textbook name `name` too, if one is this observer, as `riccati` at
+        theta = 1 is `ekf`."""
+        if name in self.tables or not self._is_synonym(name):
+            return self
+        known = SYNONYMS[name]
+        tables = {other: table for other, table in self.tables.items() if isinstance(table, Mapping)}
+        for other, table in tables.items():
+            kind, fixed = self._called[other], known.fixed.items()
+            if kind == name or (kind == known.observer and all(table.get(key, entry) == entry for key, entry in fixed)):
+                return replace(self, tables={**self.tables, name: {"kind": kind, **table}})
+        return self
+
     @property
     def _called(self) -> dict[str, str]:
         tables = self.tables.items()
