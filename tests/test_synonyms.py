@@ -14,6 +14,7 @@ from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.form import OneOutput
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile
+from hgogen.step import BadStep
 
 DT = 2.0**-6
 q, w, y = (hg.Signal(name, low=-5, high=5) for name in ("q", "w", "y"))
@@ -44,6 +45,15 @@ def test_it_asks_what_the_noise_is(name: str) -> None:
         with pytest.raises(BadGain, match="must say what its"):
             make(form, **arguments)
         make(form, **arguments, density=True)
+
+
+def test_what_a_varying_dt_refuses_names_what_it_takes() -> None:
+    dt = (DT / 2, DT)
+    with pytest.raises(BadStep, match=r"give Q, .*, Q_per_sample/dt, of ekf and kalman with density = True$"):
+        hg.sample(hg.observers.ekf(form, **NOISE), dt=dt)
+    densities = {"Q": (0.25 / DT, 1 / DT), "noise": {"y": 0.5}}
+    step = hg.sample(hg.observers.ekf(form, **densities, density=True), dt=dt)
+    assert hg.targets.c99(step) == hg.targets.c99(hg.sample(hg.observers.riccati(form, **densities), dt=dt))
 
 
 def test_a_text_model_has_the_sentence(tmp_path: Path) -> None:
