@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import hgogen as hg
+from hgogen.commands.data import log_summary
 from hgogen.logs.clocks import of_times
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import Record, read
@@ -53,6 +55,14 @@ def test_each_fault_of_the_times_has_its_name_and_its_fix_mends_it(tmp_path: Pat
         if fault == "milli":
             assert one.fix == 'times in milliseconds? --time "t/1000"'
             assert not of_times(logged(tmp_path, columns, time="t/1000"))
+
+
+def test_rows_without_a_period_are_said_once(tmp_path: Path) -> None:
+    record, printed = logged(tmp_path, ROWS["jitter"]), Console(width=1000)
+    for findings, count in (((), 1), (of_times(record), 0)):
+        with printed.capture() as text:
+            printed.print(log_summary(record.report, findings=findings))
+        assert text.get().count("without a period") == count
 
 
 def test_a_counter_that_wraps_late_is_refused_with_its_period(tmp_path: Path) -> None:

@@ -283,6 +283,28 @@ def test_cells_of_rows_without_a_time_are_not_counted(tmp_path: Path):
     assert "y (y): samples without a number, in all: 2" in report.sentences()
 
 
+def test_a_cause_of_missing_samples_has_one_line(tmp_path: Path) -> None:
+    """Cells without a number, and rows that are missing, which are not repeated for each signal."""
+    cells = read(log(tmp_path, "t,y,z\n0,1,1\n0.1,x,1\n0.2,3,1\n"), {"y": "y", "z": "z"}, dt=0.1, time="t").report
+    assert cells.sentences()[1:] == ("y (y): cells that are no finite number: 1, taken as missing samples",)
+    rows = read(log(tmp_path, "t,y\n0,1\n0.1,1\n0.2,1\n0.3,1\n0.5,3\n"), {"y": "y"}, dt=0.1, time="t").report
+    assert [line for line in rows.sentences() if "missing" in line or "without a number" in line] == [
+        "grid points without a row: 1, given as missing samples"
+    ]
+
+
+def test_rows_without_a_period_have_none_in_the_report(tmp_path: Path) -> None:
+    """And no advice to sample at it; times in another unit than dt stay in doubt."""
+    times = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.8, 60))
+    text = "t,y\n" + "".join(f"{t:.6f},1\n" for t in times)
+    (note,) = read(log(tmp_path, text), {"y": "y"}, dt=0.9, time="t").report.notes
+    assert "without a period" in note
+    first, second = read(log(tmp_path, text), {"y": "y"}, dt=1e-3, time="t").report.notes
+    assert first.startswith("its rows are ")
+    assert "times the step's dt, 0.001 s: are its times milliseconds?" in first
+    assert second == note
+
+
 @pytest.mark.parametrize(("period", "first"), [(0.01, 0.0), (0.004, 1.7e9), (1 / 3, 0.0), (1e-7, 5.0)])
 def test_a_period_is_what_was_written(tmp_path: Path, period: float, first: float) -> None:
     """To the rounding of the times, which is no part of it; a third is cut where that begins."""

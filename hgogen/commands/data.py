@@ -22,7 +22,7 @@ from hgogen.logs.findings import Written, findings
 from hgogen.logs.records import Log, beyond, demand_regular, log_of, step_limits
 from hgogen.model import Model
 from hgogen.reading.log import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, Record, Report, Window, read
+from hgogen.reading.measured import COMMAND, WITHOUT_PERIOD, Record, Report, Window, read
 from hgogen.run.samples import Run
 from hgogen.system import System
 
@@ -266,9 +266,13 @@ class Begin:
     why: Annotated[str, "where it comes from"]
 
 
-def log_summary(read: Report, begins: Mapping[str, Begin] | None = None) -> RenderableType:
-    """Return the printed summary of a log; `begins`: the initial estimates that the log gives, by state."""
-    lines = list(read.sentences())
+def log_summary(
+    read: Report, begins: Mapping[str, Begin] | None = None, findings: Iterable[Finding] = ()
+) -> RenderableType:
+    """Return the printed summary of a log; `begins`: the initial estimates that the log gives, by state; `findings`:
+    the faults of the log that are printed below, without a sentence on the same cause here."""
+    uneven = any(one.fault == "jitter" for one in findings)
+    lines = [line for line in read.sentences() if not (uneven and WITHOUT_PERIOD in line)]
     if begins:
         grouped: dict[str, list[str]] = {}
         for name, one in begins.items():

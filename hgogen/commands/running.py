@@ -178,7 +178,7 @@ class RecordRun(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Yield the log, the status, predictions and innovations."""
         step = self.step
-        yield log_summary(self.record.report, self.begins)
+        yield log_summary(self.record.report, self.begins, self.findings)
         yield from fault_lines(self.findings)
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
@@ -483,7 +483,7 @@ class InspectReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """Yield the log, and a line for each fault."""
-        yield log_summary(self.record.report)
+        yield log_summary(self.record.report, findings=self.findings)
         yield from fault_lines(self.findings)
         yield from map(Text, self.notes)
         if not self.findings:

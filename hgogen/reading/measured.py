@@ -51,6 +51,7 @@ from hgogen.signal import Signal, finer_units, plural, seconds
 Window = tuple[float, float]
 WINDOWS: dict[str, Window] = {"line": (-0.5, 0.5), "hold": (-1.0, 0.0), "forward": (0.0, 1.0)}
 FASTER = 0.75  # of the step: a log with a shorter period is averaged
+WITHOUT_PERIOD = "without a period, and moved to a grid"
 UNEVEN, SHARE = 0.25, 0.1  # of the period, of the rows: more of them so far off it make a log irregular
 HOLD_PERIODS = 10.0  # typical periods for which a row's value stays valid: a longer pause is a gap
 _BEAT = 0.01  # of a period, from a whole multiple: beyond it rows and samples drift apart
@@ -129,13 +130,7 @@ class Report:
             shortest, longest = (f"{time:g}" for time in self.spacing)
             lines = [f"{self.rows} rows, {shortest} to {longest} {self.unit} apart, are samples at their own times"]
         for name, column in self.columns.items():
-            for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
-                if count:
-                    lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
-            cells = "such cells beside another row's at a grid point"
-            for count, what in ((self.covered[name], cells), (self.absent[name], "samples without a number, in all")):
-                if count:
-                    lines.append(f"{name} ({column}): {what}: {count}")
+            lines += (f"{name} ({column}): {text}" for text in self._missing_samples(name))
         counted = (
             (self.malformed, "rows whose number of cells is not that of the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
@@ -149,6 +144,17 @@ class Report:
         if self.shift > 1e-6 * self.dt:
             lines.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
         return (*lines, *self.notes)
+
+    def _missing_samples(self, name: str) -> list[str]:
+        """Return texts on the missing samples of a signal, one if they have one cause; none if that is missing rows."""
+        empty, invalid, covered = self.missing[name], self.not_numbers[name], self.covered[name]
+        cells = ((empty, "empty"), (invalid, "no finite number"))
+        lines = [f"cells that are {what}: {count}, taken as missing samples" for count, what in cells if count]
+        absent, counts = self.absent[name], [count for count in (empty, invalid, self.filled) if count]
+        sums = [f"such cells beside another row's at a grid point: {covered}"] * bool(covered)
+        sums += [f"samples without a number, in all: {absent}"] * bool(absent and counts != [absent])
+        parts = [[*lines, *sums]] if len(lines) == 1 else [*([one] for one in lines), sums]
+        return ["; ".join(part) for part in parts if part]
 
 
 @dataclass(frozen=True, eq=False)
@@ -506,9 +512,9 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
             )
 
 
-def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
+def _pace(subject: str, period: float, dt: float, unit: str) -> tuple[str, ...]:
     factor = period / dt
-    finding = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
+    finding = f"{subject} {factor:.4g} times the step's dt, {dt:g} {unit}: "
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
         whole = max(factor, 1 / factor)
         if abs(whole - round(whole)) < _BEAT:
@@ -650,13 +656,16 @@ def _gridded(
 def _grid_notes(grid: _Grid, unit: str) -> Iterator[str]:
     if grid.own:
         return
-    yield from _pace(grid.period, grid.dt, unit)
-    if len(grid.steps) and irregular(grid.steps):
-        low, high = f"{float(grid.steps.min()):g}", f"{float(grid.steps.max()):g}"
-        yield (
-            f"its rows are {low} to {high} {unit} apart, without a period, and moved to a grid: an observer with dt = "
-            f"[{low}, {high}] takes them at their own times, and so do fit and tune without --dt (dt=)"
-        )
+    if not (len(grid.steps) and irregular(grid.steps)):
+        yield from _pace(f"the record's period, {grid.period:g} {unit}, is", grid.period, grid.dt, unit)
+        return
+    if not 0.5 <= grid.period / grid.dt <= 2:
+        yield from _pace(f"its rows are {grid.period:g} {unit} apart at the median,", grid.period, grid.dt, unit)
+    low, high = f"{float(grid.steps.min()):g}", f"{float(grid.steps.max()):g}"
+    yield (
+        f"its rows are {low} to {high} {unit} apart, {WITHOUT_PERIOD}: an observer with dt = [{low}, {high}] takes "
+        "them at their own times, and so do fit and tune without --dt (dt=)"
+    )
 
 
 def _report(
