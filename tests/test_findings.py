@@ -327,3 +327,41 @@ def test_a_run_says_the_fault_in_place_of_its_effect(folder: Path) -> None:
     printed = " ".join(hgogen(*words, "--map", "u=-u", "--missing", "y=133..192")[0].split())
     assert "u looks like" in printed  # a fault of the input explains the innovations of all outputs
     assert not [effect for effect in ("R, Q or both", "are not white", "worse than copying") if effect in printed]
+
+
+MOTOR = """
+name = "motor"
+states.th = {unit = "rad", low = -600, high = 600, flow = "w"}
+states.w = {unit = "rad/s", low = -250, high = 250, flow = "25*u - 1.75*w - 10*tanh(w/0.3)"}
+inputs.u = {unit = "V", low = -12, high = 12}
+outputs.angle = {unit = "rad", equation = "th"}
+outputs.tacho = {unit = "rad/s", equation = "w"}
+"""
+
+
+@pytest.mark.parametrize("late", [0, 5])
+def test_the_tuned_filter_reveals_what_first_gains_hide(late: int, tmp_path: Path) -> None:
+    """First gains take a tacho that is 5 samples late for noise."""
+    draw, dt, count = np.random.default_rng(3), 2e-3, 1500
+    u = np.repeat(draw.uniform(-6, 6, count // 100), 100)
+    th, w, rows = 0.0, 0.0, []
+    for volts in u:
+        rows.append((th, w))
+        for _ in range(20):
+            w += dt / 20 * (25 * volts - 1.75 * w - 10 * np.tanh(w / 0.3))
+            th += dt / 20 * w
+    angle, speed = np.array(rows).T
+    turn = 2 * np.pi / 2048
+    angle = np.round((angle + 0.0005 * draw.normal(size=count)) / turn) * turn
+    tacho = np.concatenate([np.full(late, speed[0]), speed[: count - late]]) + 0.5 * draw.normal(size=count)
+    table = np.column_stack([dt * np.arange(count), u, angle, tacho])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,u,angle,tacho", comments="", fmt="%.6g")
+    (tmp_path / "motor.toml").write_text(MOTOR)
+    words = ["tune", str(tmp_path / "motor.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t", "-o"]
+    printed = hgogen(*words, str(tmp_path), "--observers", "riccati", "--between", "hold", "--jobs", "1")[0]
+    before, _, after = printed.partition("tuned observers")
+    assert "tacho, " not in before
+    assert ("tacho, delay: tacho fits if it is taken 5 samples earlier" in after) == bool(late)
+    report = json.loads((tmp_path / "tuned.json").read_text())
+    assert [one["fault"] for one in report["findings"][0] if one["signal"] == "tacho"] == ["delay"] * bool(late)
+    assert printed.count("angle stands still") == 1  # where the motor sticks: not once more by the tuned gains

@@ -42,7 +42,7 @@ from hgogen.commands.command import (
     numbers_by_name,
     one_or_all,
 )
-from hgogen.commands.data import Logs, logs_of, too_far, truth_of, truth_options
+from hgogen.commands.data import Logs, fault_lines, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.output import (
     Bar,
     Folder,
@@ -62,10 +62,11 @@ from hgogen.errors import HgogenError
 from hgogen.estimators.gate import Gates
 from hgogen.estimators.noise import deviation_lines
 from hgogen.logs.advise import Advised, advise
+from hgogen.logs.finding import Finding
 from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
 from hgogen.logs.likelihood import SURE
 from hgogen.logs.records import step_limits
-from hgogen.logs.tune import FILTER, STOPPED, Calibration, Tuned, tune
+from hgogen.logs.tune import ADAPTIVE, FILTER, STOPPED, Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -149,7 +150,7 @@ class TuneReport(ModelReport):
     """Observers tuned to measured records."""
 
     json_keys = (
-        "model equations records=logs.reports findings=logs.findings take tuning ahead truth segments "
+        "model equations records=logs.reports findings take tuning ahead truth segments "
         "rows changes refused notes files"
     )
 
@@ -160,7 +161,13 @@ class TuneReport(ModelReport):
     segments: Annotated[int, "segments of each record, by which gains that others chose are judged"]
     rows: Annotated[tuple[TunedRow, ...], "errors and costs of each observer"]
     notes: Annotated[tuple[str, ...], "what is doubtful, and which to take"]
+    by_tuned: tuple[tuple[Finding, ...], ...]
     files: Written = ()
+
+    @property
+    def findings(self) -> tuple[tuple[Finding, ...], ...]:
+        """The faults of each log, by first gains, then those that only the tuned filter reveals."""
+        return tuple((*first, *more) for first, more in zip(self.logs.findings, self.by_tuned, strict=True))
 
     @property
     def take(self) -> str:
@@ -228,6 +235,7 @@ class TuneReport(ModelReport):
             "",
             *filled(changes),
             *noise,
+            *fault_lines(one for faults in self.by_tuned for one in faults),
             *map(Text, self.notes),
             "",
             *refusals_table(self.refused),
@@ -319,9 +327,9 @@ def tune_(
         calibration, reason, stopped = _searched(*searches, number, path)
     own, final = (renamed(loaded, rows, "tuned") for rows in (calibration.rows, calibration.final))
     calibration = replace(calibration, rows=own, final=final)
-    changes = _change_of_gains(calibration, reason)
-    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits)
-    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes)
+    changes, by_tuned = _change_of_gains(calibration, reason), _faults_by_tuned(logs, calibration)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, changes, limits, explained=any(by_tuned))
+    report = TuneReport(loaded.path, equations(plant), logs, calibration, ahead, segments, rows, notes, by_tuned)
     saved = folder.save(report, "tuned.json")
     if stopped:
         raise KeyboardInterrupt
@@ -413,6 +421,17 @@ def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibr
     return replace(calibration, final=(take, *(row for row in final.rows if row is not take))), ""
 
 
+def _faults_by_tuned(logs: Logs, calibration: Calibration) -> tuple[tuple[Finding, ...], ...]:
+    """Return the faults of each log that the tuned filter reveals and first gains did not: where Q and R are far from
+    those of the log, a late or biased sensor is hidden in the noise that they assume."""
+    rows = (*calibration.final, *calibration.rows)
+    tuned_filter = next((row for row in rows if row.first.observer == FILTER and row.name != ADAPTIVE), None)
+    if tuned_filter is None:
+        return ((),) * len(logs.records)
+    with Bar("looking for faults with tuned gains", 1):
+        return logs.inspected_again(tuned_filter.first.step)
+
+
 def gain_changes(judged: Tuned, final: Tuned) -> tuple[GainChange, ...]:
     """Return the numbers of the gains of two tunings of one observer."""
     before, after = (dict(numbers_in(one.first.starting.gains)) for one in (judged, final))
@@ -470,6 +489,7 @@ def _judged(
     aheads: Sequence[int],
     changes: Iterable[str],
     limits: tuple[float, float] | None,
+    explained: bool,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
     plant = model.plant
     validation_logs = [ValidationLog(logs.whole[k], cut, measured[k]) for k, cut in logs.judging.items()]
@@ -479,7 +499,9 @@ def _judged(
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     input_names = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
-    judgements = verdicts(calibration, rows, HELD_OUT if logs.held_out else ALL, explained=any(logs.findings))
+    judgements = verdicts(
+        calibration, rows, HELD_OUT if logs.held_out else ALL, explained=explained or any(logs.findings)
+    )
     far = too_far(aheads, rows[0].errors)
     shares = (f"left out as outliers: {share}" for share in calibration.gates)
     notes = (*logs.notes(), *difference_notes(rates), *shares, *changes, *far, *judgements)

@@ -102,14 +102,20 @@ class Logs:
                 )
                 bar.tick()
                 if step is not None:
-                    samples = log.of(step.inputs)
-                    step.reset(log.start)
-                    run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
-                    each = log_findings(step, record, run, samples.u, samples.y, self.shifts)[0]
+                    each = findings_by(step, record, log, self.shifts)
                 faults.append(tuple(each))
                 faulty.append(None if step is None else faulty_signals(each))
                 bar.tick()
         return replace(self, findings=tuple(faults), faulty=tuple(faulty))
+
+    def inspected_again(self, step: CallableStep) -> tuple[tuple[Finding, ...], ...]:
+        """Return the faults of each log by the run of a `step` that are not among those known."""
+        pairs = zip(self.records, self.whole, self.findings, strict=True)
+        known = [(record, log, {(one.signal, one.fault) for one in faults}) for record, log, faults in pairs]
+        return tuple(
+            tuple(one for one in findings_by(step, record, log, self.shifts) if (one.signal, one.fault) not in names)
+            for record, log, names in known
+        )
 
     def summaries(self) -> Iterator[RenderableType]:
         """Yield the printed summary of each log, and its faults."""
@@ -194,6 +200,14 @@ def log_findings(
     written = Written(shifts, record.operands, record.clock[1], begin, step.dt)
     faults, change = findings(step, run, u, y, first, engine=engine_here(), written=written, dt=elapsed)
     return [*of_times(record, step.clock.varying is not None), *faults], change
+
+
+def findings_by(step: CallableStep, record: Record, log: Log, shifts: Mapping[str, int]) -> list[Finding]:
+    """Return the faults of a log by a run of the step from its first estimate; arguments as in `log_findings`."""
+    samples = log.of(step.inputs)
+    step.reset(log.start)
+    run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
+    return log_findings(step, record, run, samples.u, samples.y, shifts)[0]
 
 
 def faulty_signals(findings: Iterable[Finding]) -> tuple[str, ...]:
