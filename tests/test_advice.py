@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 from plants import MODELS
 from rich.console import Group
+from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
+from hgogen.cli import app
 from hgogen.commands.advice import Admitted, Advice, advice
 from hgogen.commands.checking import advice_tables
 from hgogen.commands.claims import checked
@@ -214,3 +216,26 @@ def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
     _, advised = asked(write(tmp_path, flow, "x1"))
     assert [one.observer for one in advised.admitted] == ["cascade", "riccati"]
     assert advised.notes == ("Of so many states, other observers are built with first gains by --deep.",)
+
+
+@pytest.mark.parametrize("command", ["generate", "build"])
+@pytest.mark.parametrize(
+    ("flow", "notes"),
+    [("0", ["hgogen: No observer tells z, d from these outputs: measure z or d as well."]), ("-z", [])],
+)
+def test_code_of_an_unobservable_plant_comes_with_a_note(
+    tmp_path: Path, command: str, flow: str, notes: list[str]
+) -> None:
+    gains = "Q_per_sample = {z = 1e-3, v = 1e-3, d = 1e-3}, noise = {y = 0.1}, dt = 0.01"
+    path = tmp_path / "baro.toml"
+    path.write_text(f"""
+name = "baro"
+observer = {{kind = "ekf", {gains}}}
+states.z = {{low = -5, high = 5, flow = "v"}}
+states.v = {{low = -5, high = 5, flow = "{flow}"}}
+states.d = {{low = -1, high = 1, flow = "0"}}
+outputs.y = {{equation = "z + d"}}
+""")
+    done = CliRunner().invoke(app, [command, str(path), "-o", str(tmp_path / command)])
+    assert done.exit_code == 0, done.output
+    assert [line for line in done.output.splitlines() if "No observer tells" in line] == notes

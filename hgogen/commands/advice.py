@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 from hgogen import forms, observers
-from hgogen.analysis.observability import Observability
+from hgogen.analysis.observability import Observability, observability
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
 from hgogen.commands.claims import Checked
@@ -25,6 +25,8 @@ from hgogen.model import Model
 from hgogen.modelfiles.tuning import First, NoFirst, first, places
 from hgogen.reading.text_model import inline
 from hgogen.registry import summary
+from hgogen.rigor.rank import NowhereDefined
+from hgogen.rigor.tape import NoTape
 from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
@@ -230,17 +232,33 @@ def _line(one: First, model: Model) -> str:
 # ---------------------------------------------------------------- other advice
 
 
-def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
+def unobservable_note(plant: System, form: Form) -> Iterator[str]:
+    """Yield a sentence on the states of a plant that are proved not to be observable, and what to do, if there are any.
+    Nothing is computed where the plant is proved to be in a `form` of observable plants."""
+    if asking(form.kind).candidate and all(check.verdict is Verdict.PROVED for check in form.checks):
+        return
+    try:
+        yield from _lost(plant, observability(plant, unknown=()))
+    except (NowhereDefined, NoTape):  # nothing is proved
+        return
+
+
+def _lost(plant: System, observability: Observability) -> Iterator[str]:
     known = observability.known
-    if known.lost:
-        names = ", ".join(s.name for s in known.lost)
-        condition = ", on the branches asked" if observability.scope else ""
-        plant, hidden, alternative = survey.plant, set(known.lost), ""
-        other_rates = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
-        if other_rates and not any(e.free_symbols & hidden for e in (*other_rates, *plant.output)):
-            alternative = ", or leave it out of the model, of which the other states are a plant of their own"
-        yield f"No observer tells {names} from these outputs{condition}: {known.advice}{alternative}."
-    if known.rank.unobservable:
+    if not known.lost:
+        return
+    names = ", ".join(s.name for s in known.lost)
+    condition = ", on the branches asked" if observability.scope else ""
+    hidden, alternative = set(known.lost), ""
+    other_rates = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
+    if other_rates and not any(e.free_symbols & hidden for e in (*other_rates, *plant.output)):
+        alternative = ", or leave it out of the model, of which the other states are a plant of their own"
+    yield f"No observer tells {names} from these outputs{condition}: {known.advice}{alternative}."
+
+
+def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
+    yield from _lost(survey.plant, observability)
+    if observability.known.rank.unobservable:
         return
     if any(row.verdict is Verdict.PROVED for row in survey.candidates):
         return

@@ -15,6 +15,7 @@ import typer
 from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
+from hgogen.commands.advice import unobservable_note
 from hgogen.commands.claims import Checked, checked, checks_table, proved_bound, stating
 from hgogen.commands.command import (
     NO_RUNS,
@@ -349,6 +350,7 @@ def _generate_code(
     name: str | None,
     folder: Folder,
 ) -> tuple[Sources, Files]:
+    note(*unobservable_note(model.plant, step.observer.form))
     stated = stating(step, model, known)
     coded = prefixed(stated, name) if name else stated
     files = _emit(coded, model, observer, target, name)
