@@ -10,7 +10,7 @@ from rich.console import Console
 
 import hgogen as hg
 from hgogen.commands.data import log_summary
-from hgogen.logs.clocks import of_times
+from hgogen.logs.clocks import is_of_unit, of_times
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import Record, read
 
@@ -55,6 +55,30 @@ def test_each_fault_of_the_times_has_its_name_and_its_fix_mends_it(tmp_path: Pat
         if fault == "milli":
             assert one.fix == 'times in milliseconds? --time "t/1000"'
             assert not of_times(logged(tmp_path, columns, time="t/1000"))
+
+
+@pytest.mark.parametrize(
+    ("name", "prefix", "power"), [("Zeit_ms", "milli", 1000), ("us_t", "micro", 1e6), ("t (us)", "", 0), ("tms", "", 0)]
+)
+def test_a_unit_in_the_name_of_a_column_is_evidence(name: str, prefix: str, power: float, tmp_path: Path) -> None:
+    """Of a model that has no dt; a unit in brackets is converted."""
+    columns = {name: (power or 1) * EVEN}
+    faults = of_times(logged(tmp_path, columns, period=None, time=name, dt=None))
+    assert [one.fault for one in faults] == [prefix] * bool(prefix)
+    for one in faults:
+        assert one.finding.startswith(f"times look like {prefix}seconds by the name of the column {name!r}")
+        assert one.fix.startswith(f'--time "{name}/{power:g}"')
+        for time in (f"{name}/{power:g}", f"1*{name}"):
+            assert not of_times(logged(tmp_path, columns, period=None, time=time, dt=None))
+    dated = {"t_ms": 1.7e12 + 1000 * EVEN}  # since 1970, converted
+    assert not any(map(is_of_unit, of_times(logged(tmp_path, dated, period=None, time="t_ms", dt=None))))
+
+
+@pytest.mark.parametrize(("longest", "prefix"), [(0.1, "milli"), (1e-4, "micro"), (2.0, ""), (1e-6, "")])
+def test_a_step_far_too_long_is_evidence_of_a_unit(longest: float, prefix: str, tmp_path: Path) -> None:
+    """A row every 20: ms and us are tried, in this order."""
+    record = logged(tmp_path, {"t": 1000 * EVEN}, dt=None)
+    assert [one.fault for one in of_times(record, longest=longest)] == [prefix] * bool(prefix)
 
 
 def test_rows_without_a_period_are_said_once(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, is_dataclass, replace
-from functools import wraps
+from functools import partial, wraps
 from inspect import Parameter, Signature, getdoc, signature
 from pathlib import Path
 from typing import (
@@ -185,7 +185,7 @@ def _ending() -> Iterator[None]:
     try:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
-            warnings.showwarning = _warned
+            warnings.showwarning = partial(_warned, set())
             warnings.simplefilter("ignore", ReportedWarning)
             yield
     except BrokenPipeError:  # as after `| head`
@@ -213,9 +213,13 @@ _FAILURES = {
 }
 
 
-def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+def _warned(printed: set[str], message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Print a warning that is not among those `printed`, as where a command makes the same step several times."""
     kind = "" if issubclass(category, UserWarning) else f"{category.__name__}: "
-    note(f"{kind}{' '.join(str(message).split())}")
+    text = f"{kind}{' '.join(str(message).split())}"
+    if text not in printed:
+        note(text)
+    printed.add(text)
 
 
 def explained(context: typer.Context, names: str | None) -> str | None:

@@ -16,7 +16,7 @@ from hgogen.commands.command import Columns, engine_here, once
 from hgogen.commands.output import Bar
 from hgogen.errors import HgogenError
 from hgogen.logs.changes import Better
-from hgogen.logs.clocks import of_times
+from hgogen.logs.clocks import is_of_unit, of_times
 from hgogen.logs.finding import Finding
 from hgogen.logs.findings import Written, findings
 from hgogen.logs.records import Log, beyond, demand_regular, log_of, step_limits
@@ -195,11 +195,14 @@ def log_findings(
 ) -> tuple[list[Finding], Better | None]:
     """Return the faults of a log u (N, m), y (N, p), and a change of signals that fits better, by the `run` of a step
     over it; `shifts`: those that are set; `first`: the sample from which on errors count."""
+    times = of_times(record, step.clock.varying is not None, step.advised)
+    if step.dt > step.advised and any(map(is_of_unit, times)):  # no sample can be judged
+        return times, None
     elapsed = record.elapsed if step.clock.varying else None
     begin = float(record.t[0] if record.stamps is None else np.nanmin(record.stamps))
     written = Written(shifts, record.operands, record.clock[1], begin, step.dt)
     faults, change = findings(step, run, u, y, first, engine=engine_here(), written=written, dt=elapsed)
-    return [*of_times(record, step.clock.varying is not None), *faults], change
+    return [*times, *faults], change
 
 
 def findings_by(step: CallableStep, record: Record, log: Log, shifts: Mapping[str, int]) -> list[Finding]:

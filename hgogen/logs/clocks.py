@@ -4,7 +4,8 @@ Of the steps d_k = t_k - t_(k-1) between rows, with their median over positive o
 
     wraps     t falls back by the same number W of times, or to 0, between rows that rise: a counter of finite range
     coarse    most steps are 0: several rows have one stamp; `stale` where a few are
-    milli     d is about a power of 1000 times the period of the step
+    milli     d is about a power of 1000 times the period of the step, or 20 times the longest dt that the step is
+              advised to take and more; or the name of the column ends or begins with ms, us, ns
     gaps      a step of many d
     jitter    steps scatter about d
     period    a column that runs like a clock at another pace than --period
@@ -33,6 +34,9 @@ _SCATTERED = 0.15  # of a period: a jitter that is worth a step of varying lengt
 _STALE = 0.02  # share of repeated stamps
 _PAUSES = 8.0  # periods: a gap that is named
 _FALLS = 0.05  # share of rows at which a counter falls back
+_PREFIXES = {"m": ("milli", 1e3), "u": ("micro", 1e6), "n": ("nano", 1e9)}
+_NAMED = re.compile(r"(?i)(?:^|[_ .([])([mun])s(?:ec)?[)\]]?$|^([mun])s(?:ec)?[_ .]")  # of a unit of time
+_TOO_LONG = 20.0  # times the longest dt that is advised
 _NAMES = re.compile(r"(?i)time|tempo|zeit|stamp|clock|date|sec|^t$|^t[_ \[(]|(?:^|_)[mun]s$|_t$")
 
 
@@ -48,6 +52,7 @@ class Clock:
     name: str
     operand: str
     varying: bool
+    longest: float = math.inf
 
     @cached_property
     def there(self) -> Array:
@@ -129,7 +134,7 @@ def unit(clock: Clock) -> Iterator[Finding]:
     """Yield the finding that times are in another unit than those of the step."""
     report = clock.record.report
     factor = report.period / report.dt
-    for power, prefix in ((1e3, "milli"), (1e6, "micro"), (1e9, "nano")):
+    for prefix, power in _PREFIXES.values():
         if 0.5 < factor / power < 2:
             text = f"a row every {report.period:g}, and the step's dt is {report.dt:g} {report.unit}"
             fix = f'times in {prefix}{plural(report.unit)}? --time "{clock.operand}/{power:g}"'
@@ -138,6 +143,29 @@ def unit(clock: Clock) -> Iterator[Finding]:
             yield clock.finding(
                 prefix, np.arange(len(clock.there)), factor, f"{clock.name or 'the period'}: {text}", fix
             )
+
+
+def unit_of_seconds(clock: Clock) -> Iterator[Finding]:
+    """Yield the finding that times are taken as seconds, although their column's name has a shorter unit, or a step by
+    them is far too long for the model, and one by the shorter unit is not."""
+    report, table = clock.record.report, clock.table
+    if report.unit != "s" or table.header.count(clock.name) != 1 or [*unit(clock)]:
+        return
+    column = table.column(clock.name)
+    there, named = clock.rows[clock.there], _NAMED.search(clock.name)
+    if column.unit or not np.array_equal(column.values[there], clock.values[clock.there]):  # converted
+        return
+    name, length = f"the column {clock.name!r}", f"a row every {report.period:g} s"
+    if named is not None:
+        prefix, power = _PREFIXES[(named[1] or named[2]).lower()]
+        text = f"times look like {prefix}seconds by the name of {name}, and are taken as seconds, {length}"
+    else:
+        prefix, power = _PREFIXES["m" if report.period <= 1e3 * clock.longest else "u"]
+        if not _TOO_LONG * clock.longest < report.period <= power * clock.longest:
+            return
+        text = f"times look like {prefix}seconds: {name} has {length}, and the model admits {clock.longest:.3g} s"
+    fix = f'--time "{clock.operand}/{power:g}", or --time "1*{clock.operand}" if they are seconds'
+    yield clock.finding(prefix, np.arange(len(there)), max(2.0, report.period / clock.longest), text, fix)
 
 
 def gaps(clock: Clock) -> Iterator[Finding]:
@@ -229,14 +257,20 @@ def scatter_of(times: Array) -> float:
     return float(np.std(usual)) / middle if middle > 0 else math.inf
 
 
-FAULTS = (wraps, repeated, unit, others, gaps, jitter)  # causes before their effects
+FAULTS = (wraps, repeated, unit, unit_of_seconds, others, gaps, jitter)  # causes before their effects
 
 
-def of_times(record: Record, varying: bool = False) -> list[Finding]:
-    """Return the faults of the times of a log's rows; `varying`: for a step that takes rows at their times."""
+def is_of_unit(finding: Finding) -> bool:
+    """Return whether a finding is that times are in another unit."""
+    return finding.fault in {prefix for prefix, _ in _PREFIXES.values()}
+
+
+def of_times(record: Record, varying: bool = False, longest: float = math.inf) -> list[Finding]:
+    """Return the faults of the times of a log's rows; `varying`: for a step that takes rows at their times; `longest`:
+    the longest dt that the step is advised to take."""
     if record.stamps is None or record.table is None or record.rows is None:
         return []
-    clock = Clock(record, record.table, record.rows, record.stamps, *record.clock, varying)
+    clock = Clock(record, record.table, record.rows, record.stamps, *record.clock, varying, longest)
     faults = FAULTS if clock.name else (unit, others)
     if len(clock.there) < LEAST or clock.middle <= 0:
         return []
