@@ -210,6 +210,28 @@ def test_what_stands_still_with_all_others_is_at_rest() -> None:
     assert "still" not in {one.fault for one in hg.inspect(step, resting)}
 
 
+@pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
+def test_a_shaft_at_rest_does_not_stand_still_for_the_offset_of_its_tachometer() -> None:
+    """The offset moves the estimate, and the model of the angle alone does not move; where the angle does hang, the
+    voltage moves it."""
+    th, w = hg.Signal("th", low=-600, high=600), hg.Signal("w", low=-250, high=250)
+    shaft = hg.System("shaft", states=(th, w), inputs=(u,), outputs=(y, y2), flow=(w, 15 * u - w), output=(th, w))
+    form, sigmas = hg.forms.original(shaft), {"y": 1e-3, "y2": 0.2}
+    observer = hg.observers.riccati(form, Q=[1e-5, 500], noise=sigmas, covariance=[1.0] * 2)
+    step, draw = hg.sample(observer, dt=0.002, between="hold"), np.random.default_rng(1)
+    speed = 30 * (1 - np.exp(-0.002 * np.arange(2500)))
+    still, moving = np.zeros((500, 2)), np.column_stack([0.002 * np.cumsum(speed), speed])
+    measured = np.concatenate([still, moving]) + draw.normal(size=(3000, 2)) * [1e-3, 0.2]
+    measured[:, 0] = 3e-3 * np.round(measured[:, 0] / 3e-3)
+    voltage, resting, hanging = np.repeat([[0.0], [2.0]], [500, 2500], axis=0), measured + np.array([0, 2]), measured
+    resting[100:300, 0] = 0
+    assert "still" not in {one.fault for one in hg.inspect(step, Log(voltage, resting, 0.002))}
+    hanging[2700:2900, 0] = hanging[2700, 0]  # at full speed, so that no other signal changes
+    (one,) = (one for one in hg.inspect(step, Log(voltage, hanging, 0.002)) if one.fault == "still")
+    assert one.rows == ((2700, 2899),)
+    assert "while" not in one.finding
+
+
 def test_a_coarse_sensor_repeats_itself_by_chance() -> None:
     """Of a course that takes the next level with 5 of 100, a value comes 8 times in a row, and 60 times, by chance."""
     step, log = healthy("spring", 1)

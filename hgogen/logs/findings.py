@@ -3,7 +3,8 @@
 Of the course x_k of one signal, with the differences d_k = x_k - x_(k-1):
 
     still     the longest run of one value, over log(N)/log(1/q), the longest by chance of N samples of which the share
-              q repeats the one before; while another signal moves; `before` where it begins the log
+              q repeats the one before; while another signal moves, or the model, by this signal alone too:
+              the offset of another sensor moves the estimate; `before` where it begins the log
     stale     more samples that repeat the one before than come so near to it, all over the log
     clipped   runs at the largest or least value, which the course meets at full speed
     held      new values in every m-th sample only
@@ -25,9 +26,9 @@ The limits are chosen so that a healthy log raises nothing; a fault that is smal
 """
 
 import math
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -39,7 +40,7 @@ from hgogen.logs.records import Log
 from hgogen.logs.trends import Trends, normalised
 from hgogen.reading.given import requires
 from hgogen.reading.jumps import jumps_by_turns, turn_of, unwrapped_outputs
-from hgogen.run.prediction import MOST_REJECTED, Clamped, Rejection, clamped, rejections
+from hgogen.run.prediction import MOST_REJECTED, Clamped, Rejection, clamped, rejections, rms
 from hgogen.run.samples import Engine, Run, table
 from hgogen.signal import Signal, derived
 
@@ -65,13 +66,15 @@ _LEAST_OUTLIERS, _BEYOND = 3, 7.0  # samples; standard deviations of each
 @dataclass(frozen=True, eq=False)
 class Course:
     """A signal's samples `values` (N,), NaN where missing, at the times `t` (N,) from 0 on in the unit `time`; `off`
-    (N,): the innovations of an output in standard deviations, NaN where there is none."""
+    (N,): the innovations of an output in standard deviations, NaN where there is none; `alone(k, end)`: that of the
+    sample `end`, where all other outputs are missing and this one after the sample k."""
 
     signal: Signal
     values: Array
     t: Array
     time: str
     off: Array
+    alone: Callable[[int, int], float] | None = None
 
     @property
     def dt(self) -> float:
@@ -142,10 +145,8 @@ def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
         np.median(np.abs(np.diff(remaining, 2))) > _NOISY * np.median(np.abs(np.diff(remaining)))
     )
     start, end = int(there[first[k]]), int(there[first[k] + length - 1])
-    off = np.abs(course.off[start : end + 1])
-    predicted_motion = np.isfinite(off).any() and np.nanmedian(off) > _STEADILY_OFF
     moving = [other.signal.name for other in others if is_moving(other.values, start, end)]
-    if noisy or predicted_motion or moving:
+    if noisy or moving or predicted_motion(course, start, end):
         name, where = course.signal.name, course.stretch(start, end)
         ends = {float(present.max()): "largest", float(present.min()): "least"}
         end_of = ends.get(float(course.values[start]))
@@ -158,6 +159,16 @@ def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
             cause = "was it filled in before its first sample"
         fix = f"{cause}? --missing {name}={start}..{end} takes them as missing"
         yield Finding(name, "still" if start else "before", ((start, end),), length, strength, text, fix)
+
+
+def predicted_motion(course: Course, start: int, end: int) -> bool:
+    """Return whether the innovations in the samples `start` to `end` are mostly beyond `_STEADILY_OFF`, and the model
+    leaves the value at which the signal stands by as much, from its estimate after half of them by this signal alone.
+    """
+    off = np.abs(course.off[start : end + 1])
+    if not (np.isfinite(off).any() and np.nanmedian(off) > _STEADILY_OFF):
+        return False
+    return course.alone is None or not abs(course.alone((start + end) // 2, end)) <= _STEADILY_OFF
 
 
 def is_moving(values: Array, start: int, end: int) -> bool:
@@ -390,6 +401,8 @@ def findings(
     off, turns = normalised(run.innovations, run.variances), [*of_turns(step, y)]
     t = run.t - run.t[0]
     outputs = _courses(step, step.outputs, y, off, t)
+    if len(outputs) > 1:
+        outputs = [replace(one, alone=partial(_alone, step, u, y, j, engine, dt)) for j, one in enumerate(outputs)]
     turned = {one.signal for one in turns}
     wrong: list[Rejection | Clamped] = [*rejections(step, run, u, y, written.operands, engine, dt)]
     wrong += clamped(step, u, written.operands)
@@ -413,6 +426,21 @@ def findings(
         constants = [x.name for x, rate in zip(plant.states, plant.flow, strict=True) if rate == 0]
         faults += Trends(step, u, y, off, engine, dt).findings(written.corrected, constants)
     return faults, change
+
+
+def _alone(
+    step: CallableStep, u: Array, y: Array, j: int, engine: Engine | None, dt: Array | None, k: int, end: int
+) -> float:
+    """Return the innovation of the output j at the sample `end`, in standard deviations of one at the sample k at most,
+    where all others are missing and this one after k; NaN without any."""
+    step.reset()
+    rows = np.arange(len(y))
+    used = np.where((np.arange(y.shape[1]) == j) & ((rows <= k) | (rows == end))[:, None], y, np.nan)
+    run = step.run(u=u, y=used, engine=engine, dt=dt)
+    assert run.innovations is not None  # of a step
+    innovations, last = run.innovations[:, j], rows[: k + 1][np.isfinite(run.innovations[: k + 1, j])]
+    deviations = rms(innovations[last]) if run.variances is None else np.sqrt(run.variances[last[-1:], j]).sum()
+    return float(innovations[end] / deviations)
 
 
 def judged(step: CallableStep, run: Run, u: Array, y: Array, engine: Engine | None) -> tuple[CallableStep, Run]:
