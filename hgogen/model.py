@@ -1,6 +1,7 @@
 """A model file: Python that defines `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
 
 import linecache
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -118,6 +119,15 @@ class Model(Displayed):
     def plain(self) -> bool:
         """Whether the file is plain text, and not Python."""
         return Path(self.path).suffix in READERS
+
+    @property
+    def argument(self) -> str:
+        """The word for the model in a command: its name where that alone finds its file, else the name of its file."""
+        try:
+            by_name = located(self.name).resolve() == Path(self.path).resolve()
+        except NoModel:
+            by_name = False
+        return self.name if by_name else shlex.quote(Path(self.path).name)
 
     @property
     def plant(self) -> System:

@@ -2,6 +2,7 @@
 is."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,7 @@ def test_generate_for_an_ecosystem(here: Path) -> None:
     assert there == LIBRARY | figures
     assert {str(Path(path).relative_to("generated/tank")) for path in written["files"]} == there
     hgogen("generate", "tank.toml", "--for", "cmake")  # what hgogen wrote is replaced
-    assert "hgogen generate tank\n" in (here / "generated" / "tank" / "src" / "tank.h").read_text()
+    assert "hgogen generate tank.toml\n" in (here / "generated" / "tank" / "src" / "tank.h").read_text()
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -47,7 +48,7 @@ def test_generate_under_another_name(here: Path) -> None:
     hgogen("generate", "tank.toml", "--name", "left")
     assert {"left.h", "left.c", "left_check.c"} < below(here / "generated" / "left")
     header = (here / "generated" / "left" / "left.h").read_text()
-    assert "hgogen generate tank --name left\n" in header
+    assert "hgogen generate tank.toml --name left\n" in header
     assert "LEFT_H" in header
     assert "tank_" not in header
     hgogen("generate", "tank.toml", "--name", "right", "--for", "arduino", "-o", "out")
@@ -143,3 +144,16 @@ def test_the_help_says_what_there_is() -> None:
         text = " ".join(hgogen(command, "--help")[0].replace("│", " ").split())
         assert "cmake, platformio, arduino, zephyr, esp-idf, several with commas, or all" in text
     assert "nominal_instructions, worst_instructions" in documented("cost")
+
+
+@pytest.mark.parametrize("file", ["tank.toml", "my tank.toml"])
+@pytest.mark.usefixtures("undrawn")
+def test_the_command_of_a_file_names_the_file(here: Path, file: str) -> None:
+    (here / "tank.toml").rename(here / file)
+    hgogen("generate", file, "-o", "by_path")
+    (header,) = (here / "by_path").rglob("tank.h")
+    (command,) = (line.removeprefix(" *").strip() for line in header.read_text().splitlines() if " generate " in line)
+    assert command.endswith(f"hgogen generate {shlex.quote(file)}")
+    hgogen(*shlex.split(command[command.index("hgogen generate") :])[1:], "-o", "again")
+    (again,) = (here / "again").rglob("tank.h")
+    assert again.read_bytes() == header.read_bytes()

@@ -253,7 +253,7 @@ def run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, co
 
 
 def _emit(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
-    words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
+    words = ["hgogen generate", model.argument, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += [f"--name {name}"] if name else []
     files: Sources = getattr(targets, target)(step, real=_real(model), command=" ".join(words))
