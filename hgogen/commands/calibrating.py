@@ -42,7 +42,7 @@ from hgogen.commands.command import (
     numbers_by_name,
     one_or_all,
 )
-from hgogen.commands.data import Logs, fault_lines, logs_of, too_far, truth_of, truth_options
+from hgogen.commands.data import Logs, demand_in_time, fault_lines, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.output import (
     Bar,
     Folder,
@@ -275,6 +275,7 @@ def tune_(
     """
     aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
+    demand_in_time(loaded, shift)
     plant, folder = loaded.plant, folder_of(out, loaded)
     path, _ = folder.demand("tuned.json", BEGUN)
     if resume:
