@@ -74,24 +74,24 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
     Raises: `CannotWrite`; `Misfit` for a value that is no mapping from names.
     """
     paths = _demand_files(files, folder)
-    staged: list[Path] = []
+    staged, at = list[Path](), Path(folder)
     with ExitStack() as opened:
         try:
             for each in dict.fromkeys((Path(folder), *(path.parent for path in paths))):
                 each.mkdir(parents=True, exist_ok=True)
                 _clear(each)
-            for path, content in zip(paths, files.values(), strict=True):
-                handle, temporary = _staged(path.parent, opened)
+            for at, content in zip(paths, files.values(), strict=True):
+                handle, temporary = _staged(at.parent, opened)
                 staged.append(temporary)
                 _fill(handle, content)
-                if private or path.exists():
-                    os.chmod(temporary, _PRIVATE if private else path.stat().st_mode & 0o777)
+                if private or at.exists():
+                    os.chmod(temporary, _PRIVATE if private else at.stat().st_mode & 0o777)
             if os.name == "nt":  # it has no locks, and renames no file that is open
                 opened.close()
-            for temporary, path in zip(staged, paths, strict=True):
-                os.replace(temporary, path)
+            for temporary, at in zip(staged, paths, strict=True):
+                os.replace(temporary, at)
         except OSError as error:
-            raise _failed(error, Path(folder)) from error
+            raise _failed(error, at) from error
         finally:
             for temporary in staged:
                 temporary.unlink(missing_ok=True)
@@ -252,8 +252,10 @@ def _clear(folder: Path) -> None:
                     path.unlink(missing_ok=True)
 
 
-def _failed(error: OSError, folder: Path) -> CannotWrite:
-    return CannotWrite(str(error.filename or folder), error.strerror or str(error))
+def _failed(error: OSError, path: Path) -> CannotWrite:
+    """Return the error of the path that could not be written, `path` where that is a temporary file or unknown."""
+    known = Path(error.filename) if error.filename else path
+    return CannotWrite(str(path if known.name.startswith(_STAGED) else known), error.strerror or str(error))
 
 
 def _fill(handle: int, content: str | bytes) -> None:

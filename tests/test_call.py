@@ -532,7 +532,7 @@ def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_a_compiler_python_runs_and_says_so() -> None:
     step = BUILD["held"]()
     samples = record(step, 20)
-    with pytest.warns(NoCompilerWarning, match="no C compiler"):
+    with pytest.warns(NoCompilerWarning, match="The step runs in Python, since there is no C compiler"):
         run = step.run(**samples)
     assert run.engine == "python"
     with warnings.catch_warnings():

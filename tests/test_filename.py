@@ -192,6 +192,6 @@ def test_a_disk_that_fills_up_leaves_what_was_there(tmp_path: Path, monkeypatch:
 
     made: list[str] = []
     monkeypatch.setattr(os, "open", full)
-    with pytest.raises(CannotWrite, match="No space left on device"):
+    with pytest.raises(CannotWrite, match=f"cannot write {tmp_path / 'b'}: No space left on device"):
         hg.write({"a": "new", "b": "new"}, tmp_path)
     assert everything(tmp_path) == before

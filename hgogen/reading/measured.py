@@ -24,7 +24,7 @@ replaces those before it."""
 import math
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -315,7 +315,7 @@ def read(
     of_columns = (note for one in series.values() for note in one.notes)
     log = replace(log, notes=tuple(dict.fromkeys((*log.notes, *of_columns))))
     record = _gridded(log, series, _grid(log.path, times, dt, unit, own_times), unit, inputs, signals)
-    _demand_numbers(record.report, series, caller)
+    _demand_numbers(record.report, series, signals.keys() - inputs.keys() - caller.others.keys(), caller)
     cells = np.column_stack([one.values for one in series.values()]) if series else np.empty((log.rows, 0))
     clock = ("", "") if time is None else (time, operand(log, time))
     record = replace(record, operands=operands, stamps=times, clock=clock, cells=cells, table=log, rows=selected)
@@ -330,11 +330,12 @@ def _demand_times(log: Table, time: str | None, period: float | None, unit: str,
         raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
 
 
-def _demand_numbers(report: Report, series: Mapping[str, Column], caller: Caller) -> None:
+def _demand_numbers(report: Report, series: Mapping[str, Column], outputs: Container[str], caller: Caller) -> None:
     for name in [name for name, absent in report.absent.items() if absent == report.samples]:
         example = f", but cells such as {series[name].example!r}" if series[name].example else ""
         what = f"the column {series[name].name!r} holds no number for {name}{example}"
-        raise BadRecord(report.path, f"{what}; say {caller.fix(name)}")
+        without = f", or take {name} out of the model to run without it" if name in outputs else ""
+        raise BadRecord(report.path, f"{what}; say {caller.fix(name)}{without}")
 
 
 def _listed(log: Table) -> str:

@@ -39,7 +39,7 @@ WARNINGS = (
 
 
 class NoCompilerWarning(UserWarning):
-    """The record runs in Python, since there is no C compiler: the same bits, some twenty times slower."""
+    """The step runs in Python, since there is no C compiler: the same bits, some twenty times slower."""
 
 
 @dataclass(eq=False)
