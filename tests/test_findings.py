@@ -15,6 +15,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.commands.command import NO_COLUMNS
 from hgogen.commands.data import logs_of
+from hgogen.logs.findings import inspect
 from hgogen.logs.records import Log
 from hgogen.model import load
 from hgogen.reading.measured import WINDOWS
@@ -100,14 +101,12 @@ def faulty(kind: str, log: Log, draw: np.random.Generator) -> Log:
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_healthy_log_has_no_finding(name: str, seed: int) -> None:
     step, log = healthy(name, seed)
-    assert hg.inspect(step, log) == ()
+    assert inspect(step, log) == ()
 
 
 @pytest.mark.full
 def test_of_many_healthy_logs_one_in_fifty_has_a_finding_at_most() -> None:
-    each = [
-        hg.inspect(*healthy(name, seed, count)) for name in PLANTS for seed in range(2, 27) for count in (200, 1500)
-    ]
+    each = [inspect(*healthy(name, seed, count)) for name in PLANTS for seed in range(2, 27) for count in (200, 1500)]
     assert sum(map(bool, each)) <= len(each) / 50
 
 
@@ -116,7 +115,7 @@ def test_of_many_healthy_logs_one_in_fifty_has_a_finding_at_most() -> None:
 def test_a_fault_has_its_name(name: str, kind: str) -> None:
     step, log = healthy(name, 4)
     log = faulty(kind, log, np.random.default_rng(1))
-    faults = hg.inspect(step, log)
+    faults = inspect(step, log)
     cut_off = {one for one in faults if kind == "clipped" and "is it cut off there" in one.fix}  # at one place alone
     one = next(each for each in faults if each.signal == "y" and (each.fault == kind or each in cut_off))
     assert one.strength > 1
@@ -139,7 +138,7 @@ def test_a_usual_code_need_not_be_far() -> None:
     for code, known in ((-999.0, True), (-1000.0, False)):
         values = 900 + 500 * np.sin(np.arange(500) / 40)[:, None] + log.y
         values[rows] = code
-        assert known is ("code" in {one.fault for one in hg.inspect(step, Log(log.u, values, log.dt))})
+        assert known is ("code" in {one.fault for one in inspect(step, Log(log.u, values, log.dt))})
 
 
 def test_a_pulse_that_the_model_predicts_is_no_outlier() -> None:
@@ -149,8 +148,8 @@ def test_a_pulse_that_the_model_predicts_is_no_outlier() -> None:
     step, draw = hg.sample(observer, dt=0.2), np.random.default_rng(3)
     pulses = 5.0 * (np.arange(500) % 25 == 7)[:, None]
     values = np.round(pulses + 0.01 * draw.normal(size=(500, 1)), 5)
-    assert hg.inspect(step, Log(pulses, values, 0.2)) == ()
-    assert "outliers" in {one.fault for one in hg.inspect(step, Log(0 * pulses, values, 0.2))}
+    assert inspect(step, Log(pulses, values, 0.2)) == ()
+    assert "outliers" in {one.fault for one in inspect(step, Log(0 * pulses, values, 0.2))}
 
 
 def test_lines_of_significant_digits_are_drawn() -> None:
@@ -159,18 +158,18 @@ def test_lines_of_significant_digits_are_drawn() -> None:
     at = np.arange(0, 500, 6)
     course = np.interp(np.arange(500), at, 10 + 4 * np.sin(at / 40) + log.y[at, 0])
     values = np.array([[float(f"{value:.6g}")] for value in course])
-    assert "drawn" in {one.fault for one in hg.inspect(step, Log(log.u, values, log.dt))}
+    assert "drawn" in {one.fault for one in inspect(step, Log(log.u, values, log.dt))}
 
 
 def test_an_offset_and_a_drift_are_those_of_their_signal() -> None:
     """Of a model without a state that learns them. Several means at once tell the output's from the input's."""
     step, log = healthy("chain", 2)
-    (one,) = hg.inspect(step, faulty("offset", log, np.random.default_rng(1)))
+    (one,) = inspect(step, faulty("offset", log, np.random.default_rng(1)))
     assert (one.signal, one.fault, "standard errors from 0" in one.finding) == ("y2", "offset", True)
     taken = float(one.fix.partition('--map y2="y2 - ')[2].partition('"')[0])
     assert taken == pytest.approx(12 * SIGMA, rel=0.1)
     drifting = log.y + np.linspace(0, 30 * SIGMA, len(log.y))[:, None] * [0, 1]
-    (one,) = hg.inspect(step, Log(log.u, drifting, log.dt))
+    (one,) = inspect(step, Log(log.u, drifting, log.dt))
     assert (one.signal, one.fault) == ("y2", "drift")
 
 
@@ -180,7 +179,7 @@ def test_scales_and_signs_are_named_with_what_is_equal() -> None:
     step, log = healthy("chain", 6)
     kinds = {"sign": [-1.0, 1.0], "scale": [3.7, 1.0]}
     for fault, factors in kinds.items():
-        one = hg.inspect(step, Log(log.u, log.y * factors, log.dt))[0]
+        one = inspect(step, Log(log.u, log.y * factors, log.dt))[0]
         assert (one.signal, one.fault) == ("y", fault)
         if fault == "sign":
             assert one.fix == '--map y="-y", or equally u and y2 look like the other sign, --map u="-u" --map y2="-y2"'
@@ -198,7 +197,7 @@ def test_a_state_that_is_held_is_named() -> None:
     draw, rates = np.random.default_rng(4), np.sin(np.arange(300) / 20)[:, None]
     angle = np.cumsum(np.append(0, rates[:-1, 0])) * 0.02
     log = Log(rates + 0.3, (angle + 0.01 * draw.normal(size=300))[:, None], 0.02)
-    (one,) = hg.inspect(hg.sample(observer, dt=0.02), log)
+    (one,) = inspect(hg.sample(observer, dt=0.02), log)
     assert (one.fault, "drift, held by Q and P(0)" in one.fix) == ("offset", True)
 
 
@@ -207,7 +206,7 @@ def test_what_stands_still_with_all_others_is_at_rest() -> None:
     step, log = healthy("spring", 2)
     quiet = np.concatenate([np.zeros(200), 1 - np.cos(np.arange(300) / 20)])[:, None]
     resting = Log(np.concatenate([np.zeros((200, 1)), np.ones((300, 1))]), quiet, log.dt)
-    assert "still" not in {one.fault for one in hg.inspect(step, resting)}
+    assert "still" not in {one.fault for one in inspect(step, resting)}
 
 
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
@@ -225,9 +224,9 @@ def test_a_shaft_at_rest_does_not_stand_still_for_the_offset_of_its_tachometer()
     measured[:, 0] = 3e-3 * np.round(measured[:, 0] / 3e-3)
     voltage, resting, hanging = np.repeat([[0.0], [2.0]], [500, 2500], axis=0), measured + np.array([0, 2]), measured
     resting[100:300, 0] = 0
-    assert "still" not in {one.fault for one in hg.inspect(step, Log(voltage, resting, 0.002))}
+    assert "still" not in {one.fault for one in inspect(step, Log(voltage, resting, 0.002))}
     hanging[2700:2900, 0] = hanging[2700, 0]  # at full speed, so that no other signal changes
-    (one,) = (one for one in hg.inspect(step, Log(voltage, hanging, 0.002)) if one.fault == "still")
+    (one,) = (one for one in inspect(step, Log(voltage, hanging, 0.002)) if one.fault == "still")
     assert one.rows == ((2700, 2899),)
     assert "while" not in one.finding
 
@@ -236,7 +235,7 @@ def test_a_coarse_sensor_repeats_itself_by_chance() -> None:
     """Of a course that takes the next level with 5 of 100, a value comes 8 times in a row, and 60 times, by chance."""
     step, log = healthy("spring", 1)
     levels = np.cumsum(np.random.default_rng(3).choice([-1.0, 0.0, 1.0], p=[0.025, 0.95, 0.025], size=(500, 1)), axis=0)
-    assert "still" not in {one.fault for one in hg.inspect(step, Log(log.u, levels, log.dt))}
+    assert "still" not in {one.fault for one in inspect(step, Log(log.u, levels, log.dt))}
 
 
 def test_an_angle_that_passes_the_end_of_its_turn_has_no_outlier() -> None:
@@ -250,7 +249,7 @@ def test_an_angle_that_passes_the_end_of_its_turn_has_no_outlier() -> None:
     course = np.arange(1000) * 0.02 + 0.1 * np.random.default_rng(0).normal(size=1000)
     turned = (course + np.pi) % (2 * np.pi) - np.pi
     log = Log(np.ones((1000, 1)), turned[:, None], 0.02)
-    assert hg.inspect(hg.sample(observer, dt=0.02), log) == ()
+    assert inspect(hg.sample(observer, dt=0.02), log) == ()
 
 
 def test_an_angle_in_another_unit_is_that_before_its_turns() -> None:
@@ -262,7 +261,7 @@ def test_an_angle_in_another_unit_is_that_before_its_turns() -> None:
     turned = (2.0 * 0.02 * np.arange(600) + np.pi) % (2 * np.pi) - np.pi
     noisy = turned + 1e-3 * np.random.default_rng(0).normal(size=600)
     named = [
-        [(one.fault, one.fix) for one in hg.inspect(step, Log(np.zeros((600, 0)), factor * noisy, 0.02))]
+        [(one.fault, one.fix) for one in inspect(step, Log(np.zeros((600, 0)), factor * noisy, 0.02))]
         for factor in (1.0, 180 / np.pi)
     ]
     assert [fault for fault, _ in named[0]] == ["turns"]
@@ -272,10 +271,10 @@ def test_an_angle_in_another_unit_is_that_before_its_turns() -> None:
 
 def test_few_and_missing_samples_raise_nothing() -> None:
     step, log = healthy("spring", 0)
-    assert hg.inspect(step, Log(log.u[:39], log.y[:39], log.dt)) == ()
-    assert hg.inspect(step, Log(log.u, np.full_like(log.y, np.nan), log.dt)) == ()
+    assert inspect(step, Log(log.u[:39], log.y[:39], log.dt)) == ()
+    assert inspect(step, Log(log.u, np.full_like(log.y, np.nan), log.dt)) == ()
     gaps = np.where(np.random.default_rng(2).uniform(size=log.y.shape) < 0.3, np.nan, log.y)
-    assert hg.inspect(step, Log(log.u, gaps, log.dt)) == ()
+    assert inspect(step, Log(log.u, gaps, log.dt)) == ()
 
 
 SPRING = """
@@ -413,3 +412,21 @@ def test_tuning_of_late_samples_demands_their_shift(tmp_path: Path) -> None:
         assert "those of tacho come late: say --shift tacho=-5, or 0 for a log that is in order" in error
     for shift in ("tacho=-5", "tacho = 0"):
         assert "come late" not in "".join(hgogen(*words, "--shift", shift, status=2))
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "looks"),
+    [
+        ("m", 100, "like centimetres, where the model has metres"),
+        ("", 100, "like a factor of 100, as of per cent"),
+        ("m/s^2", 1 / 9.80665, "like g, where the model has m/s^2"),
+    ],
+)
+def test_a_scale_is_that_of_the_unit(unit: str, scale: float, looks: str) -> None:
+    log = healthy("spring", 0)[1]
+    wide = hg.Signal("y", unit=unit, low=-1e4, high=1e4)
+    plant = replace(PLANTS["spring"][0], outputs=(wide,))
+    form = hg.forms.original(plant)
+    observer = hg.observers.riccati(form, Q=[SIGMA**2] * 2, noise={"y": SIGMA}, covariance=[1.0] * 2)
+    faults = inspect(hg.sample(observer, dt=log.dt, between="hold"), replace(log, y=scale * log.y))
+    assert [looks in one.finding for one in faults if one.fault == "scale"] == [True]

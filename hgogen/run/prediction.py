@@ -179,19 +179,22 @@ FITS = 0.9  # least share of values that a fitting map brings into the declared 
 AHEAD = 5  # samples ahead of the predictions that compare maps
 AS_WELL = 1.5  # factor on the least error up to which a map counts as equally good
 RADIANS, DEGREES = ("rad", "rad/s", "rad/s^2"), ("deg", "°", "deg/s", "°/s", "deg/s^2")
+LENGTHS, ACCELERATIONS = ("m",), ("m/s^2", "m/s2", "m/s**2")
 TEMPERATURES = ("K", "degC", "°C", "C")
 
 
 @dataclass(frozen=True)
 class Map:
     """A map y -> scale y + shift of an output, such as a change of unit; `text`: the map as expression of a column {},
-    `mends`: the cause that it repairs, `units`: the units of outputs to which it applies, any if empty."""
+    `mends`: the cause that it repairs, `units`: the units of outputs to which it applies, any if empty; `declared`:
+    whether it does not apply to an output without a unit."""
 
     text: str
     scale: float
     shift: float
     mends: str
     units: tuple[str, ...] = ()
+    declared: bool = False
 
     def inside(self, values: Array, ends: tuple[float, float]) -> float:
         """Return the share 0..1 of the values that the map brings into the range `ends`."""
@@ -200,7 +203,9 @@ class Map:
 
     def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
         """Return whether the map applies to an output in this unit and brings its values into the range `ends`."""
-        return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
+        return (not self.units or unit in self.units or not (unit or self.declared)) and self.inside(
+            values, ends
+        ) >= FITS
 
 
 AS_IT_IS = Map("{}", 1.0, 0.0, "")
@@ -215,6 +220,8 @@ MAPS = (
     Map("{}/1000", 1e-3, 0.0, "a factor of 1000, as of milli"),
     Map("1000*{}", 1e3, 0.0, "a factor of 1000, as of kilo"),
     Map("{}/100", 1e-2, 0.0, "a factor of 100, as of per cent"),
+    Map("{}/100", 1e-2, 0.0, "centimetres, where the model has metres", LENGTHS, declared=True),
+    Map("9.80665*{}", 9.80665, 0.0, "g, where the model has m/s^2", ACCELERATIONS, declared=True),
 )
 
 
