@@ -125,3 +125,21 @@ def test_the_least_observable_direction_is_drawn() -> None:
     assert "over points of the ranges" in axis.get_title(loc="left")
     (axis,) = FORM.plot_observability(Trial("fall", 2.0, {"q": 1, "w": 0}))
     assert "along trial fall" in axis.get_title(loc="left")
+
+
+def test_a_run_and_its_consistency_print_in_a_few_lines() -> None:
+    model = hg.load("pendulum")
+    y = 1e-3 * np.random.default_rng(0).normal(size=400)
+    run = model.step("riccati").run(u=np.zeros(400), y=y)
+    head, q, w = str(run).splitlines()
+    assert head == f"400 samples, computed by {run.engine}; status bits: none"
+    assert q.startswith("q: first ")
+    assert w.endswith(f"last {run['w'][-1]:.4g}")
+    known = hg.consistency(run)
+    (output,) = known.outputs
+    assert str(known) == "\n".join((str(output), *known.sentences()))
+    assert str(output).startswith(
+        f"y: {output.count} innovations, RMS {output.rms:.3g}, NIS {output.nis:.3g}, 95 % band "
+    )
+    plain = hg.consistency(model.step("high_gain").run(u=np.zeros(400), y=y))
+    assert ", no covariance" in str(plain)

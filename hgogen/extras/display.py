@@ -68,7 +68,6 @@ def _(step: CallableStep) -> Iterable[str]:
 
 @_lines.register
 def _(run: Run) -> Iterable[str]:
-    bits = run.raised
     ends = (
         (
             (f"`{name}`", *(f"{x:.4g}" for x in (column[0], column.min(), column.max(), column[-1])))
@@ -77,9 +76,8 @@ def _(run: Run) -> Iterable[str]:
         if len(run.t)
         else ()
     )
-    raised = ", ".join(f"{name} in {count}" for name, count in bits.items())
     return [
-        f"{len(run.t)} samples, computed by {run.engine}; status bits: {raised or 'none'}",
+        run.head,
         "",
         *table(("state", "first", "least", "largest", "last"), ends),
     ]

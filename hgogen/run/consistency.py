@@ -153,6 +153,12 @@ class OfOutput:
     whiteness: Annotated[Whiteness | None, "test of whiteness; null for too few"]
     median: Annotated[float | None, "NIS by the median of e^2/s, which outliers hardly move; null without it"] = None
 
+    def __str__(self) -> str:
+        error = f"{self.output}: {self.count} innovations, RMS {self.rms:.3g}"
+        if self.nis is None or self.band is None:
+            return f"{error}, no covariance"
+        return f"{error}, NIS {self.nis:.3g}, 95 % band {self.band[0]:.3g} to {self.band[1]:.3g}"
+
     @property
     def cause(self) -> str:
         """The cause of a NIS outside of its band."""
@@ -195,6 +201,9 @@ class Consistency:
     outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
     joint: Annotated[OfOutputs | None, "those of several outputs together; null without a covariance"] = None
+
+    def __str__(self) -> str:
+        return "\n".join((*map(str, self.outputs), *self.sentences()))
 
     def sentences(self, explained: bool = False) -> tuple[str, ...]:
         """Return a sentence for each statistic that contradicts the observer's covariance; of the errors alone where

@@ -185,6 +185,22 @@ class Run(Displayed):
         """The share of the samples beyond each innovation gate, with the expected share; none without gates."""
         return () if self.replay is None else self.replay.gates(self.status)
 
+    def __str__(self) -> str:
+        lines = [self.head]
+        if len(self.t):
+            ends = zip(self.names, self.x[0], self.x.min(axis=0), self.x.max(axis=0), self.x[-1], strict=True)
+            lines += [
+                f"{name}: first {a:.4g}, least {low:.4g}, largest {high:.4g}, last {b:.4g}"
+                for name, a, low, high, b in ends
+            ]
+        return "\n".join(lines)
+
+    @property
+    def head(self) -> str:
+        """The number of samples, the engine and the raised status bits, in a line."""
+        raised = ", ".join(f"{name} in {count}" for name, count in self.raised.items())
+        return f"{len(self.t)} samples, computed by {self.engine}; status bits: {raised or 'none'}"
+
     @property
     def raised(self) -> dict[str, int]:
         """The number of samples with each status bit, of the bits that were raised; none for a run without a step."""
