@@ -389,13 +389,13 @@ def test_the_tuned_filter_reveals_what_first_gains_hide(late: int, tmp_path: Pat
 
 
 def test_times_in_milliseconds_are_named_before_all_else(tmp_path: Path) -> None:
-    """Samples of 2 s say nothing about the signals, and the warning of the step length is printed once."""
+    """Samples of 10 s say nothing about the signals, and the warning of the step length is printed once."""
     (tmp_path / "motor.toml").write_text(MOTOR)
-    rows = [f"{2 * k},{k // 20 % 3},{0.1 * k if k < 30 else 3},{k // 20 % 3}" for k in range(100)]
+    rows = [f"{10 * k},{k // 20 % 3},{0.1 * k if k < 30 else 3},{k // 20 % 3}" for k in range(100)]
     (tmp_path / "log.csv").write_text("\n".join(["t,u,angle,tacho", *rows]))
     words = ["inspect", str(tmp_path / "motor.toml"), "--data", str(tmp_path / "log.csv"), "-o", str(tmp_path)]
     out, error = hgogen(*words, "--time", "t")
-    assert "t, milli: times look like milliseconds: the column 't' has a row every 2 s" in " ".join(out.split())
+    assert "t, milli: times look like milliseconds: the column 't' has a row every 10 s" in " ".join(out.split())
     assert "stands still" not in out
     assert error.count("may fail in a part of the declared box") == 1
     assert "stands still" in hgogen(*words, "--time", "t/1000")[0]

@@ -36,7 +36,7 @@ _PAUSES = 8.0  # periods: a gap that is named
 _FALLS = 0.05  # share of rows at which a counter falls back
 _PREFIXES = {"m": ("milli", 1e3), "u": ("micro", 1e6), "n": ("nano", 1e9)}
 _NAMED = re.compile(r"(?i)(?:^|[_ .([])([mun])s(?:ec)?[)\]]?$|^([mun])s(?:ec)?[_ .]")  # of a unit of time
-_TOO_LONG = 20.0  # times the longest dt that is advised
+_TOO_LONG = 100.0  # times the longest dt that is advised
 _NAMES = re.compile(r"(?i)time|tempo|zeit|stamp|clock|date|sec|^t$|^t[_ \[(]|(?:^|_)[mun]s$|_t$")
 
 
