@@ -244,7 +244,7 @@ def said(shown: Any) -> str:
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        ("high_gain,kalman", "there is no observer 'kalman'"),
+        ("high_gain,wiener", "there is no observer 'wiener'"),
         ("high_gain,,low_power", "there is no observer to compare; give --observers A,B of its tuning"),
     ],
 )
