@@ -401,12 +401,13 @@ def test_times_in_milliseconds_are_named_before_all_else(tmp_path: Path) -> None
     assert "stands still" in hgogen(*words, "--time", "t/1000")[0]
 
 
-def test_tuning_of_late_samples_demands_their_shift(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["fit", "tune"])
+def test_learning_from_late_samples_demands_their_shift(command: str, tmp_path: Path) -> None:
     """Also where their ages are mapped, which a tuning does not read; with the shift the refusal is another one."""
     tuning = 'tuning.mine = {kind = "ekf", Q_per_sample = {th = 1e-8, w = 1.0}, noise = {angle = 0.001, tacho = 0.5}'
     (tmp_path / "motor.toml").write_text(f"{MOTOR}{tuning}, delays = {{tacho = 5}}, dt = 0.002}}\n")
     (tmp_path / "log.csv").write_text("t,u,angle,tacho\n0,0,0,0\n0.002,0,0,0\n")
-    words = ["tune", str(tmp_path / "motor.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t"]
+    words = [command, str(tmp_path / "motor.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t"]
     for more in ([], ["--map", "tacho_age=5"]):
         error = " ".join(hgogen(*words, *more, status=2)[1].replace("│", " ").split())
         assert "those of tacho come late: say --shift tacho=-5, or 0 for a log that is in order" in error

@@ -168,17 +168,17 @@ def logs_of(
 
 
 def demand_in_time(model: Model, shift: Sequence[str] | None) -> None:
-    """Demand a shift of each output whose samples come late by a tuning of the model: gains are learned from samples in
-    the order of measurement. `shift`: texts SIGNAL=SAMPLES. Raises: `typer.BadParameter`."""
+    """Demand a shift of each output whose samples come late by a tuning of the model: parameters and gains are
+    learned from samples in the order of measurement. `shift`: texts SIGNAL=SAMPLES. Raises: `typer.BadParameter`."""
     tables = [table for table in model.tuning.tables.values() if isinstance(table, Mapping)]
     late = {y: most for table in tables for y, most in (table.get("delays") or {}).items()}
     shifted = {text.partition("=")[0].strip() for text in shift or ()}
     if missing := {y: most for y, most in late.items() if y not in shifted}:
         options = " ".join(f"--shift {y}={-most}" for y, most in missing.items())
         raise typer.BadParameter(
-            "gains are learned from samples at the time of measurement, and by the model's delays those of "
-            f"{', '.join(missing)} come late: say {options}, or 0 for a log that is in order, and map no ages; "
-            "the delays stay in the model",
+            "parameters and gains are learned from samples at the time of measurement, and by the model's delays "
+            f"those of {', '.join(missing)} come late: say {options}, or 0 for a log that is in order, and map no "
+            "ages; the delays stay in the model",
             param_hint="--shift",
         )
 

@@ -33,7 +33,7 @@ from hgogen.commands.command import (
     early,
     names_in,
 )
-from hgogen.commands.data import JUDGE, Logs, judging_observer, logs_of
+from hgogen.commands.data import JUDGE, Logs, demand_in_time, judging_observer, logs_of
 from hgogen.commands.output import (
     Bar,
     Folder,
@@ -224,6 +224,7 @@ def fit_(
     lists = {"--free": free, "--offset": offset, "--lag": lag}
     names = {option: names_in(text, option) for option, text in lists.items()}
     loaded = load(model).set(setting)
+    demand_in_time(loaded, shift)
     folder = folder_of(out, loaded)
     folder.demand("fitted.json", BEGUN)
     stopped, new = _Stopped(folder), None if write is None else _NewModel(write, loaded)
