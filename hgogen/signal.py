@@ -335,8 +335,8 @@ def differences(signals: Sequence[Signal], values: np.ndarray, references: np.nd
 def in_turn(
     signals: Sequence[Signal], values: np.ndarray, change: Callable[[Signal, np.ndarray], Any] = Signal.turned
 ) -> np.ndarray:
-    """Return the columns (N, k) of signals, those of periodic ones in their turn, by `Signal.turned` or another
-    `change`."""
+    """Return the columns (N, k) of signals, those of periodic ones wrapped to their range by `Signal.turned`, or by
+    another `change`."""
     if not any(signal.period for signal in signals):
         return values
     return np.column_stack([change(signal, column) for signal, column in zip(signals, values.T, strict=True)])

@@ -735,8 +735,12 @@ class NoTrial(BadArgument):
 
 @requires_any_plant
 def proposed_trial(plant: System) -> Trial:
-    """Return the trial, without noise, of the plant as first declared. Raises: `NoTrial` where the plant is discrete, a
-    state or an input has no range, no state moves, or every motion leaves the ranges at once."""
+    """Return a trial for a plant without one, without noise: of the motions that are tried the one that stays in the
+    ranges longest. For a plant in other coordinates it is one of the plant as declared.
+
+    Raises: `NoTrial` where the plant is discrete, a state or an input has no range, no state moves, or every motion
+    leaves the ranges at once.
+    """
     first = plant.declared
     if plant.discrete:
         raise NoTrial(f"plant {plant.name!r}", "is discrete in time, so that it has no time scale; declare a trial")

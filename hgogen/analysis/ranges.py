@@ -234,7 +234,7 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     """Return whether an expression is finite and has one sign on the whole closed box; arguments and errors as of
     `bound`.
 
-    It is not proved for a text from which SymPy removed places of the box without a value.
+    The verdict is `unknown` for a text in which SymPy cancelled a singularity on the box, as that of x/x at 0.
     """
     limits("nonzero", boxes)
     resolved, box, folded = _resolved("nonzero", expression, where)

@@ -273,8 +273,8 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Return the text of the option that gives the column of each truth, by the column's name among the signals;
-    `true`: the result of `truth_of`."""
+    """Return, for each column of a measured state, the option that a user writes for it, as `--truth w=COLUMN`; the
+    keys are names by `truth_name`, `true` is the result of `truth_of`."""
     return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
 
 

@@ -248,7 +248,7 @@ NAMED = 5  # invalid lines that are listed
 
 @dataclass(frozen=True, eq=False)
 class CampaignRow:
-    """The campaign of a step on a trial, called `name`."""
+    """The results of many runs of one observer on a trial; `name` is that of its tuning."""
 
     json_keys = (
         "trial=campaign.trial.name observer=name engine=campaign.engine criterion runs failed "

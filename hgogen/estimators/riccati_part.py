@@ -365,7 +365,8 @@ class AtSamples(Around):
 
 
 def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
-    """Return the entries (i, j) of a lower triangle (n, n) by columns, from the diagonal or `first` below it."""
+    """Return the index pairs (i, j) of the lower triangle of an n x n matrix, column by column, from `first` rows
+    below the diagonal."""
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
 

@@ -197,8 +197,8 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 
 def of_form(theorem: Theorem, form: Form, *, rank: str = "") -> Theorem:
-    """Return `theorem` with the hypotheses of `form`: on chains of several outputs, and on coordinates other than the
-    theorem's. `rank`: a sentence on a Q that is not positive definite. Of a discrete plant it is another theorem."""
+    """Return `theorem` with the hypotheses that `form` adds: on chains of several outputs, and on coordinates other
+    than the theorem's; for a discrete plant that of discrete time. `rank`: why Q may be singular, else ""."""
     if form.system.discrete:
         return discrete.THEOREM
     if form.system.invariants and not rank:

@@ -380,10 +380,10 @@ class Search:
 
 @dataclass(frozen=True)
 class Calibration(Displayed):
-    """The result of `tune`: `rows` of observers, the best first; `refused`: by observer why others have none. Gains
-    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log;
-    `gates`: the samples beyond gates, which were left out; `final`: the rows that were estimated again from all rows,
-    of which the first is to be taken."""
+    """The result of `tune`: `rows` of observers, the best first; `refused`: why an observer has no row, by its name.
+    Gains were chosen by the errors of predictions `ahead` samples ahead, or of the states in `truth`, which were
+    measured, on `segments` of each log; `gates`: the samples beyond gates, which were left out; `final`: the observers
+    that were tuned once more on the whole logs, of which the first is to be taken."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]

@@ -317,8 +317,8 @@ def faults(
 
 
 def value(key: str, raw: Any) -> Any:
-    """Return the value of an entry: a table with `kind` becomes the value that it names, a list of thresholds `mu` a
-    tuple. Raises: `BadGain`, and the errors of the value's function."""
+    """Return the value of an entry of a tuning: a table with `kind` is handed to the function of that name, as
+    `adaptive`; a list of thresholds `mu` becomes a tuple. Raises: `BadGain`, and the errors of the value's function."""
     if key in _VALUES and isinstance(raw, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if raw.get("kind") not in makers:

@@ -104,8 +104,10 @@ def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
     """Return the checks of P > 0, D P + P D >= 0, and (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0
-    (54), D = diag(1, .., n), lambda = `decay`, by default any above 0; with `alphas` also of (87), where P P/alpha_1 +
-    P K K'P/alpha_2 is added. Each is proved, or refuted with the eigenvalue. Raises: `BadGain`."""
+    (Alessandri 2020, (54)), D = diag(1, .., n), lambda = `decay`, by default any above 0; with `alphas` also of his
+    (87), where P P/alpha_1 + P K K'P/alpha_2 is added.
+
+    Each is proved, or refuted with the eigenvalue. Raises: `BadGain`."""
     known = candidate(K, P, sigma)
     checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:

@@ -88,8 +88,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a log that are taken: from `begin` to `end`, a time or "row:100", and of these each `every` in
-    turn."""
+    """The rows of a log that are taken: from `begin` to `end`, a time or "row:100", and of these one in
+    `every`."""
 
     begin: str | None = None
     end: str | None = None

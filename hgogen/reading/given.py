@@ -91,7 +91,7 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
 def signals_named(
     what: str, value: Any, signals: Iterable[S], unknown: Callable[[str, str], HgogenError]
 ) -> tuple[S, ...]:
-    """Return those of `signals` whose names (or which themselves) are in `value`, in the order of `signals`. Raises:
+    """Return the `signals` that `value` lists, by name or as signals, in the order of `signals`. Raises:
     `BadGain` if `value` holds no names; for an unknown name the error `unknown(name, suggestion)`."""
     every = {str(signal): signal for signal in signals}
     wanted = set(map(str, names(what, value)))

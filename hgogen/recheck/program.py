@@ -488,9 +488,9 @@ def _stepped(
 
 @dataclass(frozen=True)
 class Deviations:
-    """A comparison of a program with a step in exact arithmetic: `marks`, the statements that are fields and rates of
-    stages, by the letters for them; `deviations`, the nonzero differences of statements from the step's values. Once
-    compared, a statement's value is a letter."""
+    """A comparison of a program with a step in exact arithmetic. `marks`: for each letter the statement that it is, a
+    field or a rate of a Runge-Kutta stage; `deviations`: the nonzero differences of statements from the step's
+    values. A statement that was compared is replaced by its letter."""
 
     algebra: Algebra
     walk: Walk

@@ -75,7 +75,8 @@ _TINY = 2.0**-120  # allowance for underflow
 
 
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """Return the expression whose tables carry bounds of their arguments' rounding errors in programs on a box."""
+    """Return the expression with each table widened by a bound of the error to which a program rounds its argument on
+    the box `around`."""
 
     def shares(axis: Axis, argument: sp.Expr) -> Ends:
         # a signal by itself and the breakpoints are rounded alike: it can pass only a breakpoint that is the same

@@ -512,11 +512,11 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Model:
-    """A plant x' = flow, y = output, or x+ = flow if it is `discrete`, with unknown `parameters`; every symbol that is
-    none of its own is a random constant.
+    """A plant x' = flow, y = output, or x+ = flow if it is `discrete`, with unknown `parameters`; every other symbol
+    is a random constant.
 
-    `places`: values of all symbols, near which real points are drawn; `constraints`: of the states, kept at 0 by the
-    flow: the points are on them. Raises: `NothingMeasured`.
+    `places`: points, a value for each symbol, around which sample points are drawn; `constraints`: expressions of the
+    states that the flow leaves at 0, as they are at all sample points. Raises: `NothingMeasured`.
     """
 
     flow: Sequence[sp.Expr]
