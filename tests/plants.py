@@ -11,6 +11,14 @@ from hgogen.model import Model, load
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
+CART = """
+name = "cart"
+states.x = {low = -1, high = 3, flow = "v"}
+states.v = {low = -2, high = 2, flow = "u - v"}
+inputs.u = {low = 0, high = 2}
+outputs.y = {equation = "x"}
+"""
+
 
 @cache
 def loaded(path: Path) -> Model:

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from plants import CART
 from typer.testing import CliRunner
 from wasmtime import Func, FuncType, Instance, Module, Store, ValType
 
@@ -297,13 +298,13 @@ def test_a_browser_runs_the_observer_on_a_log(tmp_path: Path) -> None:
     assert f"log.csv has no column {names.replace(',', ', ')}; it has a, b" in refused
 
 
-IRREGULAR = """
-name = "cart"
-states.x = {low = -1, high = 3, flow = "v"}
-states.v = {low = -2, high = 2, flow = "u - v"}
-inputs.u = {low = 0, high = 2}
-outputs.y = {equation = "x"}
-observer = {kind = "riccati", form = "original", Q = {x = 1e-3, v = 1e-2}, noise = {y = 0.05}, dt = [0.001, 0.2]}
+IRREGULAR = f"""{CART}
+[observer]
+kind = "riccati"
+form = "original"
+Q = {{x = 1e-3, v = 1e-2}}
+noise = {{y = 0.05}}
+dt = [0.001, 0.2]
 """
 
 

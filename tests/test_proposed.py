@@ -8,6 +8,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants import CART
 
 import hgogen as hg
 from hgogen.commands.trial_runs import trials_of
@@ -101,14 +102,7 @@ def test_a_plant_that_escapes_has_one_before() -> None:
     assert 0.9 * leaves / 2 < trial.duration <= 0.9 * leaves  # to a power of 2
 
 
-NOISY = """
-name = "cart"
-states.x = {low = -1, high = 3, flow = "v"}
-states.v = {low = -2, high = 2, flow = "u - v"}
-inputs.u = {low = 0, high = 2}
-outputs.y = {equation = "x"}
-observer = {kind = "ekf", Q_per_sample = {x = 1e-5, v = 1e-4}, noise = {y = 0.05}, dt = 0.01}
-"""
+NOISY = CART + 'observer = {kind = "ekf", Q_per_sample = {x = 1e-5, v = 1e-4}, noise = {y = 0.05}, dt = 0.01}\n'
 
 
 def test_it_has_the_noise_that_the_observer_of_the_model_declares(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from hgogen.estimators import discrete
 from hgogen.form import Form
 from hgogen.observer import Observer, remembered
 from hgogen.reading.given import BadGain, demand_switch
+from hgogen.registry import cases
 from hgogen.starting import Gains, Scale, rule, two
 
 
@@ -30,7 +31,7 @@ class Synonym:
     explicit: bool = False
 
 
-SYNONYMS = {
+_TEXTBOOK = {
     "ekf": Synonym("riccati", {"theta": 1.0}, "ekf is riccati at theta = 1, the extended Kalman filter", explicit=True),
     "kalman": Synonym(
         "riccati",
@@ -45,6 +46,8 @@ SYNONYMS = {
         form="triangular",
     ),
 }
+# a file of that name is the observer
+SYNONYMS = {name: known for name, known in _TEXTBOOK.items() if name not in cases("observers")}
 
 
 def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..., Observer]:

@@ -201,8 +201,7 @@ class Tuning:
         return {name: str(table.get("kind", name)) if isinstance(table, Mapping) else name for name, table in tables}
 
     def _is_synonym(self, kind: str) -> bool:
-        file = kind in observers.__all__  # which is the observer of that name
-        return kind in SYNONYMS and not file and not (self.plant.discrete and kind == "luenberger")
+        return kind in SYNONYMS and not (self.plant.discrete and kind == "luenberger")
 
     def period(self, name: str) -> float:
         """Return the sampling period dt (s) of a tuning. Raises: `BadModelFile` if it has none."""

@@ -23,5 +23,4 @@ __all__, __dir__, _case_called = cases_of(__name__, lambda case: requires_switch
 
 
 def __getattr__(name: str) -> Any:
-    synonym = name in SYNONYMS and name not in __all__  # a file of that name is the observer
-    return observer_called(name, _case_called) if synonym else _case_called(name)
+    return observer_called(name, _case_called) if name in SYNONYMS else _case_called(name)

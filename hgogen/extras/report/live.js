@@ -315,7 +315,7 @@ async function main() {
 }
 
 if (location.search === "?live") { // in a frame, of which a fragment would move the page around it too
-  scrollTo(0, document.getElementById("observer-live").offsetTop);
+  scrollTo(0, element("observer-live").offsetTop);
 }
 if (data.wasm) {
   main().catch((error) => { element("state").textContent = "The observer cannot run here: " + error; });
