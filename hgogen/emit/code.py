@@ -17,9 +17,10 @@ Names = frozenset[str]
 
 @dataclass(frozen=True)
 class Uses:
-    """The names that lines use: `parameters` of the enclosing function, `helpers` of `emit.helpers` and mathematical
-    functions, `kernels` (name, size), `types` that may need a header, `lookups` in tables, `routines` by their keys;
-    `widest`: the largest count in the lines."""
+    """The names that lines of emitted code use, by kind: `parameters` of the enclosing function, `helpers` (functions
+    of `emit.helpers` and mathematical functions), `kernels` (matrix kernels, as name and size), `types` that may need a
+    header, `lookups` (tables), `routines` (by their keys); `widest`: the largest integer to which a loop or a counter
+    counts."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
@@ -40,7 +41,7 @@ TRUTH = Uses(types=frozenset({"bool"}))
 
 @dataclass(frozen=True)
 class Code:
-    """Lines of emitted code (`lines`), with the names and functions that they use (`uses`)."""
+    """Lines of emitted code (`lines`), with the names and functions that the lines use (`uses`)."""
 
     lines: tuple[str, ...] = ()
     uses: Uses = NOTHING
@@ -54,18 +55,20 @@ class Code:
 
 
 def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
-    """Return the lines as `Code` with these parameters of the function around; `widest`: the largest count in them."""
+    """Return lines of text as `Code`; `parameters`: the parameters of the enclosing function that the lines use,
+    `widest`: the largest integer to which the lines count."""
     return Code(lines, Uses(parameters=frozenset(parameters), widest=widest) if parameters or widest else NOTHING)
 
 
 def joined(parts: Iterable[Code]) -> Code:
-    """Return pieces of code one after the other, as one `Code`."""
+    """Return several pieces of code as one `Code`, in order."""
     parts = list(parts)
     return Code(tuple(line for part in parts for line in part.lines), united(part.uses for part in parts))
 
 
 def braced(head: str, inner: Code) -> Code:
-    """Return a block in braces: the line `head`, which ends in {, the body `inner`, indented, and the closing brace."""
+    """Return a block of code in braces: the line `head`, which ends in {, the indented body `inner`, and the closing
+    brace."""
     return code(head) + inner.indented() + code("}")
 
 
@@ -76,7 +79,7 @@ def spaced(parts: Iterable[Code]) -> Code:
 
 
 def united(uses: Iterable[Uses]) -> Uses:
-    """Return one `Uses` with all the names that several have, and their largest count."""
+    """Return the union of several `Uses`; its `widest` is the largest of theirs."""
     distinct = {id(each): each for each in uses if each is not NOTHING}.values()
     if len(distinct) < 2:
         return next(iter(distinct), NOTHING)
@@ -95,7 +98,7 @@ _BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
 
 
 def paths(lines: Iterable[str]) -> int:
-    """Return the cyclomatic complexity of a function, given its lines of C."""
+    """Return the cyclomatic complexity of a C function from its lines: 1 + the number of branches, &&, || and ?."""
     return 1 + len(_BRANCH.findall(_bare(lines)))
 
 
@@ -118,8 +121,8 @@ _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where `_BREAK` has no pla
 
 
 def folded(lines: Iterable[str]) -> list[str]:
-    """Return lines of C of at most `COLUMNS` characters: longer comments are filled, longer code is broken where
-    parentheses nest least, a preprocessor line is not broken."""
+    """Return lines of C broken to at most `COLUMNS` characters: comments are refilled, code is broken where the fewest
+    parentheses are open, preprocessor lines stay as they are."""
     return [part for line in lines for part in _fold(line)]
 
 

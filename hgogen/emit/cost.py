@@ -22,8 +22,8 @@ _FUNCTIONS = frozenset(CALLS) - {*_CHEAP} | {ca.OP_CALL, FUNCTION}
 
 @dataclass(frozen=True)
 class Cost:
-    """The cost of one call of a step: numbers of arithmetic operations and of calls of functions (sine, root ..), bytes
-    of the state and of the parameters."""
+    """The cost of one call of a step: the numbers of arithmetic operations and of function calls (sine, root ..), and
+    the bytes of the state and of the parameters in C."""
 
     operations: Annotated[int, "operations of one call"]
     functions: Annotated[int, "functions (sine, exponential, root, ..) of one call"]
@@ -37,7 +37,7 @@ def cost(step: Step, real: Real = "float") -> Cost:
 
 
 def counted(program: Program) -> tuple[int, int]:
-    """Return the numbers of operations and of function calls of a program."""
+    """Return the number of arithmetic operations and the number of function calls (sine, root ..) of a program."""
     times: Counter[int] = carried_out(program)
     functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
     return times.total() - functions, functions

@@ -67,7 +67,8 @@ from hgogen.theorem import rows
 
 
 def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
-    """Return the lines of a step's Markdown document; `manual`: those on calls, below the title."""
+    """Return the lines of a step's Markdown document NAME.md; `manual`: the lines on how to call the step, which follow
+    the title."""
     first, *others = title(step, "")
     observer = step.observer
     works = dict.fromkeys(filter(None, (observer.reference, observer.theorem.reference, observer.form.reference)))
@@ -99,7 +100,7 @@ def manual(step: Step, real: Real, check: bool) -> list[str]:
     """Return the lines of a step's C manual in Markdown: how C calls the step, struct members, status bits, faults,
     gains and saved states.
 
-    `check`: whether there is a self-check.
+    `check`: whether a self-check program is emitted too, which the manual then describes.
     """
     delays, costs = _list(late(step, real)), vars(cost(step, real))
     files = ", ".join(f"`{step.name}{end}`" for end in (".h", ".c", *["_check.c"] * check))
@@ -428,7 +429,8 @@ def method_equations(step: Step) -> list[str]:
 
 
 def claims_table(checks: Iterable[Check], accepted: Collection[str] = ()) -> list[str]:
-    """Return the Markdown lines of claims with their verdicts and evidence; `accepted`: ids that the user accepts."""
+    """Return the Markdown table of claims with their verdicts and evidence; `accepted`: the ids of refuted claims that
+    the user accepted."""
     lines = []
     for check in checks:
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())

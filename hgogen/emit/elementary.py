@@ -89,7 +89,8 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
 
 
 def when(condition: Graph, value: Graph | float) -> Graph:
-    """Return `value` where the condition holds, otherwise 0; no product, so that an unused inf or NaN vanishes."""
+    """Return `value` where `condition` holds, else 0. It is a selection, not a product, so an inf or NaN that is not
+    selected does not spread."""
     return ca.if_else(condition, value, 0.0)
 
 
@@ -124,7 +125,8 @@ class _Precision:
         return float(DTYPE[self.real](float(value)))
 
     def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
-        """Return numbers that sum up to `value`, the largest first; each has as many bits as `widths` says."""
+        """Return numbers with the sum `value`, the largest first; number i has `widths[i]` significant bits, so that
+        its product with a short integer is exact."""
         rounded = []
         for width in widths:
             unit = Fraction(2) ** (math.frexp(float(value))[1] - width)
@@ -211,7 +213,7 @@ class _Precision:
         return k, r + r * r * (0.5 + r * self.polynomial(r, self.exp_tail))
 
     def saturated(self, x: Graph, y: Graph, doublings: int) -> Graph:
-        """Return y, which is about e^x / 2^doublings, or inf for x a little beyond that at which y itself overflows."""
+        """Return y (about e^x / 2^doublings), or inf where x is so large that y itself would overflow."""
         return ca.if_else(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
 
     def exp(self, x: Graph) -> Graph:
@@ -311,7 +313,8 @@ class _Precision:
     # --- angles
 
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
-        """Return the angles x and x / pi; beyond the largest angle both are 0 (for inf and NaN: NaN and 0)."""
+        """Return the angle x and x / pi; both are 0 beyond the largest supported angle (for x = inf or NaN: NaN and
+        0)."""
         inside = ca.fabs(x) <= self.angle_limit
         return x - ca.if_else(inside, 0.0, x), when(inside, x * self.near(1 / PI))
 
@@ -321,8 +324,8 @@ class _Precision:
         return r + z * (r * self.polynomial(z, self.sin_tail))
 
     def wave(self, a: Graph, k: Graph, widths: Sequence[int] = ()) -> Graph:
-        """Return sin(a - k pi) for |a - k pi| <= pi / 2; `widths`: the bits of the pieces of pi that are subtracted k
-        times, of which all but the last have exact products with k."""
+        """Return sin(a - k pi) for |a - k pi| <= pi / 2. `widths`: the bits of the pieces of pi, each multiplied by k
+        and subtracted from a; all products but the last are exact."""
         r = a
         for piece in self.pieces(PI, widths or self.pi_widths):
             r = r - k * piece
@@ -363,7 +366,7 @@ class _Precision:
         return (wide, wide, self.bits)
 
     def beyond(self, constant: Fraction, a: Graph) -> Graph:
-        """Return the difference constant - a, exact to the last bit where the two numbers are near each other."""
+        """Return the difference constant - a, correct to the last bit where the two numbers are close to each other."""
         high, low = self.pieces(constant, (self.bits, self.bits))
         return (high - a) + low
 

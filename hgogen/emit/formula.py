@@ -46,12 +46,12 @@ _SMALL = re.compile(r"[a-z]\w*_(?:[in]|\d+)\Z")
 
 
 def formulas(line: str) -> list[str]:
-    """Return the equations in a line of text, which semicolons separate, each as LaTeX."""
+    """Return each equation of a line of text as LaTeX; semicolons separate the equations."""
     return [_latex(part) for part in line.split("; ")]
 
 
 def symbol_name(name: str) -> str:
-    """Return the name as SymPy prints a symbol of this name."""
+    r"""Return a name in LaTeX as SymPy prints a symbol with this name, such as \theta_{1} for theta_1."""
     return str(sp.latex(sp.Symbol(name)))
 
 
@@ -120,12 +120,12 @@ _MARKS = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]<>|#$~"})
 
 
 def plain(text: str) -> str:
-    """Return words with Markdown's special characters escaped."""
+    """Return text with Markdown's special characters escaped."""
     return " ".join(text.splitlines()).translate(_MARKS)
 
 
 def prose(text: str) -> str:
-    """Return words in which Markdown formats code between backquotes, with its other special characters escaped."""
+    """Return text for Markdown: code between backquotes is unchanged, special characters elsewhere are escaped."""
     return "`".join(plain(part) if k % 2 == 0 else part for k, part in enumerate(text.split("`")))
 
 

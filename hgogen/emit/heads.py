@@ -193,12 +193,12 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 
 def arguments(step: Step) -> str:
-    """Return the argument list of a C call of a step, whose caller has variables with the parameters' names."""
+    """Return the argument list of a C call of a step, for a caller whose variables have the names of the parameters."""
     return ", ".join(["&p", *(["&input"] if step.given else []), "&measurement"])
 
 
 def rust_status_type(step: Step) -> str:
-    """Return the Rust type of a step's status, an unsigned integer with a bit for each fault."""
+    """Return the unsigned integer type of a step's status in Rust, which has a bit for each fault."""
     return f"u{8 * step.layout.word.itemsize}"
 
 

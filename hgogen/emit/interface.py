@@ -51,10 +51,10 @@ FIRST_CALL = {"update": "advances no time", "predict": "predicts"}
 
 @dataclass(frozen=True)
 class Entry:
-    """A function that a step offers in every language: its name, its parameters and those that it writes (`written`),
-    its meaning, whether it returns a status, whether a caller may call it (`public`); `anew`: the parameters that it
-    sets without reading them; `inner`: the name of the function that does its work once the marks of initialised memory
-    are checked, "" where it does the work itself."""
+    """A function that a step offers in every language: name, parameters, meaning; `written`: the parameters that it
+    changes, `anew`: those of them that it sets without reading them; `status`: whether it returns a status, `public`:
+    whether callers may call it. `inner`: the function that does the work after the marks of initialised memory are
+    checked, "" without such a check."""
 
     name: str
     parameters: tuple[str, ...]
@@ -92,7 +92,7 @@ def entries(step: Step) -> dict[str, Entry]:
 
 
 def of_section(step: Step, section: Section) -> Entry:
-    """Return the function of one section of a step, such as predict or correct."""
+    """Return the function that runs one section of a step, such as predict or correct."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
     public = step.code.apart and section.name not in {each.name for each in step.code.inner}  # a call may hold another
@@ -102,12 +102,13 @@ def of_section(step: Step, section: Section) -> Entry:
 
 
 def reached(places: Iterable[Place]) -> set[str]:
-    """Return the names of the parameters (state, params, u, y ..) through which C reaches these places."""
+    """Return the names of the function parameters (s, p, in, x ..) through which C code reaches these places of
+    memory."""
     return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
 
 
 def direction(entry: Entry, name: str) -> str:
-    """Return the direction of the parameter `name` of a function: "in", "out" or "in,out"."""
+    """Return how a function uses its parameter `name`: "in" (read), "out" (set) or "in,out"."""
     return "in" if name not in entry.written else "out" if name in entry.anew else "in,out"
 
 
@@ -118,7 +119,8 @@ def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a C function: `type` and `name`; `pointer`: whether it is a pointer, `constant`: to a constant."""
+    """A parameter of a C function, with its type and name; `pointer`: whether it is a pointer, `constant`: whether its
+    target is const."""
 
     type: str
     name: str
@@ -130,7 +132,7 @@ class Parameter:
 
     @property
     def local(self) -> str:
-        """The C declaration by which a caller has a struct of this name."""
+        """The C declaration of a local variable with the type and name of this parameter."""
         return f"{self.type} {self.name};"
 
 
@@ -139,7 +141,8 @@ AT = Parameter("uint16_t", "at", pointer=False)
 
 @dataclass(frozen=True)
 class Prototype:
-    """A C function: the type that it `returns`, its name, parameters and meaning; static where not `public`."""
+    """A C function: the type that it `returns`, name, parameters and meaning; `public`: whether it is visible outside
+    of its file (not static)."""
 
     returns: str
     name: str
@@ -152,22 +155,26 @@ class Prototype:
         return f"{'' if self.public else 'static '}{self.returns} {self.name}({parameters})"
 
     def call(self, argument: Callable[[Parameter], str]) -> str:
-        """Return the C text of a call of this function; `argument` gives the text for each parameter."""
+        """Return the C text of a call of this function; `argument` gives the text of the argument for each
+        parameter."""
         return f"{self.name}({', '.join(map(argument, self.parameters))})"
 
 
 def same_name(parameter: Parameter) -> str:
-    """Return the C argument for a parameter, in a function that has a parameter of equal name and type."""
+    """Return the C text of the argument for a parameter, where the calling function has a parameter of the same name
+    and type."""
     return parameter.name
 
 
 def address(parameter: Parameter) -> str:
-    """Return the C argument for a parameter, if the caller's structs have its name: &name for a pointer; 0 for t."""
+    """Return the C text of the argument for a parameter, where the caller has a variable of its name: &name for a
+    pointer, 0 for the time t."""
     return f"&{parameter.name}" if parameter.pointer else "0" if parameter.name == "t" else parameter.name
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """Return the C function that does the work of a section (predict, correct ..) once marks of memory are checked."""
+    """Return the C function that runs a section (predict, correct ..) after the marks of initialised memory were
+    checked."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 
@@ -186,7 +193,8 @@ def nominal(step: Step) -> Prototype:
 
 
 def status_type(step: Step) -> str:
-    """Return the C type of a status: `unsigned`, which has 16 bits on the smallest targets, where they are enough."""
+    """Return the C type of a step's status: `unsigned`, which has at least 16 bits on every target, as many as a status
+    needs."""
     return "unsigned" if len(step.layout.bits) <= 16 else f"{step.layout.word}_t"
 
 
@@ -197,12 +205,13 @@ def structs(step: Step) -> tuple[Parameter, ...]:
 
 
 def reported(step: Step) -> tuple[Parameter, ...]:
-    """Return the structs of a step's reports as C parameters."""
+    """Return the structs of a step's reports (such as standard deviations) as C parameters."""
     return tuple(Parameter(f"{step.name}_{report.struct}", report.name) for report in step.code.reports)
 
 
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
-    """Return the signals that a caller assigns before a call of a step, each with the name of its struct (u or y)."""
+    """Return the signals whose values a caller assigns before a call of a step, each with the name of its struct (u or
+    y)."""
     return (*(("in", s) for s in step.given), *(("measurement", s) for s in step.samples))
 
 
@@ -225,7 +234,7 @@ def prototype(step: Step, entry: Entry) -> Prototype:
 
 
 def of_signal(step: Step, signal: Signal) -> Field:
-    """Return an input, output or state as a struct member of one number, with the signal's meaning, unit and range."""
+    """Return the struct member of an input, output or state: one number, with the signal's meaning, unit and range."""
     low, high = signal.interval
     derivatives = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
     units = {each.name: each.unit for each in derivatives}  # in the model's time
@@ -240,6 +249,6 @@ def entry(name: str, place: tuple[int, int]) -> str:
 
 
 def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
-    """Return the members of a step's struct of parameters by kind (plant, gain, derived), none empty."""
+    """Return the members of a step's parameter struct by kind (plant, gain, derived), without empty kinds."""
     kinds = (("plant", step.layout.plant), ("gain", step.layout.gains), ("derived", step.layout.derived))
     return tuple((kind, fields) for kind, fields in kinds if fields)

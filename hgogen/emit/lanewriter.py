@@ -40,14 +40,14 @@ _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 
 @dataclass(frozen=True)
 class Lanes(Syntax):
-    """The C syntax for lanes: code in which each vector element computes another log. `prefix`: begins all names of the
-    file; `uniform`: whether loop counts are equal in all lanes."""
+    """The C syntax for SIMD code: element k of every vector (a lane) computes log number k. `prefix`: the beginning of
+    all names in the file; `uniform`: whether loop counts are equal in all lanes."""
 
     prefix: str = ""
     uniform: bool = False
 
     def number(self, value: int) -> str:
-        """Return the text of a whole number that is equal in all lanes, such as an array index: a scalar."""
+        """Return the text of an integer that is equal in all lanes, such as an array index: a scalar."""
         return C.number(value)
 
     def marked(self, digits: str, kind: Number) -> str:
@@ -59,12 +59,13 @@ class Lanes(Syntax):
 
 
 def lane_prefix(prefix: str) -> str:
-    """Return the prefix of names that exist only in code for lanes (vectors of several logs)."""
+    """Return the prefix of names that exist only in SIMD code, where each vector element (lane) computes another
+    log."""
     return f"{prefix}_lanes"
 
 
 def lanes(prefix: str, real: Real) -> Lanes:
-    """Return the C syntax for lanes (a vector element for each of several logs) in the precision `real`."""
+    """Return the C syntax for SIMD code in the precision `real`: each vector element (lane) computes another log."""
     p = lane_prefix(prefix)
     number, counts, truth = f"{p}_numbers", f"{p}_counts", f"{p}_truth"
     sign = f"({truth}){p}_fill(-0.0{C.suffixes[real]})"
@@ -106,8 +107,8 @@ def lanes(prefix: str, real: Real) -> Lanes:
 
 
 def with_uniform_counts(prefix: str, real: Real) -> Lanes:
-    """Return the C syntax for functions in lanes (a vector element for each log) whose loop counts are equal in all
-    lanes: a test compares counts, or holds if it holds in any lane."""
+    """Return the C syntax for SIMD functions whose loop counts are equal in all lanes (one log in each vector element);
+    a test there compares scalar counts, or holds if it holds in any lane."""
     syntax, condition = lanes(prefix, real), f"if ({lane_prefix(prefix)}_holds({{}})) {{{{"
     return replace(
         syntax,
@@ -119,9 +120,8 @@ def with_uniform_counts(prefix: str, real: Real) -> Lanes:
 
 
 def prelude(prefix: str, real: Real, word: int) -> list[str]:
-    """Return the lines that define C vector types, and the vector operations for which C has no operator. `word`: the
-    bits of a status, which is computed in elements at least as wide as a real number, so that a truth value becomes a
-    mask of elements."""
+    """Return the C lines that define the vector types, and vector operations without an operator in C. `word`: the bits
+    of a status; statuses have elements at least as wide as a real number, so that truth values are masks."""
     p, bits, width = lane_prefix(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
     kinds = {"numbers": real, "counts": f"uint{bits}_t", "truth": f"int{bits}_t"}
     wide = max(bits, word)
@@ -187,8 +187,8 @@ class NoLanes(HgogenError):
 
 @dataclass(frozen=True)
 class Mask:
-    """The lanes (logs in one vector) in which statements act: `name` of the vector of truth values, "" if all act;
-    `private`: the places of memory that no statement outside of the mask uses."""
+    """The lanes (logs in one vector) in which statements take effect: `name` of the vector of truth values, "" for all
+    lanes; `private`: the places of memory that only statements under this mask use."""
 
     name: str = ""
     private: frozenset[Place] = frozenset()
@@ -196,8 +196,8 @@ class Mask:
 
 @dataclass(frozen=True, eq=False)
 class LaneWriter(Writer):
-    """A writer of a step's functions in C for lanes, a vector element for each of several logs; the last of `masks`
-    says in which lanes the current statements act."""
+    """A writer of a step's functions as SIMD code in C, where each vector element (lane) computes another log; the last
+    of `masks` selects the lanes in which the current statements take effect."""
 
     masks: list[Mask] = field(default_factory=lambda: [Mask()])
     counted: list[Counter[Place]] = field(default_factory=list)
@@ -213,7 +213,8 @@ class LaneWriter(Writer):
         return f"{self.prefix.upper()}_LANES"
 
     def function(self, program: Program) -> Code:
-        """Return the C body of a function for all lanes, or of a section that another function calls."""
+        """Return the C body of a function for all lanes; for a section that another function calls, under that caller's
+        mask."""
         self.counted.append(_counted(program))
         with self._masked(Mask(self.masks[-1].name, frozenset(self.kinds.work))):
             text = super().function(program)

@@ -45,7 +45,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
 
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
-    """Return a numpy view of each place of a step's memory (struct and field) in a record (1) of `kept_type`."""
+    """Return a numpy view of each place (struct and field) of a step's memory, within a record (1) of `kept_type`."""
     views = _stored(step, record["state"])
     for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
@@ -72,7 +72,8 @@ def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
 
 
 def initial_record(step: Step, real: Real = "double") -> np.ndarray:
-    """Return a record (1) of `kept_type`: the state before the first call, and nominal parameters, not yet tuned."""
+    """Return a record (1) of `kept_type` with the state before the first call and nominal parameters, on which `tune`
+    has not run."""
     record = np.zeros(1, kept_type(step, real))
     record["state"] = np.frombuffer(fresh(step, real), state_type(step, real))
     views = places(step, record)

@@ -103,7 +103,8 @@ BETWEEN = {
 
 
 def between_calls(step: Step) -> str:
-    """Return the sentence on the input between two calls, without its period; "" for a plant without inputs."""
+    """Return the sentence, without full stop, on the course of the input between two calls (line or hold); "" for a
+    plant without inputs."""
     return BETWEEN[step.observer.form.system.discrete][step.clock.between] if step.inputs else ""
 
 
@@ -127,7 +128,8 @@ def title(step: Step, command: str) -> list[str]:
 
 @lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
 def model_digest(observer: Observer) -> str:
-    """Return the digest of an observer's model that `hgogen recheck` prints; "" where no certificate holds it."""
+    """Return the digest that identifies an observer's model, as `hgogen recheck` prints it; "" where no certificate can
+    contain the model."""
     if observer.form.system.discrete:
         return ""
     try:
@@ -185,7 +187,7 @@ def _equations(step: Step) -> list[str]:
 
 
 def sample_noise(step: Step) -> tuple[str, ...]:
-    """Return the noise of a sample, where it was declared as that of a sample."""
+    """Return the declared noise of a sample as sentences, none where the noise was declared as a density."""
     return deviation_lines(step) if step.observer.at_period else ()
 
 
@@ -204,12 +206,13 @@ def _references(step: Step, syntax: Syntax) -> list[str]:
 
 
 def names_preference(step: Step) -> bool:
-    """Return whether the manual names speed or flash: for flash, or where the covariance is in loops."""
+    """Return whether the manual mentions the preference `speed` or `flash`: for flash, or where loops compute the
+    covariance."""
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
 def proved_above(step: Step) -> dict[str, str]:
-    """Return a note on the bound above which the convergence of errors is proved, by the name of the gain: theta."""
+    """Return by the name of a gain (theta) a note on the bound above which convergence of the error is proved."""
     for check in step.observer.checks:
         if check.claim == EXISTS and check.verdict is Verdict.PROVED:
             values = dict(check.reason.values)
@@ -320,8 +323,8 @@ def recovery(step: Step) -> list[str]:
 
 
 def parts(step: Step, name: str) -> list[str]:
-    """Return the sentences on calls of single sections (predict, correct ..), none where a step has no such calls;
-    `name`: the function that calls all sections."""
+    """Return the sentences on calls of single sections (predict, correct ..), none for a step without such calls;
+    `name`: the function that runs all sections."""
     if not step.code.apart:
         return []
     sections = ", ".join(f"`{section.name}`" for section in step.code.sections)
@@ -398,7 +401,8 @@ def tunable(step: Step) -> list[str]:
 
 
 def gains(step: Step, tune: str) -> list[str]:
-    """Return the sentences on changes of gains and parameters at run time; `tune`: the C call that ends one."""
+    """Return the sentences on changing gains and parameters at run time; `tune`: the text of the call that completes a
+    change."""
     if not tunable(step):
         return ["There are no gains or parameters to change."]
     change = f"Change {' and '.join(f'{_TUNABLE[kind]} in `p.{kind}`' for kind in tunable(step))}, then call `{tune}`"
@@ -441,7 +445,8 @@ def reports(step: Step, call: str) -> list[str]:
 
 
 def marks(step: Step) -> list[str]:
-    """Return the sentences on the marks, numbers that tag initialised state and parameters; none without guards."""
+    """Return the sentences on the marks, numbers that tag initialised state and parameters; none for a step without
+    guards."""
     if not step.layout.mark:
         return []
     name, unmade, none = step.layout.mark.name, UNINITIALISED.name, NO_PARAMETERS.name
@@ -461,7 +466,7 @@ def marks(step: Step) -> list[str]:
 
 
 def result(step: Step, bits: str) -> str:
-    """Return the sentence on what a call of a step returns; `bits`: where the bits of a status are documented."""
+    """Return the sentence on what a call of a step returns; `bits`: the place where the status bits are documented."""
     return f"is 0 for ok, else the bitwise OR of {bits}" if step.clock.guarded else "is 0 in any case"
 
 
@@ -493,7 +498,8 @@ _ALONE = "nothing else enters: no other noise, disturbance or error of a paramet
 
 
 def proved_bounds(step: Step) -> list[str]:
-    """Return the proved error bounds of a step and all that they assume; none where no bound was requested."""
+    """Return the proved error bounds of a step with all their assumptions, as lines; none where the model requests no
+    bounds."""
     known = step.signed
     if known is None:
         return []

@@ -59,7 +59,7 @@ def demand_file(name: str) -> None:
 
 @dataclass(eq=False)
 class OneName(HgogenError):
-    """The error for two signals of one struct that would have equal names in a language."""
+    """The error for two signals of one struct whose names would be equal in a language."""
 
     names: tuple[str, str]
     language: str
@@ -73,14 +73,14 @@ class OneName(HgogenError):
 
 
 def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
-    """Return the names of the model that a language cannot have (keywords, macros), each with its name there."""
+    """Return the model's names that a language reserves (keywords, macros), each with the name used in its place."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
     return {name: syntax.name(name) for name in names if syntax.name(name) != name}
 
 
 def renaming_sentence(step: Step, syntax: Syntax) -> str:
-    """Return a sentence on names that a language changes, as "in C I is called I_, for a keyword or a macro has the
-    name"; "" without any."""
+    """Return a sentence on the names that a language changes, such as "in C I is called I_, for a keyword or a macro
+    has the name"; "" without such names."""
     pairs = ", ".join(f"{name} is called {other}" for name, other in renamed(step, syntax).items())
     return f"in {syntax.language} {pairs}, for {syntax.reserved} has the name" if pairs else ""
 
@@ -110,8 +110,8 @@ class BadPrefix(HgogenError):
 
 
 def prefixed(step: AnyStep, name: str) -> AnyStep:
-    """Return the step under another name, the prefix of its files and symbols, so that two observers of one plant can
-    be linked.
+    """Return a step with another name, the prefix of its files and symbols, so that two observers of one plant can be
+    linked into one program.
 
     Raises: as `demand_prefix`.
     """
@@ -132,8 +132,8 @@ def demand_prefix(name: str | None) -> None:
 
 
 def sources(step: Step, syntax: Syntax, files: Mapping[str, Iterable[str]], recipe: Recipe = ()) -> Sources:
-    """Return the emitted files with their long lines broken, with the names that the language changes; `files`: lines
-    by file name; `recipe`: the commands that compile and run the self-check."""
+    """Return the emitted files, with long lines broken and with the names that the language changes; `files`: lines by
+    file name; `recipe`: the commands that compile and run the self-check."""
     texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
     notes = tuple(filter(None, [renaming_sentence(step, syntax)]))
     return Sources(texts, recipe, tuple(renamed(step, syntax).items()), notes)

@@ -41,8 +41,8 @@ _LARGE = 1e30  # a larger number may be infinite in single precision
 
 
 class Bound(NamedTuple):
-    """An interval `low`..`high` of the values that an expression may have; `number`: whether the value is never NaN,
-    though possibly infinite."""
+    """An interval low <= v <= high that contains the values of an expression; `number`: whether the value is never NaN
+    (it may be infinite)."""
 
     low: float
     high: float
@@ -50,7 +50,7 @@ class Bound(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The largest |v| of the values v in the interval."""
+        """The largest |v| in the interval."""
         return max(abs(self.low), abs(self.high))
 
 
@@ -59,8 +59,8 @@ _WAVE = Bound(-1.0, 1.0, False)
 
 
 def operations(function: ca.Function) -> list[int]:
-    """Return the CasADi code of each instruction of an SX function; sine and cosine of bounded angles have their
-    own."""
+    """Return the operation code of each instruction of an SX function: CasADi's, or one of this file for sine and
+    cosine of a bounded angle."""
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
     if _ANGLES.keys().isdisjoint(codes):
         return codes
@@ -162,7 +162,8 @@ CALLS: dict[int, str] = {
 
 @dataclass(eq=False, slots=True)
 class Node:
-    """A value in an expression graph: the operation `op` (a CasADi code, or one of this file) on the nodes `args`."""
+    """A value in an expression graph: the operation `op` (a CasADi code, or one of this file) applied to the nodes
+    `args`."""
 
     op: int
     args: tuple["Node", ...] = ()
@@ -203,7 +204,7 @@ PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
     """Return the expression graph of an SX function: for each output the list of its elements as nodes. `intervals`:
-    whether low <= v <= high becomes a single node."""
+    whether a test low <= v <= high is one node."""
     nodes: list[Node] = []
 
     @cache
@@ -242,7 +243,7 @@ def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
 
 
 def ordered(roots: Iterable[Node]) -> list[Node]:
-    """Return every node of the graphs below `roots` once, each after the nodes that it is computed from."""
+    """Return every node of the graphs with these `roots` once, each after its operands."""
     done: dict[Node, None] = {}
     stack = list(roots)[::-1]
     while stack:
@@ -314,28 +315,29 @@ def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
 
 
 def opposite(low: Node, high: Node) -> bool:
-    """Return whether two nodes are the constants -b and b with b > 0, also where a table holds the constants."""
+    """Return whether two nodes are constants -b and b with b > 0, or tables of such constants."""
     if high.op == AT and low.op == ca.OP_NEG:
         return low.args[0] is high and high.args[0].op == TABLE and min(high.args[0].table) > 0
     return low.op == high.op == ca.OP_CONST and -low.constant == high.constant > 0
 
 
 def negative(node: Node) -> bool:
-    """Return whether a node is a negative constant, or a product that begins with one: then v + node prints v - .."""
+    """Return whether a node is a negative constant, or a product with a negative constant first: then v + node is
+    printed as v - .."""
     if node.op == ca.OP_MUL and not node.name:
         return negative(node.args[0])
     return node.op == ca.OP_CONST and node.constant < 0
 
 
 def negated(node: Node) -> Node:
-    """Return the node of -v for a node v that is a negative constant, or a product that begins with one."""
+    """Return the node of -v, v a negative constant or a product with a negative constant first."""
     if node.op == ca.OP_CONST:
         return Node(ca.OP_CONST, constant=-node.constant)
     return Node(node.op, (negated(node.args[0]), node.args[1]))
 
 
 def boolean(node: Node) -> bool:
-    """Return whether a node is a truth value and no number."""
+    """Return whether the value of a node is a truth value."""
     return node.op in _BOOLEAN or node.op in _TESTS or (node.op == FOLD and node.fold in _BOOLEAN)
 
 
@@ -344,8 +346,8 @@ REGISTERS = 8  # for numbers passed in a call on x86-64; a Cortex-M4F has 16
 
 @dataclass(frozen=True)
 class Passed:
-    """An argument of an emitted routine as its calls pass it: `number` in the routine's argument list, the `elements`
-    that are passed; by value, or as an array."""
+    """An argument of an emitted routine as calls pass it: its `number` in the routine's argument list and the passed
+    `elements`, by value or as an array."""
 
     number: int
     argument: Argument
@@ -360,7 +362,7 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Subprogram:
-    """A routine that a step calls, its name in C without the prefix, and the arguments that its calls pass."""
+    """A routine that a step calls: its name in C without the prefix, and the arguments that every call passes."""
 
     routine: Routine
     name: str
@@ -372,7 +374,7 @@ class Subprogram:
         return len(self.passed) < len(self.routine.arguments)
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
-        """Return for each passed argument of a call of this routine the argument and the nodes of its elements."""
+        """Yield, for each passed argument of a call of this routine, the argument and the nodes of its elements."""
         arguments = list(columns(call))
         return ((each, [arguments[each.number][1][k] for k in each.elements]) for each in self.passed)
 

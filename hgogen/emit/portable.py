@@ -59,13 +59,13 @@ NO_CODE = Code()
 
 @cache
 def functions_of(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
-    """Return the syntax trees of a module's functions by name, in the order of the file."""
+    """Return the syntax trees of a Python module's functions by name, in the order of the file."""
     tree = ast.parse(inspect.getsource(module))
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 def small_functions(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Return the functions of `emit.helpers` with these names, translated into the language of `syntax`."""
+    """Return the functions of `emit.helpers` with these names, translated from Python into the language of `syntax`."""
     definitions = functions_of(helpers)
     numbers = {"ALL_WHOLE": ALL_WHOLE[real], "ROUNDS": ROUNDS[real]}
     reals = {"LARGE": syntax.marked(_LARGE[real], real)}
@@ -114,7 +114,8 @@ class _Renamed(ast.NodeTransformer):
 
 
 def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
-    """Return a helper function's body, or that of the language; both, where a preprocessor switch selects one."""
+    """Return the body of a helper function: translated from Python, or as the language writes it; both where a
+    preprocessor switch selects one."""
     if name not in syntax.instead:
         return body.indented()
     switch, *lines = syntax.instead[name]
@@ -129,13 +130,14 @@ def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
 
 
 def called_by(names: Iterable[str]) -> set[str]:
-    """Return the given names of functions of `emit.helpers`, and of those that they call, directly or not."""
+    """Return the `names`, and the names of the functions of `emit.helpers` that these functions call, directly or
+    indirectly."""
     return set(names).union(*(_calls(functions_of(helpers), name) for name in names))
 
 
 def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str, int]]) -> Code:
     """Return the functions of the matrix kernels in `used`, pairs (name, matrix size), in the order of their file,
-    after the helpers that they call."""
+    after the helpers that the kernels call."""
     definitions, written = functions_of(matrix_loops), []
     for kernel in definitions:
         for size in sorted(size for name, size in used if name == kernel):
@@ -146,7 +148,8 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
 
 
 def passed(syntax: Syntax, kernel: str) -> list[str]:
-    """Return for each argument of a matrix kernel a text with a hole, into which a call writes the name of an array."""
+    """Return for each argument of a matrix kernel a text with a hole {} for that argument in a call: an array's name or
+    a number."""
     kinds = (_array(each) for each in functions_of(matrix_loops)[kernel].args.args)
     return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
 
@@ -379,19 +382,20 @@ _MEANINGS = {POWER_OF_TWO: "2^x for whole x, where that is a normal number"}
 
 
 def needed(names: Collection[str], real: Real) -> list[str]:
-    """Return which of the `names` are elementary functions (sin, exp ..), in the order of `elementary`."""
+    """Return those of the `names` that are elementary functions (sin, exp ..), in the order of `elementary`."""
     return [name for name in elementary(real) if name in names]
 
 
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """Return the helper and elementary functions in `used`, each after those that it calls, as text."""
+    """Return the text of the helper and elementary functions in `used`, each function after those that it calls."""
     text = bundled(syntax, prefix, real, needed(used, real))
     below = small_functions(syntax, prefix, real, called_by({*used, *text.uses.helpers}))
     return below + text + code("") if text.lines else below
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Return elementary functions (sin, exp ..) in the language of `syntax`, after 2^k where they call it."""
+    """Return the text of elementary functions (sin, exp ..) in the language of `syntax`, after the function 2^k where
+    one of them calls it."""
     texts = [_bundled(syntax, prefix, real, name) for name in names]
     if any(POWER_OF_TWO in text.uses.helpers for text in texts):
         texts.insert(0, _bundled(syntax, prefix, real, POWER_OF_TWO))
@@ -399,7 +403,7 @@ def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> 
 
 
 def argument_names(name: str) -> tuple[str, ...]:
-    """Return the names of the arguments of an elementary function such as atan2."""
+    """Return the names of the arguments of an elementary function: (x, y) for atan2, (x,) for sin."""
     return ("x", "y")[: _graph(name, "double").n_in()]
 
 
@@ -436,7 +440,8 @@ _FULL_RANGE = {f"{part}_{name}": name for part in ("small", "bounded") for name 
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """Return the lines that include the headers of the selected mathematical library, if `used` needs one."""
+    """Return the C lines that include the header of the selected mathematical library, none if `used` has no elementary
+    function."""
     if not needed(used, real):
         return []
     upper = prefix.upper()
@@ -445,7 +450,8 @@ def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
 
 
 def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """Return the C functions in `used`: helpers, then elementary functions behind the switch that selects a library."""
+    """Return the C functions in `used`: helpers, then elementary functions behind the preprocessor switch that selects
+    a library."""
     names, outside = needed(used, real), small_functions(syntax, prefix, real, called_by(used))
     if not names:
         return outside

@@ -55,8 +55,8 @@ def _binding(node: Node) -> float:
 
 @dataclass(frozen=True)
 class Operand:
-    """A value that a printed block reads: its C text, the precedence `binds` of the text, whether it is a local
-    variable, and the names that it uses."""
+    """A value that a printed expression reads: its text, the precedence `binds` of that text, whether it is a local
+    variable, and the names that the text uses."""
 
     text: str
     binds: float = ATOM
@@ -66,14 +66,14 @@ class Operand:
 
 @dataclass
 class Printer:
-    """A printer of one block of a step's program: expressions as statements of a language.
+    """A printer of one block (a CasADi function) of a step's program as statements of a language.
 
-    Args: `inputs` the operand for argument i, element j, and `local` its name as a local; `is_flag` whether argument i
-    is a truth value; `routines` those that the block may call, by their keys; `array_text` the text of argument i as an
-    array, and its size; `indexed` the same text if a loop can index the argument, otherwise ""; `least` the smallest
-    number of passes of a loop; `interval_calls` whether tests of both ends of an interval are calls, so that a function
-    has fewer paths. While it prints, `uses` collects the names that the text uses; `looping` says whether a loop is
-    open, and `origin` is the first number that it counts.
+    Args: `inputs` the operand for element j of argument i, and `local` the name of a local variable for it; `is_flag`
+    whether argument i is a truth value; `routines` those that the block may call, by their keys; `array_text` the text
+    of argument i as an array, and its size; `indexed` the same text if a loop can index the argument, otherwise "";
+    `least` the smallest number of passes for which a loop is written; `interval_calls` whether a test low <= v <= high
+    is a function call, which lowers the cyclomatic complexity. While it prints, `uses` collects the names that the text
+    uses; `looping` says whether a loop is open, and `origin` is the first value of its counter.
     """
 
     syntax: Syntax
@@ -103,10 +103,10 @@ class Printer:
         names: Sequence[tuple[str, int]] = (),
         hoist: Collection[int] = (),
     ) -> tuple[Code, Code]:
-        """Return the declarations of a block's constants, and the statements that compute a CasADi function.
+        """Return the declarations of a block's local constants, and the statements that compute a CasADi function.
 
-        Args: `targets` for each element of the first outputs; `names` of the outputs after those, with their sizes;
-        `hoist` arguments that must be read before anything is written.
+        Args: `targets` where each element of the first outputs is written; `names` and sizes of the further outputs,
+        which only name intermediate values; `hoist` arguments that must be read before anything is written.
         """
         nodes = [node for output in read(function, self.interval_calls) for node in output]
         pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
@@ -192,12 +192,13 @@ class Printer:
         self.lines.append(self.syntax.constant.format(type=self.syntax.types[kind], name=node.name, value=text))
 
     def true_or_false(self, node: Node) -> bool:
-        """Return whether the node is a truth value in a language with a type of truth values."""
+        """Return whether the printed type of a node is the language's type of truth values."""
         flag = node.op == ca.OP_INPUT and self.is_flag(node.source[0])
         return boolean(node) or (flag and not self.syntax.truth_is_number)
 
     def fresh(self, name: str) -> str:
-        """Return `name`, as the language allows it, with a number appended where another local has the name."""
+        """Return `name` as an unused name of a local variable: changed if the language reserves it, numbered if another
+        local has it."""
         candidate, k = self.syntax.name(name), 2
         while candidate in self.reserved:
             candidate, k = f"{name}_{k}", k + 1
@@ -245,8 +246,8 @@ class Printer:
         return f"{offset}{sign}{self.syntax.number(abs(first))}" if first else offset
 
     def prepare(self, root: Node) -> None:
-        """Declare the operands of a node as local constants; for a value that differs between passes of a loop, those
-        needed before the loop."""
+        """Declare local constants for the operands of a node. If the node's value changes from pass to pass of a loop,
+        declare only those operands that are computed before the loop."""
         if root.inside and not self.looping:
             for node in outside([root]):
                 self.prepare(node)
@@ -281,7 +282,8 @@ class Printer:
             self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def needs(self, node: Node) -> Sequence[Node]:
-        """Return the nodes to declare before a node: of a loop's result, those that are computed before the loop."""
+        """Return the nodes that must be declared before a node; for the result of a loop, those that are computed
+        before the loop."""
         if self.looping:
             return node.args if node.inside else ()
         return outside(node.args) if node.op in (FILL, FOLD) else node.args
@@ -294,7 +296,8 @@ class Printer:
         return f"t{k}"
 
     def worthy(self, node: Node) -> bool:
-        """Return whether a node gets a local constant, and is not written within the expression that uses it."""
+        """Return whether a node is declared as a local constant, instead of being written within the expression that
+        uses it."""
         if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY, AT):
             return False
         if node.routine or node.op in (FILL, FOLD, TABLE):
@@ -306,7 +309,7 @@ class Printer:
         return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
 
     def value(self, node: Node, level: float = 0) -> str:
-        """Return the text of a node as a number, in parentheses if it binds looser than the precedence `level`."""
+        """Return the text of a node as a number, in parentheses if its precedence is below `level`."""
         if self.true_or_false(node):
             one, zero = Node(ca.OP_CONST, constant=1.0), Node(ca.OP_CONST)
             text, binds = self.choice(node, one, zero, OR)
@@ -315,7 +318,7 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def truth(self, node: Node, level: float = 0) -> str:
-        """Return the text of a node as a truth value, in parentheses if it binds looser than the precedence `level`."""
+        """Return the text of a node as a truth value, in parentheses if its precedence is below `level`."""
         if boolean(node):
             text, binds = (node.name, ATOM) if node.name else self.raw(node)
         elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
@@ -328,7 +331,8 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def clause(self, node: Node, op: int) -> str:
-        """Return the text of an operand of `op` (&& or ||), in parentheses unless a plain comparison or one of `op`."""
+        """Return the text of an operand of `op` (&& or ||), in parentheses unless the operand is a comparison or has
+        the same `op`."""
         same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
         return self.truth(node, 0 if same else ATOM)
 
@@ -339,7 +343,7 @@ class Printer:
         return text
 
     def constant(self, value: float) -> tuple[str, float]:
-        """Return the text and the precedence of a number: a literal, or a call for inf and nan."""
+        """Return the text and the precedence of a constant: a literal, or a call of a helper for inf and nan."""
         if value != value:
             return self.call("nan")
         if abs(value) == float("inf"):
@@ -353,7 +357,8 @@ class Printer:
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def arrange(self, call: Node) -> None:
-        """Set what a call of a routine passes: the elements of each argument, or an array that has just these."""
+        """Set the arguments that a call of a routine passes: the elements of each argument one by one, or an array with
+        exactly these elements."""
         assert call.routine
         columns = list[tuple[Node, ...]]()
         for each, column in self.routines[call.routine.key].columns(call):
@@ -367,7 +372,7 @@ class Printer:
         call.args = tuple(chain.from_iterable(call.passed))
 
     def call_routine(self, node: Node) -> None:
-        """Add the statements that call a routine, which fills an array for each of its results."""
+        """Add the statements that call a routine, and declare an array for each of its results."""
         assert node.routine
         subprogram, key = self.routines[node.routine.key], node.routine.key
         self.called[key] += 1
@@ -459,7 +464,8 @@ class Printer:
         return f"{self.indexed(argument)}[{self._number(first, node.step)}]"
 
     def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
-        """Return text and precedence of: `yes` where `test` holds, else `no`; a negated test exchanges the two."""
+        """Return the text and precedence of the selection: `yes` where `test` holds, else `no`. A negated test is
+        printed positive, with the two branches exchanged."""
         if test.op == ca.OP_NOT and not test.name and level == ATOM:
             test, yes, no = test.args[0], no, yes
         tested, chosen = self.syntax.chosen
@@ -467,7 +473,8 @@ class Printer:
         return self.syntax.choice.format(test=self.truth(test, min(level, tested)), **branches), SELECT
 
     def negation(self, test: Node) -> tuple[str, float]:
-        """Return text and precedence of `not test`; of counters, which are never NaN, the opposite comparison."""
+        """Return the text and precedence of `not test`; for counters, which are never NaN, by the opposite
+        comparison."""
         opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
         if self.real == "unsigned" and test.op in opposite and not test.name:
             swapped = test.op in (ca.OP_LT, ca.OP_LE)

@@ -64,8 +64,8 @@ _COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
 
 @dataclass
 class Writer:
-    """A writer of CasADi graphs as lines of Python that round every operation to `real`; `names`: the objects to which
-    the names in the lines refer."""
+    """A writer of CasADi graphs as lines of Python in which every operation is rounded to the precision `real`;
+    `names`: the objects to which names in the lines refer."""
 
     real: Real
     names: dict[str, Any] = field(default_factory=dict)
@@ -83,8 +83,8 @@ class Writer:
         self.names |= {"power_of_two": lambda k: number(ldexp(1.0, int(k)))}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
-        """Add the lines that compute a CasADi function, and return its outputs as nodes, whose `name` is a Python name
-        or text. `inputs`: gives the operand for (argument, element); `kind`: the type of the numbers."""
+        """Add the lines that compute a CasADi function, and return its outputs as nodes whose `name` is a Python name
+        or literal. `inputs`: gives the operand for (argument, element); `kind`: the type of the numbers."""
         outputs = read(function)
         for node in ordered(node for output in outputs for node in output):
             if node.op == ca.OP_CONST:
@@ -103,7 +103,7 @@ class Writer:
         return f"(1 if {node.name} else 0)" if kind == "unsigned" else f"(one if {node.name} else zero)"
 
     def fresh(self, text: str) -> str:
-        """Return the name of a new local variable, to which a new line assigns the text."""
+        """Return the name of a new local variable, after adding a line that assigns the expression `text` to it."""
         self.count += 1
         self.lines.append(f"t{self.count} = {text}")
         return f"t{self.count}"
@@ -173,8 +173,8 @@ def _divided(a: Any, b: Any) -> Any:
 
 
 def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -> Any:
-    """Return the object that the lines of Python define under `name`; `names`: the objects that they use; `title`: the
-    file name in tracebacks."""
+    """Return the object called `name` that the lines of Python in `text` define; `names`: the global names of these
+    lines; `title`: the file name in tracebacks."""
     exec(compile("\n".join(text), f"<{title}>", "exec"), names)
     return names[name]
 
@@ -208,7 +208,8 @@ _SEARCH = (
 
 @lru_cache(maxsize=4096)
 def evaluated(function: ca.Function, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
-    """Return an SX function as one of lists of numbers in Python, every operation rounded to `real`."""
+    """Return an SX function as a Python function from lists of numbers to lists of numbers, with every operation
+    rounded to `real`."""
     writer = Writer(real)
 
     def operand(argument: int, element: int) -> Operand:

@@ -63,12 +63,13 @@ Entry = Callable[[], int]
 
 def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
     """Return Python functions of a step by name (`step`, `estimate`, `tune` and one for each section) with the results
-    of the C, bit for bit. They act on `record` (1) of `kept_type`and return the status."""
+    of the C, bit for bit. They change the `record` (1) of `kept_type` in place and return the status."""
     return _Writer(step, record, real).entries()
 
 
 def tuned(step: Step, real: Real) -> np.ndarray:
-    """Return a step's nominal parameters after `tune`, as `init` leaves them: a record (1) of `params_type`."""
+    """Return a step's nominal parameters after `tune` as a record (1) of `params_type`, equal to those that `init`
+    sets."""
     record = layout.initial_record(step, real)
     _Writer(step, record, real).tune()()
     return record["params"]
@@ -285,8 +286,9 @@ PLANT, ESTIMATES = 0.4, (0.45, 0.41, 0.401)  # of their ranges, at the start: th
 
 @dataclass(frozen=True)
 class Vectors:
-    """The test vectors of a self-check: `placed`, by sample the values that the state is given before it, inputs `u`
-    (N, m), outputs `y` (N, p), the expected `values` (N, n), their `tolerance` (n), the `status` (N)."""
+    """The test vectors of a self-check over N samples: inputs `u` (N, m), outputs `y` (N, p), the expected `values` (N,
+    n) with their `tolerance` (n), the expected `status` (N); `placed`: by sample number, the values written into the
+    state before that sample."""
 
     placed: Mapping[int, Mapping[Place, Sequence[float]]]
     u: np.ndarray
@@ -297,13 +299,15 @@ class Vectors:
 
 
 def compared(step: Step) -> tuple[Element, ...]:
-    """Return the numbers that a self-check compares: the estimate, the observer's traces and its reports."""
+    """Return the elements that a self-check compares: those of the estimate, of the observer's traces and of its
+    reports."""
     traced = (each for each in step.traced if each.place != E)  # which is no number where a sample is missing
     return (*(Element(s.name, Place("estimate", s.name)) for s in step.states), *traced)
 
 
 def record_vectors(step: Step, real: Real) -> Vectors:
-    """Return the test vectors of a self-check: a step's results from a reset on, next to its plant."""
+    """Return the test vectors of a self-check: the results of a step after a reset, run on the simulated outputs of its
+    plant."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     times = step.observer.form.system.times
     begins, y = _motion(step, with_times(times, u, [begun(step, real)] * len(times), step.dt * np.arange(SAMPLES)))
@@ -343,17 +347,18 @@ def _spoil(step: Step, u: np.ndarray, y: np.ndarray) -> None:
 
 
 def begun(step: Step, real: Real) -> float:
-    """Return t at the first sample of a self-check, 0 for a plant without functions of t."""
+    """Return the time t at the first sample of a self-check, 0 for a plant without functions of t."""
     return sum(float(DTYPE[real](BEGUN * float(time.turn))) for time in step.observer.form.system.times[:1])
 
 
 def lost_samples(step: Step) -> tuple[int, int]:
-    """Return the numbers of the test vectors' samples without inputs, and without outputs; `SAMPLES` for none."""
+    """Return the numbers of the samples in the test vectors that have no inputs, and no outputs; both are `SAMPLES` if
+    there are none."""
     return (LOST_INPUT, MISSING) if step.clock.guarded else (SAMPLES, SAMPLES)
 
 
 def fault_words(step: Step) -> str:
-    """Return the words on faulty samples that follow the number of samples in a self-check's text."""
+    """Return the words on faulty samples, which the text of a self-check appends to the number of samples."""
     if not step.clock.guarded:
         return ""
     return ", a missing, an infinite, an absurd, a lost and an excessive one among them"
@@ -362,11 +367,11 @@ def fault_words(step: Step) -> str:
 def placed_states(
     step: Step, begins: Iterable[int] = (0,), share: float = ESTIMATES[0]
 ) -> dict[int, dict[Place, list[float]]]:
-    """Return by sample the values of a step's state that a self-check sets before it, by place; `begins`: the samples
-    at which the plant begins, and the estimate at a `share` of the ranges.
+    """Return by sample number the values that a self-check writes into a step's state before the sample, by place.
+    `begins`: the samples at which the plant restarts; the estimate then starts at a `share` of the ranges.
 
-    The estimate is off its initial value, where a plant may be at an equilibrium at which the model has no effect. With
-    guards it is put out of its ranges as well, with fault counts at their limits.
+    The estimate differs from its initial value, where a plant may be at an equilibrium at which the model has no
+    effect. With guards it is also set outside of its ranges, with fault counters at their limits.
     """
     boxes, start = [_interval(s) for s in step.observer.form.states], _at(step, _start(step, share))
     ranges = {field.name: field.box[0] for field in step.layout.state}

@@ -24,8 +24,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Shape:
-    """The structure of an expression apart from its array indices and constants. Two expressions that one loop can
-    compute have equal `key`; `elements`: the array indices that the expression reads; `constants`: its numbers."""
+    """The structure of an expression without its array indices and constants. Two expressions with equal `key` can be
+    computed by one loop; `elements`: the array indices that the expression reads; `constants`: its numbers."""
 
     key: Hashable
     elements: tuple[int, ...] = ()
@@ -35,15 +35,15 @@ class Shape:
 @dataclass(frozen=True)
 class Shapes:
     """A computation of the `Shape` of expressions. Nodes in `units` (identities) count as variables within other
-    expressions, all alike if `nameless`; `indexed`: whether a loop can index argument i."""
+    expressions, as one and the same variable if `nameless`; `indexed`: whether a loop can index argument i."""
 
     units: set[int]
     indexed: Callable[[int], bool]
     nameless: bool = False
 
     def shape(self, node: Node, *, opened: bool = True, before: tuple[int, ...] = ()) -> Shape:
-        """Return the `Shape` of the expression `node`; `opened`: also of a node in `units` the operations, not the
-        variable; `before`: array indices to place before those of the expression."""
+        """Return the `Shape` of the expression `node`. `opened`: whether a node in `units` is described by its
+        operations, not as a variable; `before`: array indices placed before those of the expression."""
         reading = _Reading(self, list(before))
         return Shape(reading.key(node, opened), tuple(reading.elements), tuple(reading.constants))
 
@@ -103,7 +103,8 @@ def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> li
 
 
 def length(rows: Sequence[tuple[int, ...]]) -> int:
-    """Return how many rows of array indices, from the first row on, grow by equal steps that are not all 0."""
+    """Return how many rows of array indices, counted from the first, differ from row to row by one constant step that
+    is not all 0."""
     if len(rows) < 2 or not any(step := _step(*rows[:2])):
         return min(len(rows), 1)
     k = 2
@@ -117,10 +118,10 @@ def _step(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], units: set[int]) -> dict[int, int]:
-    """Return for the identity of each node that of its owner: the only node or statement that it is computed for, or
-    the node itself if it is in `units`, has several users, or is a call of a routine.
+    """Return the owner of each node, both by identity: the only node or statement that uses the node, or the node
+    itself if it is in `units`, has several users, or is a call of a routine.
 
-    Args: `nodes` every value after its arguments; `used` the values that each statement uses.
+    Args: `nodes` every value after its operands; `used` the values that each statement uses.
     """
     above: dict[int, set[int]] = {}
     for number, roots in enumerate(used):
@@ -142,15 +143,15 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True)
 class Target:
-    """The place to which an output of a block is written. `write` returns the statement from the text of the value;
-    `flag`: the text is a truth value.
+    """The place to which an output of a block is written. `write` returns the statement for the text of a value;
+    `flag`: whether the value is a truth value.
 
-    `raised`, for a bit of the status: makes the lines that raise it where a truth value holds; `write` then makes the
-    statement that always raises it.
+    `raised`, for a bit of the status: returns the lines that set the bit where a truth value holds; `write` then
+    returns the statement that always sets it.
 
-    `array`, `element`, for an element of an array: the array and its number; `each` makes the statement from the texts
-    of a number and of its value. `source`: the input element at the same place, so that writing it back unchanged can
-    be omitted. `uses`: the names that the statement uses besides the text.
+    `array`, `element`, for an element of an array: the array and the element's number; `each` returns the statement for
+    the texts of a number and of a value. `source`: the input element at the same place, so that writing it back
+    unchanged can be omitted. `uses`: the names that the statement uses besides the value.
     """
 
     write: Callable[[str], str]
@@ -165,7 +166,8 @@ class Target:
 
 @dataclass(frozen=True)
 class Statement:
-    """A value and the targets to which it is written: several in a loop; then `node` is the value in one pass."""
+    """A value and the targets to which it is written. Several targets are written in a loop; then `node` is the value
+    in one pass."""
 
     node: Node
     targets: tuple[Target, ...]
@@ -177,11 +179,11 @@ Pair = tuple[Node, Target]
 def rolled(
     pairs: Sequence[Pair], indexed: Callable[[int], bool], hoist: Collection[int], least: int
 ) -> list[Statement]:
-    """Return the statements of a block from its pairs (node, target): a loop for values of one structure that differ in
-    array indices only, and a statement for each other pair.
+    """Return the statements of a block from its pairs (node, target): one loop for all values that differ in array
+    indices only, and one statement for each other pair.
 
     Args: `indexed` whether a loop can index an argument; `hoist` arguments that the block also writes; `least` the
-    smallest number of passes of a loop.
+    smallest number of passes for which a loop is written.
     """
     nodes = ordered(node for node, _ in pairs)
     if _most_of_a_kind(nodes, pairs) < least:
@@ -361,7 +363,7 @@ def _become(node: Node, other: Node) -> None:
 
 
 def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[Statement]:
-    """Yield the statements; a loop that would read an array element after it is written reads copies."""
+    """Yield the statements; a loop that would read an array element after writing it reads copies instead."""
     written = set[Source]()
     for each in statements:
         if len(each.targets) > 1 and not _reads_before(each, written, hoist):

@@ -74,14 +74,14 @@ def mark(step: Step, real: Real) -> int:
 
 
 def sealed(step: Step, real: Real, state: bytes) -> bytes:
-    """Return a saved state: the bytes of a step's state with the program's digest and a checksum."""
+    """Return a saved state: the digest of the program, the bytes of a step's state, and a checksum."""
     body = layout(step, real) + state
     return body + struct.pack("<I", zlib.crc32(body))
 
 
 def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
-    """Return the bytes (size) of a step's state in the bytes `saved`. Raises: `NotSaved` for saved bytes that are
-    damaged or of another program."""
+    """Return the bytes (size) of a step's state from the bytes of a saved state (`saved`). Raises: `NotSaved` for
+    damaged bytes, or those of another program."""
     what = f"a saved state of {len(saved)} bytes"
     if len(saved) != size + ADDED:
         raise NotSaved(what, f"is not of this step, of which {size + ADDED} are saved; give what save() gave")
@@ -281,7 +281,7 @@ RUST_FUNCTIONS = _FUNCTIONS.strip().split("\n")
 
 
 def rust_constants(step: Step, real: Real) -> list[str]:
-    """Return the lines of a Rust crate that define the constants of a saved state, such as its size."""
+    """Return the lines of a Rust crate that define the constants of a saved state, such as its size and digest."""
     size = ADDED + _size(step.layout.state, step.layout.groups, {"real": DTYPE[real]().itemsize, "index": INDEX_BYTES})
     digest = ", ".join(f"0x{byte:02X}" for byte in layout(step, real, "rust"))
     return [
@@ -318,7 +318,7 @@ def rust_save(step: Step) -> list[str]:
 
 
 def blank(step: Step) -> str:
-    """Return the Rust call that makes a state as before the first call, without a time."""
+    """Return the Rust call that creates a state as before the first call, without the time of that call."""
     return "initial()" if step.code.time else "new()"
 
 

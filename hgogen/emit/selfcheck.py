@@ -27,14 +27,15 @@ from hgogen.step import Step
 
 
 def caller(syntax: Syntax, step: Step, real: Real) -> Writer:
-    """Return a writer of C or Rust for code that calls a step, whose structs have the parameters' names."""
+    """Return a writer of C or Rust code that calls a step, whose variables have the names of the step's parameters."""
     return Writer(replace(syntax, reach="{}."), step, real)
 
 
 def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
-    """Return the texts that a self-check's template needs, by name; the test vectors in them take a while to compute.
+    """Return the texts that fill a self-check's template, by name. Computing the test vectors in them takes a while.
 
-    Args: `here` the writer of the caller; `row` the text of a row of numbers {}; `across` the statuses of a line.
+    Args: `here` the writer of the calling code; `row` the template of a row of numbers, with {}; `across` the statuses
+    in a line.
     """
     step, syntax, real = here.step, here.syntax, here.real
     vectors = record_vectors(step, real)
@@ -81,7 +82,7 @@ def _placed(here: Writer, vectors: Vectors) -> Iterator[str]:
 
 
 def filled(here: Writer, text: str) -> list[str]:
-    """Return the lines that assign the signals of a call, first the inputs."""
+    """Return the lines that assign the signals of a call, inputs first; `text`: the template of one assignment."""
     return [
         text.format(place=here.place_text(place), name=here.syntax.name(place.name), column=column, missing=missing)
         for column, (place, missing) in enumerate(_signals(here.step))

@@ -58,8 +58,9 @@ _MEANINGS = {  # the head comment of a function, by the name of its part
 class Passage(Call):
     """The C call of a function that computes a part of a section (predict, correct ..), as `prototype` declares it.
 
-    Args: `parameters` the parameters of the section that it passes; `work` the shared work values, by pointer those
-    `changed` but for a single `result`; `returns_status` whether the function returns a status.
+    Args: `parameters` the parameters of the section that the call passes on; `work` the work variables that it shares
+    with the function, passed by pointer if `changed`, or returned if it is the only `result`; `returns_status` whether
+    the function returns a status.
     """
 
     prototype: Prototype
@@ -82,7 +83,7 @@ class Passage(Call):
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Statements that are a C function of their own: declaration, program, and the text of its body."""
+    """Statements that become a C function of their own: its declaration, its program, and the text of its body."""
 
     prototype: Prototype
     program: Program
@@ -98,12 +99,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class SharingWriter(Writer):
-    """A writer of a step's C that emits statements which several sections repeat, and parts of a long section, as
-    functions and their calls.
+    """A writer of a step's C in which statements that several sections repeat, and parts of a long section, become
+    functions.
 
-    Args: `passed` the work values that are parameters of the current function, and `pointed` those behind a pointer;
-    `main` the writer of the section around that function; `functions` the functions of parts, and `named` their names
-    by signature and body.
+    Args: `passed` the work variables that are parameters of the current function, and `pointed` those that are
+    pointers; `main` the writer of the section that calls this function; `functions` the functions of parts, and `named`
+    their names by signature and body.
     """
 
     passed: frozenset[Place] = frozenset()
@@ -113,7 +114,7 @@ class SharingWriter(Writer):
     functions: dict[str, Code] = field(default_factory=dict)
 
     def program(self, program: Iterable[Statement], *known: frozenset[str]) -> Code:
-        """Return the C of the statements in order, with calls in place of repeated parts."""
+        """Return the C of the statements in order, with a function call in place of each repeated part."""
         texts = list[Code]()
         for run in _runs(program):
             part = self._parts.get(self._alone(run).lines) if _name(run) else None
@@ -127,11 +128,12 @@ class SharingWriter(Writer):
 
     @cached_property
     def resetting(self) -> dict[Place, Part]:
-        """The places of the state that a shared function sets to their reset values, each with the function."""
+        """The places of the state that a shared function sets to their initial values, each with that function."""
         return {place: part for part in self.parts for place in self._reset_places(part.program)}
 
     def section(self, section: Section) -> tuple[list[Code], Code]:
-        """Return the C functions for parts of a section, in the order of their calls, and the section's body."""
+        """Return the C functions that a section is divided into, in the order of their calls, and the section's
+        body."""
         known = len(self.functions)
         times = Counter(each.part for each in walk(section.program) if isinstance(each, Block) and not _name((each,)))
         repeated = {part for part, count in times.items() if part and count > 1}
@@ -140,7 +142,7 @@ class SharingWriter(Writer):
         return list(self.functions.values())[known:], body
 
     def _once(self, program: Program, section: Section, repeated: Collection[str]) -> Program:
-        """Return the program with a call of one function in place of each block whose part is in `repeated`."""
+        """Return the program with a call of one function in place of each block whose `part` is in `repeated`."""
         statements = list[Statement]()
         for each in program:
             match each:

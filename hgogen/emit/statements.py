@@ -44,13 +44,13 @@ from hgogen.stepping.times import T
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """The kind of each place of a step's memory (struct and field): a field or group, a truth value, a counter."""
+    """The kind of each place (struct and field) of a step's memory: a field or group, a truth value, a counter."""
 
     step: Step
 
     @cached_property
     def fields(self) -> dict[Place, Field]:
-        """The declared `Field` of each place of the state, the parameters and the groups."""
+        """The declared `Field` of each place in the state, the parameters, the groups and the reports."""
         layout = self.step.layout
         kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
         kinds |= {name: line[-1].fields for name, line in self.groups.items()}
@@ -79,7 +79,8 @@ class Kinds:
 
     @cached_property
     def members(self) -> dict[Place, int]:
-        """The number of members of a group by the work variable that only indexes loops over these members."""
+        """The number of members of a group, by each work variable whose only use is the index of a loop over these
+        members."""
         written = {place for block in blocks(self._all) for place in block.writes}
         loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
         counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
@@ -91,13 +92,14 @@ class Kinds:
         return {place for place, _ in places(self._all) if place.struct == "work"}
 
     def is_index(self, place: Place) -> bool:
-        """Return whether a place of memory is an unsigned whole number."""
+        """Return whether a place of memory holds an unsigned integer."""
         known = self.fields.get(place)
         counts = known is not None and known.kind == "index"
         return counts or place in self.indices or place.struct == "argument"
 
     def counts(self, block: Block) -> bool:
-        """Return whether a block of expressions has counters and truth values only: unsigned numbers."""
+        """Return whether a block reads and writes only counters and truth values, so that its arithmetic is
+        unsigned."""
         touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
@@ -124,7 +126,8 @@ ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 @dataclass(frozen=True, eq=False)
 class Writer(Reader[Code]):
-    """A writer of a step's programs in a language; `interval_calls`: whether low <= v <= high is a call."""
+    """A writer of a step's programs in the language of `syntax`; `interval_calls`: whether a test low <= v <= high is a
+    function call."""
 
     syntax: Syntax
     step: Step
@@ -133,12 +136,12 @@ class Writer(Reader[Code]):
 
     @property
     def prefix(self) -> str:
-        """The prefix of every name that is local to an emitted file."""
+        """The prefix of every name that an emitted file defines: the step's name."""
         return self.step.name
 
     @property
     def least(self) -> int:
-        """The smallest number of passes for which statements become a loop."""
+        """The smallest number of passes for which statements are written as a loop."""
         return LEAST[self.step.clock.prefer]
 
     @cached_property
@@ -165,7 +168,7 @@ class Writer(Reader[Code]):
         return self.place_text(place) if size == 1 else f"{self.place_text(place)}[{index}]"
 
     def place_text(self, place: Place) -> str:
-        """Return the text of a place of memory, such as `state->z`; of an array without an index."""
+        """Return the text of a place of memory, such as `state->z`; for an array the text without an index."""
         if place.struct in ("work", "argument", "time"):
             return place.name
         name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the current member
@@ -173,11 +176,11 @@ class Writer(Reader[Code]):
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
     def number(self, place: Place, index: int = 0, size: int = 1) -> str:
-        """Return the text of element `index` of a place (`size`), converted to a real number where it is a counter."""
+        """Return the text of element `index` of a place of memory (`size`); a counter is converted to a real number."""
         return self._read(place, size, index, self.real).text
 
     def uses(self, *places: Place | None) -> Uses:
-        """Return as `Uses` the parameters through which code reaches these places of memory."""
+        """Return as `Uses` the function parameters through which code reaches these places of memory."""
         return Uses(parameters=frozenset(reached(place for place in places if place)))
 
     def function(self, program: Program) -> Code:
@@ -262,7 +265,7 @@ class Writer(Reader[Code]):
         return self.syntax.member.format(type=self.syntax.struct(self.prefix, group), name=group, element=element)
 
     def within(self, index: str, total: int) -> str:
-        """Return the text of an index, or of 0 where the index is `total` or more."""
+        """Return the text of an index that is replaced by 0 where it is `total` or more."""
         texts = {"test": f"{index} < {self.syntax.literal(total, 'unsigned')}", "yes": index}
         if self.syntax.chosen[0]:
             texts["test"] = f"({texts['test']})"
@@ -353,8 +356,8 @@ class Writer(Reader[Code]):
         return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
 
     def indexed(self, place: Place, size: int) -> str:
-        """Return the text of an array of real numbers that a loop may index; "" for other places, and for the triangle
-        of a matrix where speed is preferred, which is written element by element."""
+        """Return the text of an array of real numbers that a loop may index. It is "" for other places, and, if the
+        step prefers speed, for the triangle of a matrix, which is written element by element."""
         if size == 1 or self.kinds.is_index(place) or place in self.kinds.flags:
             return ""
         known = self.kinds.fields.get(place)
@@ -399,18 +402,18 @@ class Writer(Reader[Code]):
 
 
 def reading(syntax: Syntax, step: Step, real: Real) -> Writer:
-    """Return a writer of functions that only read the state."""
+    """Return a writer of functions that read the state without changing it."""
     return Writer(replace(syntax, member=syntax.read_member), step, real)
 
 
 def called(syntax: Syntax, step: Step, section: Section) -> Code:
-    """Return the call of a section (predict, correct ..), with its status added to that of the caller."""
+    """Return the call of a section (predict, correct ..), whose status is added to the caller's."""
     function = of_section(step, section)
     return code(syntax.called(step.name, function), parameters=function.parameters)
 
 
 def routines(writer: Writer, keys: Collection[str]) -> Code:
-    """Return the functions of the step's routines with these keys, one after the other, as one `Code`."""
+    """Return the functions of the step's routines with these `keys`, in order, as one `Code`."""
     chosen = (subprogram for key, subprogram in writer.subprograms.items() if key in keys)
     return joined(_RoutineFunction(writer, subprogram).text() for subprogram in chosen)
 

@@ -22,8 +22,8 @@ ONE_TURN = "give an angle in one turn: a float near 1e6 is a multiple of 0.0625"
 
 @dataclass(frozen=True)
 class Member:
-    """A member of a struct: its name, declaration and comment, and its initial numbers as text; or a nested struct
-    `kind`, `count` of them where it is an array."""
+    """A member of a struct: name, declaration, comment, and initial numbers as text. A nested struct has its `kind`,
+    and `count` for an array of them."""
 
     name: str
     declared: str
@@ -35,8 +35,8 @@ class Member:
 
 @dataclass(frozen=True)
 class Struct:
-    """A struct of emitted code with its comment. Its `kind`: input, output, estimate, parameters, a part of these
-    (plant, gain, derived), state, or the name of a group."""
+    """A struct of emitted code with its comment. Its `kind` is input, output, estimate, parameters, a part of the
+    parameters (plant, gain, derived), state, or the name of a group."""
 
     kind: str
     comment: str
@@ -46,8 +46,8 @@ class Struct:
 def structs(
     step: Step, syntax: Syntax, real: Real, *, marked: bool, notes: Mapping[str, str] | None = None
 ) -> dict[str, Struct]:
-    """Return the structs of a step by kind, each after the structs that it contains; `marked`: whether with the number
-    that tags initialised memory, where the step has one; `notes`: what to add to the comments of gains, by name."""
+    """Return the structs of a step by kind, each after the structs that it contains. `marked`: whether to include the
+    number that tags initialised memory, if the step has one; `notes`: additions to the comments of gains, by name."""
     return {each.kind: each for each in _Structs(step, syntax, real, notes or {}).every(marked)}
 
 
@@ -127,7 +127,8 @@ def described(item: Field, real: Real) -> str:
 
 
 def changing(step: Step, quoted: str = "{}") -> str:
-    """Return the comment of the struct of parameters: how to change them; `quoted`: the markup of a name."""
+    """Return the comment of the parameter struct on how to change its members; `quoted`: the markup of a name, with
+    {}."""
     members = " or ".join(quoted.format(kind) for kind in tunable(step))
     return f"parameters: change {members}, then call {quoted.format('tune')}" if members else "parameters"
 
@@ -137,9 +138,9 @@ def changing(step: Step, quoted: str = "{}") -> str:
 
 def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, text: Callable[[str], str]) -> Iterator[list[str]]:
     """Yield the lines `typedef struct { ... } PREFIX_KIND;` for each struct; the parts of the parameters (plant, gain,
-    derived) are written inside that struct.
+    derived) are nested in the parameter struct.
 
-    `none`: the member of a struct without members; `text`: the final text of a comment.
+    `none`: the member written into a struct without members; `text`: converts the text of a comment.
     """
     inside = structs["parameters"].members
     for kind, each in structs.items():

@@ -51,7 +51,7 @@ class BeyondFloat(HgogenError):
 
 @dataclass(eq=False)
 class PointsMerge(HgogenError):
-    """The error for a table with two points that are equal in the working precision: a jump."""
+    """The error for a table in which two points are equal in the working precision, which would be a jump."""
 
     table: str
     points: tuple[float, float]
@@ -81,16 +81,16 @@ class BadReal(HgogenError):
 
 
 def demand_real(real: str) -> None:
-    """Raise `BadReal` for any other precision than float and double."""
+    """Raise `BadReal` for a working precision other than "float" and "double"."""
     if not among(real, ("float", "double")):
         raise BadReal(real)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The texts for a loop that limits numbers to their ranges: the place and the row (low, high, nominal) of each
+    """The texts of a loop that limits numbers to their ranges: the place and the row (low, high, nominal) of each
     number; the count of rows, the largest number, the `type` of a number, the prefix of functions, and the statement
-    that sets the status bit."""
+    that sets the status bit (`raised`)."""
 
     places: tuple[str, ...]
     rows: tuple[tuple[str, str, str], ...]
@@ -207,25 +207,25 @@ class Syntax:
         return self.marked(digits(value, kind), kind)
 
     def number(self, value: int) -> str:
-        """Return the text of a whole number by which a loop counts, or that indexes an array."""
+        """Return the text of an integer that a loop counts to, or that indexes an array."""
         return self.literal(value, "unsigned")
 
     def marked(self, digits: str, kind: Number) -> str:
-        """Return the decimal `digits` as a literal of the type `kind`, with its suffix."""
+        """Return the decimal `digits` as a literal of the type `kind`, such as 0.5f."""
         return f"{digits}{self.suffixes[kind]}"
 
 
 def shortest(value: float, real: Real) -> str:
-    """Return the shortest decimal text that reads back as `value` in the working precision, without a point where none
-    is needed."""
+    """Return the shortest decimal text that reads back as `value` in the working precision, without a decimal point for
+    a whole number."""
     return digits(value, real).removesuffix(".0")
 
 
 def digits(value: float, kind: Number) -> str:
-    """Return the shortest decimal that reads back as `value` in the type `kind`; for a real number with a point or an
-    exponent.
+    """Return the shortest decimal text that reads back as `value` in the type `kind`; a real number has a decimal point
+    or an exponent.
 
-    Raises: `NotPrintable` for a counter that is no whole number from 0 on; `BeyondFloat`.
+    Raises: `NotPrintable` for a counter that is no integer from 0 on; `BeyondFloat`.
     """
     if kind == "unsigned":
         if value < 0 or value != int(value):

@@ -14,17 +14,17 @@ from hgogen.emit.syntax import ATOM, BYTES, OR, PRODUCT, SELECT, UNARY, Real, Ro
 
 
 def comment(text: str) -> str:
-    """Return a C comment, which its text cannot end."""
+    """Return text as a C comment; a */ in the text cannot end it."""
     return f"/* {harmless(text)} */" if text else ""
 
 
 def documented(text: str) -> str:
-    """Return a Doxygen comment for the declaration below it."""
+    """Return text as a Doxygen comment for the declaration below."""
     return f"/** {spoken(text)} */" if text else ""
 
 
 def trailing_doc(text: str) -> str:
-    """Return a Doxygen comment for the declaration before it."""
+    """Return text as a Doxygen comment for the declaration on the same line."""
     return f"{TRAILING_DOC}{spoken(text)} */" if text else ""
 
 
@@ -33,12 +33,12 @@ _COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|
 
 
 def spoken(text: str) -> str:
-    """Return the text changed so that Doxygen reads no commands, links or tags in it."""
+    """Return text in which Doxygen finds no commands, links or tags."""
     return _COMMAND.sub(r"\\\g<0>", harmless(text))
 
 
 def harmless(text: str) -> str:
-    """Return the text on one line, changed so that it neither ends nor opens a comment and has no trigraphs."""
+    """Return text on one line that neither ends nor opens a C comment and has no trigraphs."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
@@ -161,12 +161,12 @@ TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "
 
 
 def rust_name(name: str) -> str:
-    """Return a model's name as Rust may have it: `type_` for type, which is a keyword; most stay."""
+    """Return a model's name in Rust: type_ for type, which is a keyword; most names are unchanged."""
     return f"{name}_" if name in KEYWORDS | PRELUDE else name
 
 
 def line(text: str) -> str:
-    """Return the text on one line."""
+    """Return text with line breaks replaced, as one line."""
     return " ".join(text.splitlines())
 
 
@@ -255,8 +255,8 @@ _ALIGNED = ("triangularise", "add")  # kernels with loops that may start at a mu
 
 
 def vectors(name: str, real: Real, used: Collection[tuple[str, int]]) -> tuple[Syntax, list[str]]:
-    """Return the syntax of C functions whose loops a compiler can vectorise, and the lines of the macros that it and
-    the kernels in `used` need; `name`: the prefix of the macros."""
+    """Return the syntax of C functions with loops that a compiler can vectorise, and the lines that define the macros
+    for that syntax and for the kernels in `used` (name, size); `name`: the prefix of the macros."""
     if not any(kernel in _ALIGNED for kernel, _ in used):
         return C, []
     upper = name.upper()
