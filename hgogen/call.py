@@ -54,7 +54,8 @@ from hgogen.system import System
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CallableStep(Step, Displayed):
-    """A step of an observer that Python can call, with its memory; the program itself is a `Step`.
+    """A discretised observer that Python can call, sample by sample or over a log, with its memory between calls: the
+    estimate and all other stored values. A `Step` is its program alone.
 
     `engine`: "c" for the compiled step or "python" for its program as Python; None: C where there is a compiler. Both
     compute equal bits, and share the memory. `real`: their precision, "float" or "double".
@@ -108,9 +109,9 @@ class CallableStep(Step, Displayed):
         return Sample(self._legend, self._output_bytes(), status)
 
     def predict(self, u: Any = (), dt: float | None = None) -> Sample:
-        """Advance the estimate to now without a correction; then call `update` with the sensors that have a sample, and
-        `adapt`. `dt`: as in a call. Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the
-        measurement."""
+        """Advance the estimate to now without a correction, and return it; then call `update` with the sensors that
+        have a sample, and `adapt`. `dt`: as in a call. Raises: `BadShape`; `CannotUpdate` for an observer that
+        integrates with the measurement."""
         self._demand_sections()
         self._take_u(u)
         if dt is not None or self.clock.varying:
@@ -120,11 +121,12 @@ class CallableStep(Step, Displayed):
         return Sample(self._legend, self._output_bytes(), status)
 
     def update(self, at: int | None = None, /, **y: float) -> Sample:
-        """Correct with the named outputs. A step for late samples also accepts `y_age` with y, by default 0, and
-        corrects when `adapt` is called.
+        """Correct the estimate with samples of the named outputs, and return it. A step for late samples also accepts
+        `y_age`, the age in periods of the sample y, by default 0, and corrects when `adapt` is called.
 
-        `at`: the number of the period of the samples, counted from 0 at the first call after a reset; None: now. A step
-        made with `periods` needs it, and does not use a sample of another period.
+        `at`: the number of the sampling period in which the samples were measured, counted from 0 at the first call
+        after a reset; None: the current period. A step made with `periods` needs it, and does not use a sample of
+        another period.
 
         Raises: `BadShape`, `CannotUpdate`.
         """
@@ -159,7 +161,8 @@ class CallableStep(Step, Displayed):
         self._kept.places[AT][0] = int(at) % ROUND
 
     def adapt(self) -> Sample:
-        """Adapt an adaptive gain, once after the updates of a sample, and return the estimate."""
+        """Advance the law of an adaptive gain by one sample, once after the updates of this sample, and return the
+        estimate."""
         self._demand_sections()
         status = self._entries["adapt" if "adapt" in self._entries else "estimate"]()
         return Sample(self._legend, self._output_bytes(), status)
@@ -362,7 +365,8 @@ class CallableStep(Step, Displayed):
 
     @property
     def limits(self) -> float | tuple[float, float]:
-        """The argument `dt` of `sample`: the sampling period, or the shortest and the longest where it varies."""
+        """The argument `dt` of `sample`: the sampling period, or the pair of the shortest and the longest time between
+        calls."""
         return (self.clock.varying.shortest, self.dt) if self.clock.varying else self.dt
 
     @property
@@ -370,7 +374,8 @@ class CallableStep(Step, Displayed):
         return self.observer.form.system.times
 
     def _next_times(self, elapsed: np.ndarray) -> tuple[float, ...]:
-        """Return each time of the plant at the next call, the first of a run; `elapsed` (N): the time before each."""
+        """Return the time (modulo its period) of each periodic function of time in the plant, at the first call of a
+        run; `elapsed` (N): the time before each call."""
         if not self._plant_times:
             return ()
         places, varies = self._kept.places, self.clock.varying
@@ -379,7 +384,7 @@ class CallableStep(Step, Displayed):
         return next_times(self._plant_times, self.clock, count, ahead * bool(places[Place("state", "calls")][0]))
 
     def _alike(self, other: "CallableStep") -> "CallableStep":
-        """Return another step, reset to the time at which this one began."""
+        """Return the step `other`, reset to the start time of this step."""
         other.reset(self._clock[2])
         return other
 
@@ -393,7 +398,7 @@ class CallableStep(Step, Displayed):
         return self
 
     def _take_dt(self, dt: Any) -> None:
-        """Write the time since the last call, the last of the inputs. Raises: `BadShape`."""
+        """Write the time since the last call to the memory, as the last input of the step. Raises: `BadShape`."""
         if not self.clock.varying:
             raise BadShape(f"dt = {dt!r}", f"is for a step in which it varies; this one has dt = {self.dt:g}")
         if dt is None:
@@ -403,7 +408,8 @@ class CallableStep(Step, Displayed):
         self._clock[1] += passed if passed > 0 else 0.0
 
     def _times(self, elapsed: np.ndarray) -> np.ndarray:
-        """Return the times of the samples of a run, and count them; `elapsed` (N): the time before each."""
+        """Return the times (N) of the samples of a run, and advance the stored time; `elapsed` (N): the time before
+        each sample."""
         count, time, _ = self._clock
         if self.clock.varying:
             times = time + np.cumsum(np.where(np.arange(len(elapsed)) + count > 0, elapsed, 0.0))

@@ -28,11 +28,11 @@ class Verdict(StrEnum):
 
 
 class ClaimId(str):
-    """The name of a claim, as text its parts: "triangular.a_3" for ("triangular", "a", 3).
+    """The identifier of a claim, a text such as "triangular.a_3" of ("triangular", "a", 3).
 
     `maker`: the form, observer or question that makes the claim, "" for a name by the user; `fact`: the subject of the
-    claim; `at`: the indices of a repeated fact, chain before state; `unqualified`: the text without the maker. The text
-    is never parsed.
+    claim; `at`: the indices of a repeated fact, the chain before the state; `unqualified`: the text without the maker.
+    The text is never parsed.
     """
 
     maker: str
@@ -52,7 +52,7 @@ class ClaimId(str):
 
 @dataclass(frozen=True)
 class Claims:
-    """The set of claims by `maker` about `fact`, where "" matches any; a claim with a user's own name is in no such
+    """The set of all claims by `maker` about `fact`, where "" matches any; a claim with a user's own name is in no such
     set."""
 
     maker: str = ""
@@ -85,7 +85,8 @@ class Check(Encoded, Displayed):
     subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Convert the plain texts of a user's own check to a claim without a maker and a reason without values."""
+        """Convert texts of a user's own check: its id to a claim without a maker, its reason to a reason without
+        values."""
         if not isinstance(self.id, ClaimId):
             object.__setattr__(self, "id", ClaimId("", self.id))
         if not isinstance(self.reason, Reason):
@@ -110,11 +111,12 @@ class Check(Encoded, Displayed):
 
 @dataclass(eq=False)
 class Refuted(HgogenError):
-    """An observer on a form with a refuted hypothesis that is not accepted.
+    """The error for an observer on a form of which a hypothesis is refuted, and the user does not accept it.
 
     `checks`: the refuted ones; `form`: the refused form with all its checks, if there is one; `accepted`: the accepted
     ids; `where`: the file and the key of the request; `plain`: whether that file is plain text; `other`: an observer or
-    form that applies to the plant as it is; `never`: why the observer cannot be built even where they are accepted.
+    form that applies to the plant without accepting anything; `never`: why the observer cannot be built even if the
+    refuted checks are accepted.
     """
 
     status: ClassVar[int] = 1
@@ -142,7 +144,7 @@ class Refuted(HgogenError):
 
 @dataclass(eq=False)
 class UnknownCheck(HgogenError):
-    """`accept=` names a check that does not exist."""
+    """The error for a name in `accept=` that is the id of no check."""
 
     id: str
     fix: str
@@ -153,13 +155,14 @@ _FROM_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC,
 
 
 def worst(checks: Iterable[Check]) -> Check:
-    """Return the first check with the worst verdict, which is the verdict of all together."""
+    """Return the check with the worst verdict, the first of equals; its verdict is the verdict on all claims
+    together."""
     return min(checks, key=lambda check: _FROM_WORST.index(check.verdict))
 
 
 def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable[ClaimId] = ()) -> tuple[Check, ...]:
-    """Return the refuted checks whose ids are not in `accept`. `accept` may also name the claims `later`, whose checks
-    do not exist yet. Raises: `UnknownCheck` for any other name in it."""
+    """Return the refuted checks whose ids are not in `accept`. `accept` may also name the claims `later`, which are
+    checked after this call. Raises: `UnknownCheck` for any other name in it."""
     checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
     known = (*(check.id for check in checks), *later)
     for name in accept:
@@ -172,7 +175,7 @@ def demand(
     checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None, later: Iterable[ClaimId] = ()
 ) -> None:
     """Raise `Refuted` if one of the `checks` of the `form` is refuted and not in `accept`, which may also name the
-    claims `later`, whose checks do not exist yet. Other verdicts do not stop building."""
+    claims `later`, which are checked after this call. Other verdicts do not stop building."""
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     unaccepted = refuted(checks, accept, later)
     if unaccepted:

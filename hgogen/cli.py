@@ -35,7 +35,8 @@ def main() -> None:
 
 
 def __getattr__(name: str) -> object:
-    """Return `app` for a runner of commands inside of Python; it is imported at the first use."""
+    """Return `app`, the command line as an object for tests and other programs in Python; it is imported at its first
+    use."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from hgogen.commands.app import app

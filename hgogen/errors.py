@@ -24,23 +24,24 @@ class HgogenError(Exception):
 
 @dataclass(eq=False)
 class BadArgument(HgogenError):
-    """An error about an argument or input `what`, with the `reason` why it cannot be used."""
+    """The base class of errors about an argument or input `what`, with the `reason` why it cannot be used."""
 
     what: str
     reason: str
 
 
 class ReportedWarning(UserWarning):
-    """A warning about samples, which the report of a command says in its own words."""
+    """The base class of warnings about samples that a command does not print, because its report states the same
+    fact."""
 
 
 def is_ignored(category: type[Warning]) -> bool:
-    """Return whether warnings of a `category` are ignored wherever they come from."""
+    """Return whether the user's warning filters ignore warnings of a `category` from every module."""
     rules = (action for action, text, kind, module, line in warnings.filters if issubclass(category, kind) and not text)
     return next(rules, "default") == "ignore"
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Return the end of a sentence on an unknown name: a hint at the nearest known name, or `otherwise`."""
+    """Return the end of a message about an unknown name: a hint at the most similar known name, or `otherwise`."""
     close = get_close_matches(str(name)[:60], list(known), n=1)
     return f"did you mean {close[0]}?" if close else otherwise

@@ -27,17 +27,17 @@ Make = TypeVar("Make", bound=Callable[..., Any])
 
 
 class NoForm(BadArgument):
-    """A plant to which a form does not apply."""
+    """The error for a plant to which a form does not apply."""
 
     text = "system {what!r} {reason}"
 
 
 class OneOutput(NoForm):
-    """A plant with several outputs, for a form of one output."""
+    """The error for a plant with several outputs, where a form requires exactly one."""
 
 
 def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> None:
-    """Raise `error` for a plant that has not exactly one output; `advice`: the end of its sentence, a remedy."""
+    """Raise `error` unless the plant has exactly one output; `advice`: the end of the error's message, a remedy."""
     if len(plant.outputs) != 1:
         names = ", ".join(y.name for y in plant.outputs)
         raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{advice}")
@@ -119,7 +119,7 @@ class Form(Displayed):
     fallback: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Fill in one block of n, each state at its place."""
+        """Set the defaults: one block of all n states, and the level of each state equal to its position."""
         if not self.blocks:
             object.__setattr__(self, "blocks", (self.n,))
         if not self.levels:
@@ -137,13 +137,14 @@ class Form(Displayed):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of z_1..z_n in a gain: the name of the state x where z_i is x or -x, else the name of z_i."""
+        """The names of z_1..z_n in a gain: the name of the plant's state x where z_i is x or -x, else the name of
+        z_i."""
         states = {sign * x: x.name for x in self.system.states for sign in (1, -1)}
         return tuple(str(states.get(e, z.name)) for z, e in zip(self.states, self.to_form, strict=True))
 
     @property
     def signs(self) -> tuple[int, ...]:
-        """The signs of z_1..z_n: -1 where z_i is minus the state of its name, else 1."""
+        """The signs of z_1..z_n: -1 where z_i = -x for a state x of the plant, else 1."""
         return tuple(-1 if -e in self.system.states else 1 for e in self.to_form)
 
     @property
@@ -177,7 +178,8 @@ class Form(Displayed):
         return all(check.verdict is Verdict.PROVED for check in self.about("structure"))
 
     def about(self, fact: str) -> tuple[Check, ...]:
-        """Return the checks whose fact has this name, such as "rank", but not those of an equation with that name."""
+        """Return the checks whose `ClaimId.fact` is `fact`, such as "rank", without those of an equation with that
+        name."""
         return tuple(check for check in self.checks if check.id.fact == fact and check.id.maker != MAKER)
 
     @cached_property
@@ -188,7 +190,7 @@ class Form(Displayed):
 
     @property
     def entry(self) -> tuple[sp.Expr, ...]:
-        """The coordinates z in terms of the reported states, the inverse of `estimates`."""
+        """The map from the reported states to the coordinates z, the inverse of `estimates`."""
         origin = self.system.origin
         if origin is None:
             return self.to_form
@@ -236,7 +238,8 @@ class Form(Displayed):
 
 
 def _demand_turns(form: Form) -> None:
-    """Raise `NoForm` if a turn of a periodic state changes a coordinate other than plus or minus this state."""
+    """Raise `NoForm` if a full turn of a periodic state changes a coordinate z_i other than plus or minus this
+    state."""
     for state, period in ((each, each.period) for each in form.system.states):
         for z, e in zip(form.states, form.to_form, strict=True):
             turns = period is not None and e not in (state, -state)
@@ -246,7 +249,9 @@ def _demand_turns(form: Form) -> None:
 
 
 def valued(make: Make) -> Make:
-    """Return a case of `hg.forms` that puts the checks `singular.NAME` of equations without finite values first."""
+    """Return the form function `make`, changed: the `checks` of its forms begin with `singular.NAME` for each equation
+    that may have no finite value on the declared box. The new function raises `NoForm` for a coordinate that changes
+    with a full turn of a periodic state."""
 
     @wraps(make)
     def make_valued(*args: Any, **options: Any) -> Form:

@@ -22,7 +22,8 @@ Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three
 
 @dataclass(eq=False)
 class NoGraph(HgogenError):
-    """An expression without a CasADi graph: it has a function that hgogen does not know, or an undeclared symbol."""
+    """The error for an expression that has no CasADi graph: it contains an unknown function, or an undeclared
+    symbol."""
 
     term: str
     expression: str
@@ -72,20 +73,20 @@ _OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
 def sx(value: Graph) -> Graph:
-    """Return a number, matrix or SX as an SX, to be read only: an SX is not copied, because a copy costs as much as a
-    sum."""
+    """Return a number, matrix or SX as an SX. An SX is returned itself, not a copy, so the caller must not change it: a
+    copy costs as much as a sum."""
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
 def dense(value: Graph) -> Graph:
-    """Return the value as an SX whose every element is stored, to be read only."""
+    """Return the value as an SX whose every element is stored. The caller must not change it."""
     value = sx(value)
     return value if value.is_dense() else ca.densify(value)
 
 
 def binary(operation: int, a: Graph, b: Graph) -> Graph:
-    """Return the result of an operation of CasADi, one of its OP_ADD, .., on an SX and another or a number. CasADi's
-    operators give the same, and take ten times as long to find the type of each operand."""
+    """Return the result of a CasADi operation, such as ca.OP_ADD, on an SX and another SX or a number. CasADi's
+    operators give the same result, and take ten times as long to determine the type of each operand."""
     return ca.SX.binary(operation, a, b)
 
 
@@ -95,9 +96,10 @@ def leaves(value: Graph, low: float, high: float) -> Graph:
 
 
 def wrapped(difference: Graph, period: float | None) -> Graph:
-    """The difference of two angles the short way round, in [-period/2, period/2); unchanged without a period; SX.
+    """Return the difference d of two angles of `period` P the short way round, in [-P/2, P/2); d itself without a
+    period; SX.
 
-        d - k P,   k = floor(d/P + 1/2),   subtracted in two parts of P: k times the first, of 12 bits, is exact
+            d - k P,   k = floor(d/P + 1/2),   subtracted in two parts of P: k times the first, of 12 bits, is exact
 
     So up to 2^10 turns cost no digits that the difference has, in float as in double; 0 turns change nothing.
     """
@@ -110,7 +112,7 @@ def wrapped(difference: Graph, period: float | None) -> Graph:
 
 
 def turned(angle: Graph, low: float, period: float) -> Graph:
-    """The angle in its turn [low, low + period), SX."""
+    """Return the angle plus the whole number of periods that brings it into [low, low + period), SX."""
     middle = low + period / 2
     return wrapped(angle, period) if middle == 0 else middle + wrapped(angle - middle, period)
 
@@ -251,7 +253,7 @@ def _repeated(base: Graph, times: int) -> Graph:
 
 @dataclass(eq=False)
 class NoSymbols(HgogenError):
-    """A CasADi operation, or a constant, that has no SymPy expression here."""
+    """The error for a CasADi operation, or a constant, that has no SymPy expression here."""
 
     operation: str
 
@@ -275,7 +277,7 @@ def _chosen(condition: sp.Basic, value: sp.Expr) -> sp.Expr:
 
 
 def _added(a: sp.Expr, b: sp.Expr) -> sp.Expr:
-    """Return a + b; for the two halves that CasADi makes of an if_else, one Piecewise."""
+    """Return a + b. CasADi splits if_else(c, x, y) into two terms; such a pair becomes one Piecewise."""
     halves = [t.args for t in (a, b) if isinstance(t, sp.Piecewise) and len(t.args) == 2 and t.args[1].expr == 0]
     if len(halves) == 2 and halves[1][0].cond == sp.Not(halves[0][0].cond):
         return sp.Piecewise(halves[0][0].args, (halves[1][0].expr, True), evaluate=False)

@@ -56,28 +56,29 @@ Pattern = tuple[bool, ...]  # which outputs have a sample
 
 @dataclass(eq=False)
 class InfiniteCore(HgogenError):
-    """A linear error dynamics e' = M e (the core) whose numbers overflow."""
+    """The error that the matrix M of a linear error core e' = M e has entries beyond the range of a double."""
 
     text = "the error core has numbers beyond the range of a double; choose smaller gains, or other units"
 
 
 @dataclass(eq=False)
 class NoCovariance(HgogenError):
-    """A method that integrates the covariance P, for an observer without P."""
+    """The error for a method that integrates the covariance P, applied to an observer without P."""
 
     text = "{method} is a method for the covariance of a Riccati observer, here there is none: take rk4"
     method: str
 
 
 class NoRealisation(BadArgument):
-    """An observer without a linear part x' = M x + B v with constant coefficients that `Realising` could discretise."""
+    """The error for an observer without a linear part x' = M x + B v of constant coefficients that `Realising` could
+    discretise."""
 
     text = "{what} realises a linear error core with constant coefficients; {reason}"
 
 
 class Method(Protocol):
-    """A discretisation: one rule for the differential equations of an observer, one for the covariance of a Riccati
-    observer."""
+    """A discretisation: a rule that integrates the differential equations of an observer over a step, and a rule for
+    estimate and covariance of a Riccati observer."""
 
     @property
     def name(self) -> str:
@@ -99,7 +100,8 @@ class Method(Protocol):
         ...
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return memory and statements that integrate `part` over a step, y on the line between two valid samples."""
+        """Return memory and statements that integrate `part` over a step; y varies linearly between two valid
+        samples."""
         ...
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -117,7 +119,8 @@ class Method(Protocol):
 
 @runtime_checkable
 class OnErrors(Protocol):
-    """A method whose effect on an observer's error is known, so that its step can be proved."""
+    """A method whose discrete-time error dynamics are known, so that convergence of the discretised observer can be
+    proved."""
 
     def obstacle(self, error: Inclusion) -> Reason:
         """Return why the effect of the method on the error dynamics e' in `error` is not known, or `NONE`."""
@@ -134,7 +137,8 @@ class OnErrors(Protocol):
 
 @dataclass(frozen=True)
 class Staged:
-    """A method that applies the stages of a Runge-Kutta tableau, also to the model while samples are missing."""
+    """A method that applies the stages of a Runge-Kutta tableau, both to the observer and, while samples are missing,
+    to the model."""
 
     prediction: Tableau = RK4
     exact = False  # every eigenvalue of the core limits the step
@@ -235,7 +239,8 @@ class Staged:
 @dataclass(frozen=True)
 class Explicit(Staged):
     """An explicit Runge-Kutta method. `view`: the variables of a Riccati observer that it integrates, (z, S) with the
-    information matrix S = P^-1, or (z, P) with the covariance. Only a method with (z, S) integrates other parts."""
+    information matrix S = P^-1, or (z, P) with the covariance P. Only a method with (z, S) accepts observers without a
+    covariance."""
 
     view: Literal["information", "covariance"] = "information"
 
@@ -293,14 +298,14 @@ class Explicit(Staged):
 
 
 def equations(method: Method, rule: str) -> tuple[str, ...]:
-    """Return the equations, as lines for reports, of the method that integrates an observer: `method`, or classical
-    Runge-Kutta if `rule` names it, for a part that the method leaves to it; () for a part with its own rule."""
+    """Return the equations, as lines for reports, of the method called `rule` that integrates an observer: `method`
+    itself, or classical Runge-Kutta, to which it may leave a part; () for an observer with its own update equations."""
     return {RK4.name: RK4.equations, method.name: method.equations}.get(rule, ())
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
-    """Return the largest step length at which the tableau keeps e' = M e, the linear error dynamics, stable. Raises:
-    `InfiniteCore`, `stability.UnstableCore`."""
+    """Return the largest step length at which the tableau keeps the linear error dynamics e' = M e of `part` stable;
+    inf for a part without a linear core. Raises: `InfiniteCore`, `stability.UnstableCore`."""
     line = core(part, len(observer.form.system.outputs))
     matrix = part.core if line is None else numbers(line.M, nominal(observer))
     if matrix is None:
@@ -311,10 +316,11 @@ def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
 
 
 def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:
-    """Return the step length that the covariance equation admits at each of a number of points of the declared box.
+    """Return the step length up to which the covariance equation is stable at each of several points of the declared
+    box.
 
-    Points at which the frozen model is not observable are left out where theta rises from its resting value: without
-    observability there is no covariance at rest.
+    Points at which the linearised model is not observable are left out where theta rises from its resting value:
+    without observability there is no steady covariance.
     """
     noise, variance = part.typical
     points = list(zip(*part.linearised(POINTS), strict=True))
@@ -515,7 +521,8 @@ def balanced(X: Graph) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Graph, size: int) -> Graph:
-    """Return S F S^-1 (N, N), F a function of S^-1 X S stored by rows in `place`, without its structural zeros."""
+    """Return f(X) = S f(S^-1 X S) S^-1 (N, N) without its structural zeros, from f(S^-1 X S), a matrix of order `size`
+    in `place`, by rows."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0

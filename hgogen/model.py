@@ -55,7 +55,7 @@ _PLAIN = {
 
 @dataclass(eq=False)
 class ModelFails(HgogenError):
-    """A model file, or a function in it, that raises an error."""
+    """The error for a model file, or a function in it, that raises an error."""
 
     text = "{path}, line {line}: {error}"
     path: str
@@ -64,7 +64,7 @@ class ModelFails(HgogenError):
 
 
 class MissingPart(BadArgument):
-    """A model file without a required part, or with a wrong value under its name."""
+    """The error for a model file without a required part, or with a wrong value under its name."""
 
     text = "{what}: {reason}"
 
@@ -157,7 +157,8 @@ class Model(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on expressions that SymPy reads otherwise than the text on the declared box. Raises: `MissingPart`."""
+        """Notes for the user on expressions that SymPy rewrites so that they differ from the text on the declared box.
+        Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
         return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
@@ -350,8 +351,8 @@ _LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys
 
 
 def _guarded(path: str, function: Callable[[], Returned]) -> Returned:
-    """Return the value of `function`, code of the model file.
-    Any error in it becomes a sentence with file and line."""
+    """Return the value of `function`, code of the model file. Any error that it raises becomes a `ModelFails`, or the
+    error itself where that is hgogen's, with file and line."""
     try:
         with redirect_stdout(sys.stderr):
             return function()

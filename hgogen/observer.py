@@ -38,7 +38,8 @@ _LAST = 32  # calls of each case whose observers are remembered
 
 
 def age_of(name: str) -> str:
-    """Return the name of the signal that gives the age of a late sample of the output `name`; C++ reserves "__"."""
+    """Return NAME_age, the name of the signal that gives the age of a late sample of the output NAME. A final "_" of
+    NAME is dropped, since C++ reserves "__"."""
     return f"{name.rstrip('_')}_age"
 
 
@@ -91,7 +92,7 @@ class Observer(Displayed):
 
     @property
     def ages(self) -> tuple[Signal, ...]:
-        """The signal, for each output of `delays`, that gives the age of a sample."""
+        """The signals that give the age of a sample, one for each output in `delays`."""
         meaning = "periods ago in which {} was taken, a whole number"
         return tuple(
             Signal(age_of(name), "", meaning.format(name), nominal=0, low=0, high=most) for name, most in self.delays
@@ -111,8 +112,8 @@ class Observer(Displayed):
 
     @property
     def initial(self) -> dict[str, float]:
-        """The plant's state, by name, of the argument `initial`, or of the member's; empty without one. Raises:
-        `BadGain` for an observer that is not from `hg.observers`."""
+        """The argument `initial` of the observer, or of the single observer in a bank: the plant's state by name; empty
+        without one. Raises: `BadGain` for an observer that is not from `hg.observers`."""
         _, base, gains = self._making
         if isinstance(base, Observer):
             return base.initial
@@ -121,8 +122,9 @@ class Observer(Displayed):
         return dict(initial if isinstance(initial, Mapping) else zip(names, initial, strict=True))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """Return the observer rebuilt on another form of its plant, or around its member so rebuilt. Raises: as the
-        observer does for that form; `BadGain` for an observer that is not from `hg.observers`."""
+        """Return the observer rebuilt on the form `form(plant)` of its plant; of a bank, the single observers are
+        rebuilt. Raises: as the observer does for that form; `BadGain` for an observer that is not from
+        `hg.observers`."""
         make, base, gains = self._making
         if isinstance(base, Observer):
             return make(base.on(form), **gains)
@@ -223,9 +225,9 @@ def _again(
 
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """Return a function of `hg.observers` whose observers hold their arguments in `construction`. The last observers
-    are cached: equal arguments on the same form give the same observer, which is immutable, as are the cached
-    arguments."""
+    """Return the observer function `make` with a cache: equal arguments on the same form return the same observer, for
+    the most recent calls. Each observer holds its arguments in `construction`. An observer never changes, nor do the
+    cached arguments."""
 
     def new(call: _Call) -> Observer:
         accepted = names("accept", call.keywords.get("accept", ()))
@@ -251,8 +253,9 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
 
 
 def _up_to_turns(observer: Observer) -> Observer:
-    """Return the observer; of one with a periodic output nothing is claimed that needs errors below half a turn, where
-    the injection is that of the theorem, but for what is proved with `NAME.region`, a region of initial errors."""
+    """Return the observer with weaker claims if an output is periodic: a proof whose injection assumes output errors
+    below half a turn becomes unknown, unless the check `NAME.region` proves a region of initial errors where they
+    are."""
     turning = [y.name for y in observer.form.system.outputs if y.period is not None]
     if not turning:
         return observer
@@ -273,8 +276,8 @@ def _up_to_turns(observer: Observer) -> Observer:
 
 
 def _on_invariants(observer: Observer) -> Observer:
-    """Return the observer; of one whose estimate is projected onto invariants nothing is claimed of its error's motion,
-    which the projection could increase in the norm of a proof."""
+    """Return the observer with weaker claims if its estimate is projected onto the plant's invariants: claims about the
+    motion of the error become unknown, since the projection could increase the error in the norm of a proof."""
     if not observer.form.system.invariants:
         return observer
     smaller = "the projection onto the plant's invariants increases no error"
@@ -289,7 +292,8 @@ def _on_invariants(observer: Observer) -> Observer:
 
 
 def _unproved(observer: Observer, facts: Collection[str], why: Reason) -> tuple[Check, ...]:
-    """Return the checks of an observer, in which none of its own `facts` is proved, for the reason `why`."""
+    """Return the checks of an observer, those of its own `facts` that are proved set to unknown for the reason
+    `why`."""
     own = {ClaimId(observer.name, fact) for fact in facts}
     return tuple(
         replace(check, verdict=Verdict.UNKNOWN, reason=why, proofs=())
@@ -322,8 +326,8 @@ def _frozen(value: Any) -> Any:
 
 
 def _comparable(value: Any) -> Any:
-    """Return a key that equal arguments share; numbers of
-    different types differ, and a form equals itself only."""
+    """Return a hashable key that is equal for equal arguments; numbers of different types differ, and a form equals
+    itself only."""
     match value:
         case Form():
             return id(value)  # the form lives as long as the observer
@@ -458,7 +462,7 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
 
 def high_gain_parameter(theta: Any) -> Field:
-    """Return the field of the gain `theta`, tunable from 1 to the given value, for which step lengths are judged.
+    """Return the field of the gain `theta`, tunable from 1 to the given value, at which step lengths are computed.
     Raises: `BadGain` for theta < 1 or not finite."""
     value = real("theta", theta)
     if not 1 <= value < np.inf:
@@ -467,8 +471,8 @@ def high_gain_parameter(theta: Any) -> Field:
 
 
 def any_theta(theta: Any) -> Field:
-    """Return the field of the gain `theta` > 0 of an observer with a constant gain matrix. A theta below 1, outside of
-    the theorem, is not tunable. Raises: `BadGain`."""
+    """Return the field of the gain `theta` > 0 of an observer with a constant gain matrix. A theta below 1, which the
+    theorem excludes, cannot be tuned. Raises: `BadGain`."""
     value = positive("theta", theta)
     return high_gain_parameter(value) if value >= 1 else gain("theta", value, value, value, "high-gain parameter")
 

@@ -19,8 +19,8 @@ from hgogen.system import System
 
 
 def on_line(c: float | Graph, last: Graph, now: Graph, turns: Sequence[float | None] = ()) -> Graph:
-    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for c = 0 or 1.
-    `turns`: the period of each element that is an angle, which takes the shorter way."""
+    """Return the linear interpolation between `last` and `now`, at the fraction c of the step; exactly an end for c = 0
+    or 1. `turns`: the period of each element that is an angle, which is interpolated the shorter way round."""
     if not isinstance(c, ca.SX) and c in (0.0, 1.0):
         return now if c == 1.0 else last
     difference = now - last
@@ -35,8 +35,8 @@ SUBSTEPS = 8  # the largest number of sub-steps in a call, by default
 
 @dataclass(frozen=True)
 class Varying:
-    """The time between two calls where it varies: at least `shortest`; a longer one than `longest`, dt of the `Clock`,
-    is divided into at most `substeps` equal steps, and what is left beyond them is not predicted."""
+    """The limits of the time between two calls where it varies: at least `shortest`. A time above `longest` of the
+    `Clock` is divided into at most `substeps` equal steps of at most that length; any further time is not predicted."""
 
     shortest: float
     substeps: int = SUBSTEPS
@@ -44,7 +44,7 @@ class Varying:
 
 @dataclass(eq=False)
 class NeedsFixedStep(HgogenError):
-    """A request for the constant step length of a clock whose step length varies."""
+    """The error for a constant step length, requested of a clock whose step length varies."""
 
     text = "dt varies, and this needs one step length: give hg.sample a number for dt"
 
@@ -87,22 +87,24 @@ class Clock:
 
     @property
     def h(self) -> Any:
-        """The length of the step that the statements of a prediction make: a number, or an SX scalar."""
+        """The length of a prediction step, over which the model is integrated: a number, or an SX scalar where it
+        varies."""
         return sym("work", "h") if self.varying else self.longest
 
     @property
     def passed(self) -> Any:
-        """The time since the last call, as far as it was predicted: a number, or an SX scalar."""
+        """The time since the last call, limited to what the steps predict: a number, or an SX scalar where it
+        varies."""
         return sym("state", "elapsed") if self.varying else self.longest
 
     @property
     def share(self) -> Any:
-        """The time since the last call over dt, at most 1: the constant 1, or an SX scalar."""
+        """The ratio of the time since the last call to dt, at most 1: the constant 1, or an SX scalar."""
         return ca.fmin(self.passed * (1 / self.longest), 1) if self.varying else 1
 
     @property
     def evenness(self) -> float:
-        """The shortest time between two calls over the longest one."""
+        """The ratio of the shortest time between two calls to the longest one; 1 for a constant dt."""
         return self.varying.shortest / self.longest if self.varying else 1.0
 
     @property
@@ -150,7 +152,7 @@ class Clock:
 
     @property
     def u_now(self) -> Graph:
-        """The input (m) that `predict` has just stored, for the sections after it."""
+        """The input (m) of this call, which the section `predict` has just stored, for the sections after it."""
         return sym("state", "u", self.inputs)
 
     def y(self, c: float | Graph) -> Graph:
@@ -164,8 +166,8 @@ class Clock:
 
     @property
     def sampled(self) -> Graph:
-        """Whether the last call had a usable sample of each output (p), for the sections after `predict` of a step that
-        integrates with the measurement; without guards every sample is used."""
+        """The flags (p), 1 or 0, of outputs with a usable sample in the last call, for the sections after `predict` of
+        a step that integrates with the measurement; without guards all are 1."""
         return sym("state", "y_valid", self.outputs) > 0 if self.guarded else ca.SX.ones(self.outputs)
 
 
@@ -190,12 +192,12 @@ class Pieces:
     """The contribution of a part to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output`: whether `predict` reads the
-    measurement; `bits`: bits of the part, or its words for the step's; `rule`: the method that integrates the part,
-    where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
-    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `projected`: returns, for an SX
-    C (k, n), C P C' and the statements that compute what it reads; `joint`: returns the joint
-    innovations of outputs at the prediction; `inside`: returns statements on these fields as
-    those on the step's memory; `congruence`: returns, for an SX N (n, n), statements that replace P by N P N';
+    measurement; `bits`: status bits of the part, or its texts for status bits of the step; `rule`: the name of the
+    method that integrates the part, where it is not the step's; `choice`: which of two programs was selected, and why;
+    `inner`: sections that these statements call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it
+    has one; `projected`: returns, for an SX C (k, n), C P C' and the statements that compute what it reads; `joint`:
+    returns the joint innovations of outputs at the prediction; `inside`: converts statements on the fields of the part
+    to statements on the step's memory; `congruence`: returns, for an SX N (n, n), statements that replace P by N P N';
     `project`: statements that project the estimates of members onto their ranges; `constrain`: statements that project
     the estimate onto the plant's invariants; `gate`: statements before the updates that decide which samples they may
     use; `verdicts`: the state's field with the verdict on an output, for each output with a gate; `correct`: statements
@@ -261,8 +263,8 @@ class Ode(Part):
 
 @dataclass(frozen=True, eq=False)
 class Jump(Part):
-    """An exact map per sample: its fields and the statements of `tune` and `adapt`. `flow`: the rates, SX by field
-    name, of the differential equation that it solves, if there is one."""
+    """A part of an observer that changes at samples, not by a method: `build` returns its memory and statements.
+    `flow`: the rates, SX by field name, of the differential equation that it solves exactly, if there is one."""
 
     build: Callable[[Clock], Pieces]
     flow: Mapping[str, Graph] = field(default_factory=dict)

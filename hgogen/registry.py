@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 @dataclass(eq=False)
 class NoCase(HgogenError):
-    """A file in a registry folder that does not define its own name."""
+    """The error for a file in a registry folder that does not define a case, an object with the file's name."""
 
     module: str
     name: str
@@ -30,10 +30,10 @@ class NoCase(HgogenError):
 
 
 def case_in(module: ModuleType) -> Any:
-    """Return the case in a file of a registry folder, the value with the file's name.
+    """Return the case in a file of a registry folder: the object that has the file's name.
 
-    A function's docstring follows that of its file, so that help() shows equations and reference before the arguments,
-    and a value has its file's docstring in place of its class's.
+    The docstring of its file comes first in the docstring of a function, so that help() shows equations and reference
+    before the arguments, and replaces that of the class of a value.
 
     Raises: `NoCase`.
     """
@@ -90,7 +90,7 @@ def summary(folder: str, name: str) -> str:
 
 @dataclass(eq=False)
 class NotInstalled(HgogenError):
-    """A library that is not installed, its purpose, and the extra of hgogen that contains it."""
+    """The error for a library that is not installed, with its purpose and the extra of hgogen that contains it."""
 
     what: str
     library: str
@@ -113,14 +113,14 @@ def version() -> str:
 
 
 class Displayed:
-    """A value that notebooks show as Markdown with equations in LaTeX, and that has figures."""
+    """The base class of values that notebooks display as Markdown with equations in LaTeX."""
 
     def _repr_markdown_(self) -> str:
         return str(display("markdown_of")(self))
 
 
 def display(name: str) -> Callable[..., Any]:
-    """Return a function of `hgogen.extras.display`, which is imported when a notebook needs it: it depends on the
-    values that it displays."""
+    """Return the function `name` of `hgogen.extras.display`, imported at its first use, since that module imports the
+    classes that it displays."""
     function: Callable[..., Any] = getattr(import_module("hgogen.extras.display"), name)
     return function

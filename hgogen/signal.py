@@ -32,7 +32,7 @@ LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range
 
 @dataclass(eq=False)
 class BadName(HgogenError):
-    """A signal's or a system's name that no C compiler would accept as a member name."""
+    """The error for the name of a signal or a system that no C compiler would accept as a member name."""
 
     name: str
     reason: str
@@ -48,7 +48,7 @@ class BadName(HgogenError):
 
 
 class BadRange(BadArgument):
-    """A range with exchanged ends, or a value that is not a finite number or lies outside its range."""
+    """The error for a range with exchanged ends, or a value that is not a finite number or lies outside its range."""
 
     text = "signal {what!r}: {reason}"
 
@@ -185,7 +185,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         return signal
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        """SymPy's base takes no arguments here; `__new__` has done the work."""
+        """Do nothing: `__new__` has set the data, and SymPy's base class accepts no arguments here."""
 
     def _hashable_content(self) -> tuple[Any, ...]:
         return self._content  # needed by SymPy for each comparison
@@ -211,35 +211,37 @@ class Signal(sp.Symbol):  # type: ignore[misc]
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The range that a value is kept in: the closed range, none of a periodic signal."""
+        """The range to which a value is clamped: the closed range; (-inf, inf) for a periodic signal, which is
+        wrapped."""
         return self.interval if self.period is None else (-math.inf, math.inf)
 
     def difference(self, values: Any, reference: Any) -> Any:
-        """values - reference (arrays of any shape), of a periodic signal the short way round."""
+        """The difference values - reference (arrays of any shape), of a periodic signal the short way round."""
         return _short_way(np.subtract(values, reference), self.period)
 
     def turned(self, values: Any) -> Any:
-        """The values (an array of any shape), of a periodic signal each in its turn, from low to high."""
+        """The values (an array of any shape); those of a periodic signal are wrapped to its range, from low to high."""
         if self.period is None:
             return values
         middle = math.fsum(self.interval) / 2
         return middle + _short_way(np.subtract(values, middle), self.period)
 
     def reduced(self, values: Any) -> Any:
-        """Return samples (array of any shape), of a periodic signal each in its turn; NaN beyond `TURNS` turns, as
-        a step rejects them."""
+        """Return samples (array of any shape), those of a periodic signal wrapped to its range; NaN beyond `TURNS`
+        turns, where a step rejects a sample."""
         if self.period is None:
             return values
         far = np.abs(np.subtract(values, math.fsum(self.interval) / 2)) > (TURNS + 0.5) * self.period
         return self.turned(np.where(far, np.nan, values))
 
     def nearest(self, values: Any, reference: Any) -> Any:
-        """Return the values (arrays of any shape), of a periodic signal moved by whole turns next to the reference."""
+        """Return the values (arrays of any shape); those of a periodic signal are shifted by the whole turns that bring
+        them nearest to the reference."""
         return values if self.period is None else reference + self.difference(values, reference)
 
     def unwrapped(self, values: np.ndarray) -> np.ndarray:
-        """Return the course (N,), of a periodic signal unwrapped: without a step of more than half a turn; NaN where
-        missing."""
+        """Return the values (N,) over time; those of a periodic signal are unwrapped: no step exceeds half a turn. NaN
+        where a value is missing."""
         if self.period is None:
             return values
         course = np.array(self.reduced(values))
@@ -283,8 +285,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
 
 
 class Time(Signal):
-    """The time since a start modulo one `turn`, exactly, of a plant whose equations are functions of time: an input
-    that a step counts by itself. Its rate is 1."""
+    """The time since a start modulo one `turn` (exact), an input that a step counts by itself, for a plant whose
+    equations are periodic functions of time. Its rate is 1."""
 
     __slots__ = ("turn",)
 
@@ -308,12 +310,12 @@ t = Signal("t", "", "time")  # in a plant's equations, and in the inputs of a tr
 
 
 def times(inputs: Iterable[Signal]) -> tuple[Time, ...]:
-    """Return the inputs that are times, which a step counts by itself."""
+    """Return the inputs that are a `Time`, which a step counts by itself."""
     return tuple(u for u in inputs if isinstance(u, Time))
 
 
 def supplied(inputs: Iterable[Signal]) -> tuple[Signal, ...]:
-    """Return the inputs that a caller supplies: all but times."""
+    """Return the inputs that a caller supplies: all but those that are a `Time`."""
     return tuple(u for u in inputs if not isinstance(u, Time))
 
 
@@ -324,7 +326,7 @@ def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], 
 
 
 def differences(signals: Sequence[Signal], values: np.ndarray, references: np.ndarray) -> np.ndarray:
-    """values - references (N, k), of the columns of periodic signals the short way round."""
+    """The differences values - references (N, k) of k signals, those of periodic signals the short way round."""
     error: np.ndarray = np.subtract(values, references)
     for j, signal in enumerate(signals):
         if signal.period is not None:
@@ -343,19 +345,20 @@ def in_turn(
 
 
 def resting(signal: Signal) -> float:
-    """Return a signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
+    """Return a signal's default value: its nominal value, else 0 or the end of its range nearest to 0."""
     low, high = signal.interval
     return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
 
 
 def spread(signal: Signal) -> tuple[float, float]:
-    """Return the ends (low, high) between which sample points lie: the range, or without one the resting value
-    twice."""
+    """Return the interval (low, high) from which sample points of a signal are drawn: its range, or without one its
+    default value as both ends."""
     return signal.interval if signal.bounded else (resting(signal),) * 2
 
 
 def part_of_turn(signal: Signal, shift: sp.Rational) -> str:
-    """Return a shift of a signal in words; `shift`: in turns, or in the signal's unit where it has no period."""
+    """Return the text of a shift of a signal, such as "a quarter turn"; `shift`: in turns, or in the signal's unit
+    where it has no period."""
     if signal.period is None:
         return f"{float(shift):g} {signal.unit}".strip()
     words = {2: "half a turn", 3: "a third of a turn", 4: "a quarter turn"}
@@ -395,12 +398,13 @@ def seconds(time: str) -> float | None:
 
 
 def plural(time: str) -> str:
-    """Return a unit of time in plural for a sentence, "seconds" for "s"; an unknown unit unchanged."""
+    """Return a unit of time in the plural for a sentence, "seconds" for "s"; an unknown unit unchanged."""
     return _PLURAL.get(time, time)
 
 
 def finer_units(time: str) -> dict[str, int]:
-    """Return the units that are shorter than a unit of time, in plural, the longest first, by their number in it."""
+    """Return the shorter units of time, in the plural and the longest first, each with its number in one unit
+    `time`."""
     if time not in _SECONDS:
         return {f"milli{time}": 1000, f"micro{time}": 1_000_000}
     whole = _SECONDS[time]

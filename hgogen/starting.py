@@ -76,17 +76,17 @@ class Scale:
 
     @property
     def high(self) -> Gains:
-        """The gains theta and poles of most high-gain observers."""
+        """The gains `theta` and `poles`, as most high-gain observers accept them."""
         return {"theta": self.theta, "poles": self.poles}
 
     @property
     def kalman(self) -> Gains:
-        """The gains Q, R and P(0) of Kalman filters."""
+        """The gains Q, R and P(0), as Kalman filters accept them."""
         return {"Q": self.density(), "R": self.variance(), "covariance": self.start()}
 
     @property
     def reading(self) -> float:
-        """The half range Y of the first output."""
+        """The half-width Y of the range of the first output."""
         return next(iter(self.outputs.values()))
 
     def start(self, exponent: int = 1) -> Gains:
@@ -225,8 +225,8 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
 
 
 def _slopes(form: Form) -> dict[int, float]:
-    """Return, by i, the least |dz_i'/dz_(i+1)| at sample points
-    of the box, for derivatives with one sign there."""
+    """Return, by the index i, the least |dz_i'/dz_(i+1)| at sample points of the box; only for derivatives of one sign
+    there."""
     chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
     links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
     flow = dict(zip(form.states, form.flow, strict=True))
@@ -274,12 +274,13 @@ def _span(low: float, high: float) -> float:
 
 
 def two(value: float) -> float:
-    """Return a number in two digits."""
+    """Return a number rounded to two significant digits."""
     return float(f"{value:.1e}")
 
 
 def weight(value: float) -> float:
-    """Return a weight in two digits. Raises: `OverflowError` beyond the limit of weights."""
+    """Return a weight of a filter, such as 1/Q_i, in two digits. Raises: `OverflowError` beyond the limit of
+    weights."""
     if not value <= LOST:
         raise OverflowError
     return two(value)

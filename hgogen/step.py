@@ -51,11 +51,11 @@ from hgogen.system import System
 
 
 class BadStep(BadArgument):
-    """A step length or option that cannot be used."""
+    """The error for a step length or option that cannot be used."""
 
 
 class NoStep(BadArgument):
-    """An argument, of a target or a proof, that is no `Step`."""
+    """The error for an argument of a target, or of a proof, that is no `Step`."""
 
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
@@ -73,9 +73,9 @@ def demand_step(step: object, what: str) -> None:
 
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
-    """A step length `dt` at which the discretisation is unstable at a point of the declared box. A dt is refused above
-    `limit` and advised up to `take`; `rule`: the method; `why`: the cause; `basis`: the basis of the advice; `unit`: of
-    time; `certified`: how to find the dt up to which there is a proof."""
+    """The error for a step length `dt` at which the discretisation is unstable at a point of the declared ranges. A dt
+    is refused above `limit` and advised up to `take`; `rule`: the method; `why`: the cause; `basis`: the basis of the
+    advice; `unit`: of time; `certified`: how to find the dt up to which there is a proof."""
 
     dt: float
     limit: float
@@ -112,15 +112,17 @@ _CERTIFIED = (
 
 
 class GrowingAngle(UserWarning):
-    """A state that grows with the turns of an angle, since it has no period."""
+    """The warning for a state that grows with each turn of an angle and loses its digits, since it is declared without
+    a period."""
 
 
 class StartsUncorrected(UserWarning):
-    """An estimate that starts where its plant rests and no output has a slope, so that no sample corrects it."""
+    """The warning that no sample corrects the initial estimate: the plant is in equilibrium there, and no output
+    depends on the state to first order."""
 
 
 class StepMayFail(UserWarning):
-    """A step length between the advised one, `take`, and the refused one: it may fail."""
+    """The warning for a step length above the advised one, `take`, and below the refused one: the step may diverge."""
 
     def __init__(self, text: str, take: float = INF) -> None:
         super().__init__(text)
@@ -133,8 +135,8 @@ _LAST = 32  # cached steps
 @dataclass(frozen=True)
 class Layout:
     """The memory of a step: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, the memory
-    between calls; `bits`, those of the status; `mark`, the field that identifies a stored state, and parameters, as
-    this step's, None without guards."""
+    between calls; `bits` of the status; `mark`, a field whose value shows that stored state and parameters belong to
+    this program, None without guards."""
 
     plant: tuple[Field, ...]
     gains: tuple[Field, ...]
@@ -146,7 +148,7 @@ class Layout:
 
     @property
     def stored(self) -> tuple[Field, ...]:
-        """The fields of a state that a caller owns: its mark, then its fields."""
+        """The fields of the state structure in C: the mark, then the fields of the state."""
         return (self.mark, *self.state) if self.mark else self.state
 
     @property
@@ -331,7 +333,8 @@ class Step:
 
 @dataclass(eq=False)
 class NoVaryingStep(HgogenError):
-    """A request for a varying dt, for an observer or a method with constants of one step length."""
+    """The error for a varying dt, requested of an observer or a method whose constants are computed for one step
+    length."""
 
     text = (
         "{observer} by {method} has constants of one step length, so that dt cannot vary: give dt as a number, or take "
@@ -347,7 +350,7 @@ MOST_SUBSTEPS, MOST_UNEVEN = 64, 1000
 
 @dataclass(eq=False)
 class CannotUpdate(HgogenError):
-    """A request for prediction and correction in separate calls, from an observer that integrates with the
+    """The error for prediction and correction in separate calls, requested of an observer that integrates with the
     measurement."""
 
     text = (
@@ -398,7 +401,7 @@ def plan(
 
 
 def _guarded(observer: Observer, guards: Guards, every: Any) -> Observer:
-    """Return the observer with the clamps that `guards` asks for. Raises: `BadStep`."""
+    """Return the observer, its arguments clamped or not as `guards` requires. Raises: `BadStep`."""
     system, clamped = observer.form.system, guards == "all"
     if not clamped:
         _demand_plain(observer, every)
@@ -420,7 +423,8 @@ def _demand_sampled(system: System, pieces: Sequence[Pieces], method: Method, gu
 
 
 def _limits_of(dt: Any, substeps: int | None, time: str) -> tuple[float, Varying | None]:
-    """Return the longest step of `dt`, a number or a pair, and the limits of a varying one. Raises: `BadStep`."""
+    """Return the longest step of `dt`, a number or a pair (shortest, longest), and the limits of a varying dt, else
+    None. Raises: `BadStep`."""
     pair = isinstance(dt, tuple | list)
     ends = tuple(dt) if pair else (dt, dt)
     if len(ends) != 2 or not all(isinstance(each, int | float) and _positive(each) for each in ends):
@@ -447,7 +451,7 @@ def _positive(value: float) -> bool:
 
 
 def _demand_varying(observer: Observer, periods: Any) -> None:
-    """Raise `BadStep` for what a step with a varying dt does not have."""
+    """Raise `BadStep` for an option that a step with a varying dt does not support."""
     what, form = "a dt that varies", observer.form
     if form.system.discrete:
         raise BadStep(what, "is not for discrete plants, whose equations count samples; give dt as a number")
@@ -541,8 +545,8 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
 
 
 def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
-    """Return the step with the status bits that some block raises, in a fixed order, then those of memory that was not
-    initialised. A part's own words for a place replace the step's.
+    """Return the step with those status bits that a block sets, in a fixed order, then the bits for memory that was not
+    initialised. `extra`: bits of parts, whose texts replace those of the step for the same place.
 
     Raises: `BadStep` for more bits than a status has.
     """

@@ -27,19 +27,19 @@ from hgogen.signal import Signal, Time, check_name, is_unit, part_of_turn, suppl
 
 
 class BadSystem(BadArgument):
-    """A system that does not fit together; the sentence names the part and the fix."""
+    """The error for a plant with an inconsistent declaration; its message names the part and a remedy."""
 
     text = "system {what!r}: {reason}"
 
 
 class DiscretePlant(BadArgument):
-    """A plant x+ = f(x, u), for what is about differential equations."""
+    """The error for a discrete plant x+ = f(x, u), where a differential equation is required."""
 
     text = "system {what!r} is discrete in time, x+ = f(x, u): {reason}"
 
 
 class BadValue(BadArgument):
-    """A value that a parameter cannot have."""
+    """The error for a value that a parameter cannot have."""
 
 
 @dataclass(frozen=True)
@@ -184,8 +184,8 @@ class System(Displayed):
 
     @property
     def wraps(self) -> str:
-        """Why an observer's error does not move by its differential equation alone: angles that are measured, which are
-        corrected the short way round, or invariants, onto which the estimate is projected; "" for neither."""
+        """The reason why an observer's error does not follow its differential equation alone: an output is an angle,
+        which is corrected the short way round, or the estimate is projected onto invariants; "" for neither."""
         angles = [y.name for y in self.outputs if y.period is not None]
         if angles:
             return f"the error of {' and '.join(angles)} is taken the short way round, which no proof here covers"
@@ -193,8 +193,9 @@ class System(Displayed):
 
     @cached_property
     def modulo(self) -> str:
-        """The states that the outputs give modulo a part of a turn only, as an encoder with four pole pairs does, or
-        modulo a joint shift, in words: "th modulo a quarter turn"; "" without any, and of a plant without periods."""
+        """The states that the outputs determine only modulo a part of a turn, as an encoder with four pole pairs does,
+        or modulo a common shift, as text: "th modulo a quarter turn"; "" if there are none, and for a plant without
+        periods."""
         if all(s.period is None for s in (*self.states, *self.outputs)):
             return ""
         shifts = self._shifts
@@ -212,8 +213,8 @@ class System(Displayed):
 
     @cached_property
     def growing(self) -> dict[Signal, sp.Expr]:
-        """The states without range and period that only sines and cosines read, with their turn: each grows with the
-        turns, and a number of it loses its digits."""
+        """The states without range and period that only sines and cosines read, each with the period of these: such a
+        state grows with each turn, and as a float it loses its digits."""
         free = {x for x in self.states if x.period is None and not x.bounded}
         waves = sp.Tuple(*self.flow, *self.output).atoms(sp.sin, sp.cos) if free else set()
         if not any(free & wave.free_symbols for wave in waves):
@@ -239,7 +240,8 @@ class System(Displayed):
 
     @cached_property
     def opposites(self) -> tuple[tuple[int, ...], ...]:
-        """The sets of states in invariants, by index, of which both signs together are the same state, as q and -q."""
+        """The sets of states in invariants, by index, that may change sign together without another attitude, as q and
+        -q of a quaternion."""
         return opposites(self.invariants, dict(zip(self.states, self.flow, strict=True)), self.output)
 
     @property
@@ -254,8 +256,8 @@ class System(Displayed):
 
 
 def demand_continuous(plant: System, what: str, take: str = "") -> None:
-    """Raise `DiscretePlant` for a discrete plant; `what`: the name of what is for differential equations, `take`: the
-    end of the sentence, a remedy."""
+    """Raise `DiscretePlant` for a discrete plant; `what`: the name of the function that requires a differential
+    equation, `take`: the end of the message, a remedy."""
     if plant.discrete:
         raise DiscretePlant(plant.name, f"{what} is for differential equations, x' = f(x, u){take}")
 
@@ -351,7 +353,8 @@ def _recording(turns: list[sp.Expr], time: sp.Symbol) -> Choose:
 
 
 def _counted(time: Time, row: sp.Expr, values: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    """Whether every period of a row in the time `time` divides its turn, for the present values of parameters."""
+    """Return whether the turn of `time` is a whole multiple of every period of a row, for the present parameter
+    values."""
     turns = list[sp.Expr]()
     with suppress(Aperiodic):  # a form's row, in which sums are expanded
         rewritten(row, time, values, _recording(turns, time))
@@ -428,9 +431,9 @@ def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapp
 
 
 def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
-    """Refuse a plant that is not periodic in a state declared periodic: after a turn the
-    flow must be equal, and an output, or the next value of a discrete plant's state, equal
-    or changed by whole periods of its own."""
+    """Raise `BadSystem` unless the plant is periodic in each state that is declared periodic: after a turn the flow
+    must be equal, and an output, or the next value of a discrete plant's state, equal or changed by whole periods of
+    its own."""
     for parameter in system.parameters:
         if parameter.period is not None:
             raise BadSystem(
@@ -449,7 +452,8 @@ def _validate_periods(system: System, places: Mapping[str, sp.Expr]) -> None:
 
 
 def _validate_invariants(system: System) -> None:
-    """Refuse as many invariants as states, an invariant with an input, and what `manifold.fault` finds."""
+    """Raise `BadSystem` for as many invariants as states, an invariant with an input, and a fault that `manifold.fault`
+    finds."""
     k, n = len(system.invariants), len(system.states)
     if k >= n:
         reason = f"has {k} invariants of {n} states, which leave nothing to estimate"

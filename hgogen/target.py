@@ -24,7 +24,7 @@ LONGEST = 255  # bytes of a name, on most file systems
 
 @dataclass(eq=False)
 class CannotWrite(HgogenError):
-    """A folder or file that cannot be written."""
+    """The error for a folder or file that cannot be written."""
 
     text = "cannot write {path}: {reason}; {fix}"
     path: str
@@ -53,7 +53,7 @@ Recipe = tuple[tuple[str, ...], ...]
 
 @dataclass(frozen=True)
 class Sources(Files):
-    """Files of a language.
+    """The files of a generated program in one language.
 
     `recipe`: the commands that compile and run their self-check in their folder, for a language other than C; `names`:
     signals with another name in the language, and that name; `notes`: sentences about these.
@@ -122,8 +122,8 @@ def remove(name: str, folder: str | Path) -> None:
 
 @contextmanager
 def lines_of(name: str, folder: str | Path) -> Iterator[tuple[Iterator[str], Callable[[str], None]]]:
-    """Yield the complete lines of a file in `folder`, read one by one, and a function that appends a line, which has to
-    end with a new line, in place of an incomplete last one. No other process can append meanwhile.
+    """Yield one pair: an iterator over the complete lines of a file in `folder`, and a function that appends a line,
+    which has to end with a newline. An incomplete last line is overwritten. No other process can append meanwhile.
 
     Raises: `CannotWrite`.
     """
@@ -253,7 +253,8 @@ def _clear(folder: Path) -> None:
 
 
 def _failed(error: OSError, path: Path) -> CannotWrite:
-    """Return the error of the path that could not be written, `path` where that is a temporary file or unknown."""
+    """Return the error for the path that could not be written; `path` if the error names no path, or a temporary
+    file."""
     known = Path(error.filename) if error.filename else path
     return CannotWrite(str(path if known.name.startswith(_STAGED) else known), error.strerror or str(error))
 

@@ -17,7 +17,7 @@ ANYWHERE = "from any initial state"
 
 
 class Convergence(StrEnum):
-    """The knowledge of the convergence of an observer, from proved to unknown."""
+    """The status of the convergence of an observer, from proved to unknown."""
 
     PROVED = "convergence proved in continuous time"
     ABOVE = "convergence proved in continuous time, for its theta"
@@ -26,8 +26,9 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """Return whether an observer is proved to converge, from its own checks: of convergence, of its gain theta, and of
-    how long it holds a gain, for which a larger theta compensates."""
+    """Return whether an observer is proved to converge, by its own checks: that it converges for large theta, that its
+    theta is above the bound, and, of a switched gain, that each gain lasts long enough; a larger theta also ensures the
+    last."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN
@@ -38,7 +39,8 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
 
 
 class Beyond(NamedTuple):
-    """A proof about the step as it runs, its `claims`, that is stronger than the theorem; `reason`: its subject."""
+    """A stronger proof than the theorem, about the discretised observer: the `claims` that it decides, and `reason`,
+    its subject."""
 
     claims: Claims
     reason: str
@@ -73,7 +75,8 @@ class Theorem:
     reference: Annotated[str, "the paper and its number"]
 
     def under(self, *more: Hypothesis, start: str = ANYWHERE) -> "Theorem":
-        """Return the theorem with more hypotheses; `start`: where it holds from, in place of any initial state."""
+        """Return the theorem with further hypotheses; `start`: the set of initial states for which it then holds, by
+        default any."""
         conclusion = self.conclusion.replace(ANYWHERE, start)
         return replace(self, conclusion=conclusion, hypotheses=(*self.hypotheses, *more))
 
@@ -98,7 +101,7 @@ class Row(Encoded):
 
     @property
     def standing(self) -> str:
-        """The verdict as text, or "left to you"."""
+        """The verdict as text, or "left to you" where only the user can know."""
         return YOURS if self.verdict is None else str(self.verdict)
 
 

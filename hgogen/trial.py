@@ -62,7 +62,7 @@ FEW = 16  # columns, up to which lists are faster than rows of an array; the num
 
 @dataclass(eq=False)
 class BadTrial(HgogenError):
-    """A trial that does not fit its plant, or that cannot be integrated."""
+    """The error for a trial that does not fit its plant, or that cannot be integrated."""
 
     trial: str
     reason: str
@@ -399,7 +399,8 @@ def sampled(plant: System, trial: Trial, moments: np.ndarray) -> np.ndarray:
 
 
 def driven(plant: System, trial: Trial) -> dict[str, Any]:
-    """Return the course of every input of the plant by name: the trial's, their derivatives, and times."""
+    """Return the expression in t of every input of the plant by name: as the trial declares it, a derivative of another
+    input, or the time itself."""
     rates = {
         name: sp.diff(sp.sympify(trial.inputs[source]), t, order)
         for name, (source, order) in derived(plant.inputs).items()
@@ -421,7 +422,7 @@ def try_out(
     step: CallableStep, trial: Trial, engine: Engine | None = None, seeds: Sequence[int] | None = None
 ) -> Iterator[Trajectory]:
     """Return the response of the step in the trial, one trajectory for each seed, from the trial's `estimate`, else
-    from its reset state; the step is left at the end of the last one. A slower sensor has its first sample at 0.
+    from the step's reset state. The step remains as after the last sample. A slower sensor has its first sample at 0.
 
     `engine`: as in `Step.run`, "c", "python" or None for C where there is a compiler.
 
@@ -433,14 +434,15 @@ def try_out(
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
-    """Return the memory of a step at a trial's start, with the trial's first estimate if it has one, else the step's
-    own. Raises: `BadGain` for an estimate that the observer cannot start from."""
+    """Return the memory of a step, as `save` does, at a trial's start: with the trial's first estimate if it has one,
+    else the step's own. Raises: `BadGain` for an estimate that the observer cannot start from."""
     step.reset(0.0)
     return step.started(trial.first_estimate).save() if trial.estimate else step.save()
 
 
 def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
-    """Yield the response of the step to each run, beginning with the memory `start`."""
+    """Yield the response of the step to each run of a trial, restarted each time from the memory `start`, bytes from
+    `save`."""
     for one in runs:
         step.restore(start)
         run = step.run(u=one.u, y=step.arriving(one.y), engine=engine, dt=elapsed(step, one.truth))
@@ -526,8 +528,8 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
 
 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
-    """Return the first samples (count, m + p) of the trial's first seed: the signals `given`, then the columns of the
-    step's `samples`. A shorter trial gives fewer. Raises: `BadTrial`."""
+    """Return the first samples (count, m + p) of the trial's first seed, as a call of the step reads them: the inputs
+    `Step.given`, then the measurements `Step.samples`. A shorter trial gives fewer. Raises: `BadTrial`."""
     nominal = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
     system = step.observer.form.system
     truth = simulate(system.declared, nominal, step.dt, sample_times(step, nominal))
@@ -538,7 +540,7 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
 
 
 def _recursion(values: Any, rho: float) -> Any:
-    """Return v (N) or (N, k) with v_k = values_k + rho v_(k-1), in place."""
+    """Return the solution v (N) or (N, k) of v_k = values_k + rho v_(k-1), v_0 = values_0, written over `values`."""
     for k in range(1, len(values)):
         values[k] += rho * values[k - 1]
     return values
@@ -704,8 +706,8 @@ class March:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[list[Any]]:
-    """Yield a list of the Ctrl-C signals within, which take effect at the end: CasADi mistakes an exception of a
-    handler for a model without a value."""
+    """Yield a list that collects Ctrl-C during the `with` block; the interrupt is raised at its end. CasADi would take
+    the exception of a signal handler for a failure of the model."""
     deferred_interrupt: list[Any] = []
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
@@ -730,7 +732,7 @@ LEAST = 0.1  # of D: a shorter motion is no trial
 
 
 class NoTrial(BadArgument):
-    """A plant whose ranges give no trial."""
+    """The error for a plant whose ranges are insufficient for a proposed trial."""
 
 
 @requires_any_plant
@@ -782,7 +784,8 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _tone(k: int, u: Signal, amplitude: float, longest: float) -> sp.Expr:
-    """Return u_k, with (2 pi/T_k)^j c S within the range of the derivative j where that has 0 inside."""
+    """Return u_k = m + c S sin(2 pi t/T_k + k pi/2), T_k so long that the amplitude (2 pi/T_k)^j c S of each derivative
+    j is in its range, where that has 0 inside; c S = `amplitude`."""
     limits = ((order, min(-low, high)) for order, (low, high) in enumerate(u.rates, 1))
     slowest = (2 * math.pi * (amplitude / limit) ** (1 / order) for order, limit in limits if limit > 0)
     period = max(longest * math.sqrt(k + 1), *slowest, 0.0)

@@ -34,8 +34,8 @@ def asking(name: str) -> Asking:
 class Row(Encoded):
     """The verdict on a plant in one form: its name `kind`, the arguments `options`, and the resulting `form`.
 
-    `verdict`: the worst verdict of the checks; None where the form does not apply to the plant, or was not tried, and
-    `why` says which of the two.
+    `verdict`: the worst verdict of the checks; None where the form does not apply to the plant, or was not tried; `why`
+    says which.
     """
 
     json_keys = "name verdict why why_data=why.as_dict fix order witness"
@@ -68,7 +68,7 @@ class Survey:
 
     @property
     def answered(self) -> tuple[Row, ...]:
-        """The forms with a verdict, those that were tried and apply to the plant."""
+        """The forms with a verdict: those that were tried and that apply to the plant."""
         return tuple(row for row in self.rows if row.verdict is not None)
 
     @property
@@ -86,7 +86,7 @@ class Survey:
 
     @property
     def silent(self) -> tuple[Row, ...]:
-        """The forms without a claim of observability and with a structure that the plant has."""
+        """The forms that make no claim of observability, and whose structure the plant has."""
         rows = [row for row in self.answered if not asking(row.kind).candidate]
         return tuple(row for row in rows if row.form and row.form.structured)
 
@@ -128,7 +128,7 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
 
 
 def of(name: str, plant: System) -> Row:
-    """Return the verdict on the plant in the form `name` of the folder `forms`, without options."""
+    """Return the verdict on the plant in the form `name`, a function of `hg.forms`, with its default options."""
     return _row(name, {}, plant)
 
 
