@@ -155,7 +155,7 @@ def _line(folder: str) -> str:
 def _starting(old: Words) -> str:
     models = {name: load(path) for name, path in shipped().items()}
     rows = (_tried(name) for name, model in models.items() if model.has("trial") and name not in SLOW)
-    return table(("model", "settled", "after", "not settled"), rows)
+    return table(("model", "observers that settle", "settling time", "observers that do not"), rows)
 
 
 def _tried(name: str) -> tuple[str, ...]:
