@@ -75,8 +75,8 @@ _TINY = 2.0**-120  # allowance for underflow
 
 
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """Return the expression with each table widened by a bound of the error to which a program rounds its argument on
-    the box `around`."""
+    """Return the expression with each table lookup widened by a bound of the rounding error of its argument: a program
+    that computes in single precision on the box `around` may read a neighbouring cell."""
 
     def shares(axis: Axis, argument: sp.Expr) -> Ends:
         # a signal by itself and the breakpoints are rounded alike: it can pass only a breakpoint that is the same
@@ -93,7 +93,8 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
 
 @lru_cache(maxsize=4096)
 def _error(e: sp.Expr, around: Sides) -> float:
-    """Return a bound of the rounding error of a program that computes e on a box, infinite if unknown."""
+    """Return a bound of |computed - exact| for a program that computes the expression e on the box `around`; infinite
+    where none is known."""
     if not e.args:
         return UNIT * _largest_size(e, around) + _TINY
     if isinstance(e, sp.Piecewise):  # one branch or another
@@ -114,8 +115,8 @@ def _error(e: sp.Expr, around: Sides) -> float:
 
 
 def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """Return a bound of a function's rounding error, by its
-    derivatives or its range, for `errors` of its arguments."""
+    """Return a bound of the rounding error of a function value e = f(a_1, ..), from the `errors` of the arguments a_i:
+    the smaller one of sum |df/da_i| errors_i and the width of the range of f, plus the rounding of the result."""
     varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
     dummies = {part: sp.Dummy(real=True) for part, _ in varying}
     ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
@@ -194,7 +195,8 @@ _RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # increasing fun
 
 
 def rational(expression: sp.Expr, box: Box) -> Interval:
-    """Return an interval with rational ends that encloses an expression on a box, as written and as a product."""
+    """Return an interval with rational ends that encloses the expression on the box. A polynomial is also evaluated in
+    factored form, and the tighter ends are taken."""
     e = exact(expression)
     low, high = _ends(e, box)
     if low < 0 < high and isinstance(e, sp.Add) and e.is_polynomial(*e.free_symbols):
@@ -283,7 +285,8 @@ def multiplied(a: Interval, b: Interval) -> Interval:
 
 
 def raised(a: Interval, n: int) -> Interval:
-    """Return the interval a^n, n whole, for n < 0 where a is not 0; the real line for a power with too many digits."""
+    """Return the interval a^n for an integer n, for n < 0 without the point 0; the real line if |n| > `STEEP`, as the
+    power would have too many digits."""
     if abs(n) > STEEP:
         return EVERYTHING
     if n < 0:
@@ -317,17 +320,20 @@ _LARGE_ROUNDING = 2.0**-6  # share of a table's width beyond which a rounding er
 
 
 def as_programmed(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """Return the expression whose tables are clamped, and read with rounded arguments, as in a program on the box."""
+    """Return the expression as a program evaluates it on the box `around`: tables are constant beyond their breakpoints
+    where their arguments may leave these, and may read a neighbouring cell because arguments are rounded."""
     return rounded(clamped(expression, around.box), around)
 
 
 def clamped(expression: sp.Expr, box: Box) -> sp.Expr:
-    """Return the expression whose tables are clamped along the axes where arguments may leave the breakpoints."""
+    """Return the expression with each table held constant beyond its breakpoints, along those axes where the argument
+    may leave the breakpoints on the box."""
     return replaced(expression, lambda node: clamped_cells(node, node.args, box))
 
 
 def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
-    """Return a breakpoint at an end of the box beyond which a program may read a derivative, and its table's name."""
+    """Return a breakpoint at an end of the range of a table's argument, and the name of the table; None if there is
+    none. By rounding a program may read the other cell at this breakpoint, where the table or its derivative jumps."""
     box = around.box
     for node in sorted(expression.atoms(Stepped), key=str):
         axes, jumps = rounded(clamped(node, box), around).cells.axes, node.cells.smooth
@@ -341,9 +347,10 @@ def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str
 
 
 def clamped_cells(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
-    """Return the table without clamping along the axes where its argument remains between the breakpoints on the box.
+    """Return the table of a lookup `node` with clamping removed along each axis whose argument, one of `arguments`,
+    stays between the first and the last breakpoint on the box.
 
-    `program`: also where the argument leaves the breakpoints by no more than its rounding error.
+    `program`: clamping is also removed where the argument exceeds the breakpoints by at most its rounding error.
     """
 
     def within(axis: Axis, argument: sp.Expr) -> bool:
@@ -373,8 +380,9 @@ def special_point(
     kinds: tuple[str, ...] = ("= 0", "undefined"),
     hints: Iterable[Point] = (),
 ) -> tuple[str, Point] | None:
-    """Return ("= 0" or "undefined", a point of the box) for the first candidate where the expression has one of these
-    `kinds`, or None. `program`: the expression as a tape; `hints`: points near which candidates of few digits lie."""
+    """Return a point of the box `sides` where the expression is 0 or undefined, as the pair ("= 0" or "undefined",
+    point); None if no candidate point is one. `kinds`: the kinds that count; `program`: the expression as a tape;
+    `hints`: points near which points with short rational coordinates are tried first."""
     if largest_exponent(expression) > STEEP:
         return None
     simple = ({s: x.limit_denominator(q) for s, x in point.items()} for point in hints for q in _FEW_DIGITS)
@@ -395,8 +403,9 @@ def special_point(
 
 
 def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
-    """Return a zero of a continuous expression, a kink where its sign jumps, or a point next to one of these, on the
-    line from the point `below`, where it is negative, to `above`, where it is positive."""
+    """Return a point where a continuous expression changes its sign, by bisection of the line from the point `below`,
+    where it is negative, to `above`, where it is positive: an exact zero, a kink with a jump of sign, or a point next
+    to one of these."""
     for _ in range(_STEPS):
         centre = {s: Fraction(outward.number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
         if centre in (below, above) or not sides.contains(centre):
@@ -491,13 +500,13 @@ _REWRITTEN = 12  # exponents beyond which it would grow out of hand
 
 
 def steep(e: sp.exp) -> bool:
-    """Return whether SymPy would rewrite an exponential as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    """Return whether e is an exponential that SymPy would rewrite as a high power: exp(-8750/T) as exp(1/T)^-8750."""
     return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
 
 
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
-    """Return the expression as written, then factored and in Horner forms where it is rational in its symbols. They are
-    equal, by exact algebra, where the first is defined; the others may lack a removable pole."""
+    """Return equal forms of an expression: as written and, where it is rational in its symbols, factored and in Horner
+    form. They have equal values wherever the first form is defined; the other forms may lack a removable pole."""
     symbols = sorted(expression.free_symbols, key=str)
     if not 0 < len(symbols) <= _DENSE or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
         return (expression,)
@@ -522,12 +531,11 @@ _SLACK = Fraction(1, 2**40)  # relative, so that another arithmetic, or other ro
 
 @dataclass(frozen=True)
 class Proof:
-    """A fact on a closed box, on which the `expressions` are defined, in a form that another arithmetic can verify: low
-    <= value <= high of a single expression, or, with `low` None, `high` >= the spectral norm of the expressions'
-    Jacobian.
+    """A proved bound on a closed box, with the data by which other code can verify it: low <= value <= high of a single
+    expression or, with `low` None, a bound `high` of the spectral norm of the Jacobian of the `expressions`.
 
-    Bounds are exact, None where absent; `variables`, `tree`: the bisection, ("split", index, left, right) and "leaf",
-    sides cut in the middle.
+    Bounds are exact, None where there is none. `tree`: the bisection of the box, nested ("split", index, left, right)
+    and "leaf", each side cut in its middle; `variables`: the symbols that the indices count.
     """
 
     expressions: tuple[sp.Expr, ...]
@@ -538,7 +546,8 @@ class Proof:
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
-    """Return the bounds moved outward by a share, which keeps their signs, as fractions; None for an infinite one."""
+    """Return the bounds low and high as fractions, moved outward by 2^-40 of their size, so that other code with other
+    roundings can prove them; the signs stay. None for an infinite bound."""
     below, above = (
         None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
         for end, way in ((low, -1), (high, 1))
@@ -554,7 +563,8 @@ _FIRST = 500  # boxes before the search for a pole
 
 @dataclass(frozen=True)
 class Attained:
-    """A point of the box, and an upper bound `value` of an expression there if small, a lower bound if large."""
+    """A point of the box at which an expression attains a small or a large value. `value`: an upper bound of a small
+    value, a lower bound of a large one."""
 
     value: float
     point: Mapping[sp.Symbol, Fraction] = field(hash=False)
@@ -562,11 +572,12 @@ class Attained:
 
 @dataclass(frozen=True)
 class Range(Encoded):
-    """The range of an expression on a box: low <= value <= high wherever the expression and its parts are finite and
-    real; -inf and inf where nothing is proved.
+    """The range of an expression on a box: low <= value <= high wherever the expression and its subexpressions are
+    finite and real; -inf and inf where nothing is proved.
 
-    `least` and `most`: points that attain small and large values. `variables`: the symbols that the indices of the
-    `tree` count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut at `search.middle`.
+    `least`, `most`: points at which the expression is nearly smallest and largest, None if unknown. `tree`: the
+    bisection of the box, nested ("split", index, left, right) and "leaf", sides cut at `search.middle`; `variables`:
+    the symbols that the indices count.
     """
 
     json_keys = "low high defined boxes note"
@@ -598,8 +609,8 @@ class Range(Encoded):
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """Return the range of the expression on the box, rounded outward, too wide by at most `relative` of its width, or
-    `note` gives the reason; `boxes`: the most that are tried.
+    """Return the range of the expression on the box, rounded outward. It is at most `relative` of its width too wide,
+    else its `note` gives the reason. `boxes`: the largest number of boxes of the bisection.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -630,19 +641,21 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression on a box, with exact numbers; its equal forms are the outputs of the tape `program`."""
+    """An expression with exact numbers on a box `sides`. `program`: the tape that computes the equal forms of the
+    expression."""
 
     expression: sp.Expr
     sides: Sides
     program: Tape
 
     def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
-        """Return the bisection of the box until the `goal` or a number of `boxes`, continued from `begun`."""
+        """Return a bisection of the box until the `goal` is reached or there are so many `boxes`; `begun`: an earlier
+        bisection to continue."""
         return search(self.program, self.sides, goal, boxes, begun)
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
-    """Return the expression on a box as a `Problem`; None where it is nowhere a finite real number."""
+    """Return the expression on the box as a `Problem`; None for an expression that is finite and real nowhere."""
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(*STRANGE):
         return None
@@ -651,7 +664,8 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
 
 
 def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
-    """Return the `Range` that a bisection `outcome` proves; `relative`: the tolerance of the search, for its note."""
+    """Return the `Range` that the bisection `outcome` of the problem's box proves. `relative`: the tolerance of the
+    search, quoted in the note."""
     boxes = counted(outcome.boxes)
     note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
     if outcome.defined:
@@ -664,8 +678,8 @@ def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
 
 
 def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
-    """Return the smallest and the largest value that a search has evaluated, with their points. None where there is no
-    point, or where a table's derivative jumps: its other side need not belong to the box."""
+    """Return the smallest and the largest value that a search evaluated, as `Attained`. None where no point was
+    evaluated, or where a derivative of a table jumps at the point: its value may be that of a side outside the box."""
 
     def at(value: float, place: Array | None) -> Attained | None:
         if not problem.sides.symbols and math.isfinite(value):
@@ -685,7 +699,7 @@ def counted(count: int) -> Reason:
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
-    """Return a point as the end of a sentence, ", at x = 0.5, y = 2"; "" for no coordinates."""
+    """Return a point as the end of a sentence: ", at x = 0.5, y = 2", or "" for a point without coordinates."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
 
 
@@ -695,7 +709,7 @@ _GLANCE = 60  # boxes before the search for a zero
 
 
 class Cause(Enum):
-    """The reason why an expression has no constant sign, at a point of the box or next to it."""
+    """The reason why an expression does not have one sign on a box, at the witness of the refutation or next to it."""
 
     ZERO = "vanishes"
     UNDEFINED = "is not a finite real number"
@@ -706,13 +720,14 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class Sign:
-    """The answer whether an expression has one sign on a box.
+    """The verdict on whether an expression has one sign on a box.
 
-    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where the
-    expression is zero or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps
-    between them, as `cause` states. UNKNOWN: `reason` gives the number of boxes. `never`: a proof that the expression
-    has no zero on the box, although it may be undefined, or tend to 0 where the box is unbounded. `exact`: the rational
-    ends that prove the sign without bisection.
+    PROVED: `sign` is 1 or -1, and 0 < `margin` <= |value| < inf on the box. REFUTED: `witness` is a point where the
+    expression is zero or undefined, next to a zero between two points of opposite sign, or at a kink where its sign
+    jumps; `cause` says which. UNKNOWN: `reason` gives the number of boxes.
+
+    `never`: whether it is proved that the expression has no zero on the box, although it may be undefined, or tend to 0
+    on an unbounded box. `exact`: the rational bounds that prove the sign without bisection, else None.
     """
 
     verdict: Verdict
@@ -733,8 +748,8 @@ class Sign:
 
 
 def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
-    """Return the answer whether the expression is finite and has one sign on the whole box, with at most `boxes`;
-    `refute`, which may take long: search for counterexamples as well.
+    """Return the verdict on whether the expression is finite and has one sign on the whole box. `boxes`: the largest
+    number of boxes of the bisection; `refute`: whether to search for counterexamples, which may take long.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -852,7 +867,8 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 
 
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
-    """Return irreducible factors of e by exact algebra alone: SymPy would factor a high power of exp."""
+    """Return the irreducible factors of the expression, by exact algebra alone if it has an exponential that SymPy
+    would rewrite as a high power; [] if it cannot be factored."""
     if any(steep(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []

@@ -49,7 +49,8 @@ class Ranged(Protocol):
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
-    """Yield exact rational points of the signals' box: middle, zeros, corners, then random ones of a fixed seed."""
+    """Yield exact rational points of the box of the signals' ranges: the middle, points with zeros, corners, then
+    random points with a fixed seed."""
     ends = [_range_of(s) for s in signals]
     yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
     for s, (low, high) in zip(signals, ends, strict=True):
@@ -71,8 +72,8 @@ def largest_exponent(expression: sp.Expr) -> int:
 
 
 def kind(expression: sp.Expr, point: RationalPoint) -> str:
-    """Return "> 0", "< 0", "= 0", "undefined" or "?" (unknown, also for powers too large for exact numbers) for the
-    value of an expression at a point, by exact zero tests and guaranteed digits."""
+    """Return the sign of an expression at a point: "> 0", "< 0", "= 0", "undefined", or "?" where it is not decided. It
+    is decided by exact zero tests and by guaranteed digits; powers too large for exact numbers are not."""
     if largest_exponent(expression) > STEEP:
         return "?"
     at = dict(point)
@@ -85,8 +86,8 @@ def kind(expression: sp.Expr, point: RationalPoint) -> str:
 
 
 def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
-    """Return whether a function's argument is so close to an end of its domain that SymPy may
-    round it to the end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
+    """Return whether the argument of a function is so close to an end of the function's domain that SymPy may round it
+    to that end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
     argument = node.args[0].xreplace(at)
     room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
     return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
@@ -111,12 +112,13 @@ def _digits(value: sp.Expr) -> str:
 
 
 def _is_noise(value: sp.Expr) -> bool:
-    """Return whether no digit of SymPy's number is certain: its precision is then 1."""
+    """Return whether no digit of a SymPy number is certain; SymPy then gives it the precision 1."""
     return bool(value.is_Float and value._prec == 1)
 
 
 def edges(node: sp.Expr) -> tuple[sp.Expr, ...]:
-    """Return the expressions of which one is 0 where a power or function jumps or has no bounded slope."""
+    """Return the expressions whose zeros are the places where a power or function `node` jumps or has an unbounded
+    slope."""
     (first, *_) = node.args
     if isinstance(node, sp.Pow):
         return () if node.exp.is_Integer and node.exp > 0 else (first,)
@@ -128,13 +130,14 @@ def edges(node: sp.Expr) -> tuple[sp.Expr, ...]:
 
 
 def _near_an_edge(node: sp.Expr) -> bool:
-    """Return whether a function's argument may be at one of its edges, as 0 for a root. SymPy counts
-    digits by the derivative, and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
+    """Return whether an argument of the function may lie where the function has an unbounded slope, as 0 for a root.
+    There SymPy's count of correct digits fails: it would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
     return any(_is_noise(part) for e in edges(node) for part in e.evalf(15).as_real_imag())
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
-    """Return the expression with `values` for symbols; None where SymPy then has to compare complex numbers."""
+    """Return the expression with the `values` substituted for symbols; None where SymPy would have to compare complex
+    numbers."""
     try:
         return expression.xreplace(dict(values))
     except (ValueError, TypeError):
@@ -142,8 +145,9 @@ def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
 
 
 def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
-    """Return the expression with `values` for symbols, except symbols of which a root, an inverse or a logarithm would
-    then not be a finite real number: SymPy would continue with complex values, and |log(-1)| would be pi."""
+    """Return the expression with the `values` substituted for symbols, except for symbols of a root, inverse or
+    logarithm that would not be a finite real number: SymPy would continue with complex values, and |log(-1)| would be
+    pi."""
     nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
     stay = {s for node in nodes if not _is_real_at(node, values) for s in node.free_symbols}
     return expression.xreplace({s: value for s, value in values.items() if s not in stay})
@@ -164,8 +168,8 @@ def witness(point: RationalPoint) -> dict[str, float]:
 
 
 def exact(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with each float as the rational of its shortest decimal; beyond 53 bits as its own
-    rational."""
+    """Return the expression with each float replaced by the rational of its shortest decimal; a float of more than 53
+    bits is replaced by the rational number that it is."""
     rationals = {}
     for written in expression.atoms(sp.Float):
         nearest = float(written)
@@ -202,8 +206,8 @@ class EmptyBox(HgogenError):
 def box(
     signals: Iterable[Ranged], nominal: Mapping[sp.Symbol, sp.Rational] | None = None
 ) -> dict[sp.Symbol, tuple[End, End]]:
-    """Return the declared range (low, high) of each signal. A signal without one has its value in `nominal` (such as
-    `system.nominal`, of the parameters), else it is unbounded. A float is the rational of its shortest decimal; the
+    """Return the range (low, high) of each signal. A signal without a declared range has its value in `nominal` (such
+    as `system.nominal`, of the parameters), else it is unbounded. A float is the rational of its shortest decimal; the
     ends of an angle are rounded outward to a whole turn."""
     fixed = nominal or {}
     ends: dict[sp.Symbol, tuple[End, End]] = {}
@@ -225,7 +229,7 @@ def _shortest_decimal(value: float) -> Fraction:
 
 @dataclass(frozen=True)
 class Sides:
-    """A box as the ranges (low, high) of `symbols`, in their order, with exact ends."""
+    """A box with exact ends: the ranges `ends` (low, high) of the `symbols`, in their order."""
 
     symbols: tuple[sp.Symbol, ...]
     ends: tuple[tuple[End, End], ...]
@@ -248,18 +252,19 @@ class Sides:
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
     def point(self, x: Iterable[float]) -> Point:
-        """Return the exact point of floats x of the box `outer`; an x beyond an exact end becomes the exact end."""
+        """Return the exact point at the floats x, moved into the box: an x beyond an exact end becomes that end."""
         coordinates = zip(self.symbols, x, self.ends, strict=True)
         return {s: Fraction(max(min(value, high), low)) for s, value, (low, high) in coordinates}
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
-        """Return the box of some of the symbols."""
+        """Return the box of those of its symbols that are in `symbols`."""
         wanted = set(symbols)
         some = {s: ends for s, ends in self.box.items() if s in wanted}
         return Sides(tuple(some), tuple(some.values()))
 
     def spread(self) -> Iterator[Point]:
-        """Yield six interior points, the first near the middle, no two coordinates at equal shares of their sides."""
+        """Yield six interior points, the first one near the middle; the coordinates of a point divide their sides in
+        different ratios."""
         for shift in (0, 3, 7, 11, 17, 23):
             shares = [Fraction(40 + (5 * k + shift) * 7 % 47, 127) for k in range(len(self.symbols))]
             yield {s: _inside(e, t) for s, e, t in zip(self.symbols, self.ends, shares, strict=True)}
@@ -270,11 +275,11 @@ class Sides:
 
 
 def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
-    """Return the expression with each symbol of a one-point range at its value, and the box of the others, sorted by
-    name.
+    """Return the expression with each symbol of a one-point range replaced by its value, and the box of the remaining
+    symbols, sorted by name.
 
-    A symbol that the box does not name is unbounded. A one-point range remains a side where its value makes a part not
-    a real number, and among powers too large for exact numbers. Raises: `EmptyBox`.
+    A symbol that the box does not name is unbounded. A one-point range is kept as a side where its value would make a
+    subexpression not real, and where powers are too large for exact numbers. Raises: `EmptyBox`.
     """
     steep = largest_exponent(expression) > STEEP
     ends = {}

@@ -41,7 +41,7 @@ def rationals(M: np.ndarray) -> Matrix:
 
 
 def root(value: Fraction, bits: int = 24) -> Fraction:
-    """Return a short rational r >= sqrt(value), too large by a share of about 2^-bits at most."""
+    """Return a short rational r with sqrt(value) <= r <= (1 + 2^-bits) sqrt(value), up to rounding of the factor."""
     if not value:
         return value
     shift = 2 * max(0, bits - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
@@ -72,8 +72,9 @@ def unit(n: int) -> Any:
 
 
 def positive(M: Any) -> bool:
-    """Return whether a symmetric FLINT matrix is positive definite, proved either way: by a congruence to nearly the
-    unit matrix, else by its leading minors, the pivots of a fraction-free elimination without row exchanges."""
+    """Return whether a symmetric FLINT matrix is positive definite; both answers are proved. It tries a congruence R M
+    R' that is nearly the unit matrix, then the leading minors, the pivots of a fraction-free elimination without row
+    exchanges."""
     whole, _ = M.numer_denom()
     if _near_unit(whole):
         return True
@@ -82,9 +83,9 @@ def positive(M: Any) -> bool:
 
 
 def _near_unit(M: Any) -> bool:
-    """Return whether R M R' is diagonally dominant, so that it and M
-    are positive definite (Gershgorin), for every matrix M within
-    error balls; R approximates the inverse of a Cholesky factor."""
+    """Return whether R M R' is diagonally dominant, and so R M R' and M are positive definite (Gershgorin). R
+    approximates the inverse of a Cholesky factor of M; the entries of M may be error balls, the answer then holds for
+    every M within them."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
@@ -100,9 +101,9 @@ def _near_unit(M: Any) -> bool:
 
 
 def definite(M: np.ndarray) -> bool:
-    """Return whether a symmetric matrix of FLINT rationals is positive definite, proved either way, or whether each
-    matrix within FLINT balls is proved to be: by a congruence to nearly the unit matrix, which does not widen wide
-    balls, else by the signs of pivots, which need no floats for narrow balls."""
+    """Return whether a symmetric matrix M is positive definite. For FLINT rationals both answers are proved; for FLINT
+    balls True proves it for every matrix within them. It tries a congruence to nearly the unit matrix, which does not
+    widen wide balls, then the signs of the pivots, which need no floats for narrow balls."""
     if not any(isinstance(value, arb) for value in M.flat):
         return positive(fmpq_mat(M.tolist()))
     if _near_unit(arb_mat(M.tolist())):
@@ -118,7 +119,7 @@ def definite(M: np.ndarray) -> bool:
 
 
 def nonnegative(M: Any) -> bool:
-    """Return whether a symmetric FLINT matrix is positive semidefinite, proved either way."""
+    """Return whether a symmetric FLINT matrix is positive semidefinite; both answers are proved."""
     elementary = (-M).charpoly().coeffs()[-2::-1]  # of det(x I + M) = (-1)^n det(-x I - M), after the first
     return all(value >= 0 for value in elementary)
 
@@ -127,8 +128,8 @@ def smallest(M: Any) -> tuple[Fraction, Fraction]:
     """Return proved bounds low <= lambda < high of the smallest eigenvalue lambda of a symmetric FLINT matrix; low > 0
     where the matrix is positive definite.
 
-    low is the float eigenvalue rounded to nine digits if this is a lower bound, so that it is 2 for an eigenvalue 2.
-    Else both bounds start at a distance of 2^-40 of the largest entry from the float, and move outwards until proved.
+    low is the eigenvalue in floats, rounded to nine digits, if this is a proved lower bound: 2 for an eigenvalue 2.
+    Else both bounds start at 2^-40 of the largest entry from the float, and move outward until they are proved.
     """
     values = floats(M)
     eigenvalue, slack = float(np.linalg.eigvalsh(values).min()), _CLOSE * Fraction(float(np.abs(values).max()) or 1.0)
@@ -158,13 +159,9 @@ _ROUNDING = Fraction(1, 10**12)
 
 
 def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
-    """Return (M + M')/2 in exact fractions, where M (n, n) is symmetric up to rounding as solvers leave it, else None.
-    Symmetric up to rounding means
-
-        |M_ij - M_ji| <= 1e-12 max(|M_ij|, |M_ji|, sqrt|M_ii M_jj|)
-
-    for every i, j. Both sides scale alike with the units of the coordinates, so that small entries count, too.
-    """
+    """Return (M + M')/2 in exact fractions for a matrix M (n, n) that is symmetric up to solver rounding, else None:
+    |M_ij - M_ji| <= 1e-12 max(|M_ij|, |M_ji|, sqrt|M_ii M_jj|) for all i, j. Both sides scale alike with the units of
+    the coordinates, so that small entries count, too."""
     n = range(len(M))
     for i, j in combinations(n, 2):
         size = max(M[i][j] ** 2, M[j][i] ** 2, abs(M[i][i] * M[j][j]))
@@ -183,7 +180,8 @@ def unsymmetric(name: str) -> str:
 
 @dataclass(eq=False)
 class NotHurwitz(HgogenError):
-    """The error that a linear error core has eigenvalues that do not decay, under `gains`; `fix`: what to change."""
+    """The error that the linear part of an observer's error dynamics is not Hurwitz with its `gains`; `fix`: what to
+    change."""
 
     gains: str
     eigenvalues: tuple[complex, ...]
@@ -195,7 +193,8 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Return whether all eigenvalues of a matrix (n, n) of floats or fractions have a negative real part, exactly."""
+    """Return whether all eigenvalues of a matrix (n, n) of floats or fractions have negative real parts, decided
+    exactly."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
@@ -209,7 +208,8 @@ def hurwitz(matrix: np.ndarray) -> bool:
 
 
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
-    """Raise `NotHurwitz` unless the matrix (n, n) is Hurwitz; `gains`: their name; `fix`: what to change."""
+    """Raise `NotHurwitz` unless the matrix (n, n) is Hurwitz; `gains`: the name of the gains in the message; `fix`:
+    what to change."""
     if hurwitz(matrix):
         return
     eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)

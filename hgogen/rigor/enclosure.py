@@ -43,7 +43,8 @@ _HALF_PI = (PI[0] / 2, PI[1] / 2)
 
 @dataclass(frozen=True)
 class Monotone:
-    """A monotone function: its domain (`closed`: with its ends) and enclosures of its values at the domain's ends."""
+    """A monotone elementary function: its domain, with enclosures of its values at the ends; `closed`: the ends belong
+    to it."""
 
     domain: tuple[float, float]
     closed: bool
@@ -72,8 +73,8 @@ FUNCTIONS = frozenset(_BALLS)
 
 
 def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
-    """Return the range of an elementary function, such as "exp", on the part of the intervals a in its domain, and
-    flags whether all of a is in it."""
+    """Return the range of the function `name`, such as "exp", on the part of the intervals a inside its domain, and
+    flags whether all of a is inside."""
     if name in _MONOTONE:
         return _monotone(name, _MONOTONE[name], a)
     everywhere: Flags = np.ones(a[0].shape, dtype=bool)
@@ -112,8 +113,8 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
 
 
 def _turns(a: Pair, phase: float) -> Flags:
-    """Return whether phase + 2 pi k may lie in intervals a for
-    an integer k, with more slack than rounding errors."""
+    """Return whether phase + 2 pi k may lie in the intervals a for an integer k; the slack exceeds all rounding errors,
+    so that False is proved."""
     slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
     first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
     inside = np.floor(last) >= np.ceil(first)
@@ -227,11 +228,12 @@ def _pair(ends: tuple[float, float], like: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """Proved bounds of an expression and its slopes on each of k boxes.
+    """Proved bounds of an expression and of its partial derivatives on each of k boxes.
 
-    `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
-    on the whole closed box; `continuous` there; `slope`: (low, high), a row for each requested symbol, k each; `fixed`:
-    a constant, whose slope is 0.
+    `value`: (low, high), k each, of the values where the expression and its subexpressions are real; `defined`: whether
+    it is finite and real on the whole closed box; `continuous`: whether it is continuous there; `slope`: (low, high) of
+    the partial derivatives, a row for each requested symbol, k columns; `fixed`: whether it is a constant, whose slope
+    is 0.
     """
 
     value: Pair
@@ -242,8 +244,8 @@ class Enclosure:
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
-    """Return the enclosure of each output of a tape, a straight-line program, on k boxes low <= x <= high (m x k);
-    `slopes`: also of the partial derivatives by all symbols, or by those of the given indices."""
+    """Return the enclosure of each output of a tape, a straight-line program, on k boxes low <= x <= high (m x k).
+    `slopes`: whether to enclose the partial derivatives by all symbols, or the indices of the symbols by which to."""
     by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
     shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
     everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()
@@ -382,8 +384,8 @@ def _norm(args: list[Enclosure]) -> Enclosure:
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
-    """Return the unit vector's entry e_i/|e|, i the index; at
-    e = 0 the set of its limits, which counts as continuous."""
+    """Return the enclosure of e_i/|e| for a vector e (`args`) and i = `index`; at e = 0 the set of its limits, which
+    counts as continuous. `wide`: as in `outward.direction`."""
     value = outward.direction([a.value for a in args], index, wide)
     return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
 
@@ -424,8 +426,8 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
-    """Return the rule of a relation such as a < b, from a function of two intervals
-    to flags of boxes where the relation must hold and where it may hold."""
+    """Return the rule of a relation such as a < b. `verdicts`: a function of the intervals a, b that returns two flags
+    for each box, whether the relation holds everywhere on it, and whether it may hold somewhere."""
 
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
@@ -442,7 +444,7 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
 
 
 def _piecewise(args: list[Enclosure]) -> Enclosure:
-    """Return the hull of the branches that points of a box may take; continuous if there is only one."""
+    """Return the hull of the branches that apply somewhere on a box; continuous where only one branch applies."""
     values, conditions = args[::2], args[1::2]
     shape = values[0].value[0].shape
     undecided, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
@@ -481,10 +483,9 @@ def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
 
 
 def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
-    """Return the range of a table's derivative on intervals `place` of its arguments,
-    with both limits at a jump; flags whether it is bounded; and for each axis flags
-    whether it is continuous. If a box ends on a breakpoint only the cell inside
-    counts. For a table with rounded arguments the cell above counts as well."""
+    """Return the range of a table's derivative of the given `order` on the intervals `place` of its arguments, flags
+    whether it is bounded, and for each axis flags whether it is continuous. At a jump the range has both limits. A box
+    that ends on a breakpoint reads the cell inside; with rounded arguments it reads the cell above as well."""
     sides = [zip(low.tolist(), high.tolist(), strict=True) for low, high in place]
     rows = [_on(cells, order, box) for box in zip(*sides, strict=True)]
     low, high, bounded, continuous = zip(*rows, strict=True)

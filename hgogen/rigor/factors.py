@@ -76,17 +76,18 @@ _COMMON = 1000  # terms of a common denominator
 
 @dataclass(frozen=True)
 class Work:
-    """A budget: the number of products of terms that may still be formed."""
+    """A limit on the work of exact algebra: `remaining` has the number of products of terms that may still be
+    formed."""
 
     remaining: list[int]
 
     def times(self, a: Any, b: Any) -> Any:
-        """Return the product a b of polynomials, charged to the budget. Raises: `TooLarge`."""
+        """Return the product a b of two polynomials and charge it to the limit. Raises: `TooLarge`."""
         self.spend(len(a) * len(b))
         return a * b
 
     def spend(self, terms: int) -> None:
-        """Subtract a number of term products from the budget. Raises: `TooLarge` once it is exceeded."""
+        """Subtract a number of products of terms from the limit. Raises: `TooLarge` once it is exceeded."""
         self.remaining[0] -= terms
         if self.remaining[0] < 0:
             raise TooLarge("the matrix")
@@ -94,7 +95,8 @@ class Work:
 
 @dataclass(frozen=True)
 class Elimination:
-    """An elimination of rows of polynomials in progress: `pivots` (column, reduced row), in the order of the rows."""
+    """A fraction-free elimination of rows of polynomials in progress; `pivots`: the pairs (column of the pivot, reduced
+    row) in the order of the rows; `work`: the limit on its size."""
 
     field: Field
     work: Work
@@ -113,8 +115,8 @@ class Elimination:
         return row[column]
 
     def added(self, row: list[Any]) -> tuple[list[Any], Product]:
-        """Reduce a row by the earlier rows and append it; return the reduced row and the factors, with powers, by which
-        the row was multiplied.
+        """Reduce a row of polynomials by the earlier rows, store it, and return the pair (reduced row, factors): the
+        product of the factors, polynomials with their powers, is what the row was multiplied by.
 
         Raises: `TooLarge`; `ZeroDivisionError` for a linear combination of the earlier rows.
         """
@@ -194,8 +196,8 @@ _KERNELS = 24  # most kernels: derivatives of some introduce new ones without en
 
 @dataclass(frozen=True)
 class Tower:
-    """A plant x' = f(x), y = h(x) over a field of quotients: `flow` f (n), `output` h (p), and `slopes[g, i]` = dg/dx_i
-    of each generator g where it is not 0."""
+    """A plant x' = f(x), y = h(x) whose right-hand sides are quotients of polynomials in generators g (states, roots,
+    exp ..): `flow` f (n), `output` h (p), and `slopes[g, i]` = dg/dx_i, by the index of g, where it is not 0."""
 
     states: tuple[sp.Symbol, ...]
     field: Field
@@ -215,8 +217,11 @@ class Tower:
 
 
 def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> Tower:
-    """Return the plant x' = flow, y = output over the field of its functions and their derivatives. Raises: `TooLarge`;
-    `ZeroDivisionError` for a division by 0; `NoTape` for an unknown function."""
+    """Return the plant x' = `flow`, y = `output` as quotients of polynomials in a field with all functions in them and
+    the derivatives of these.
+
+    Raises: `TooLarge`; `ZeroDivisionError` for a division by 0; `NoTape` for an unknown function.
+    """
     writer = Writer()
     rows = [exact(sp.sympify(e)) for e in (*flow, *output)]
     for row in rows:
@@ -310,8 +315,9 @@ _ONE_BRANCH = (sp.log, sp.exp, sp.tan, sp.Abs)
 
 
 def branches(field: Field) -> bool:
-    """Return whether a nonzero polynomial over the field may vanish on a part of the domain: for a function with kinks
-    or jumps, two inverse functions, a root of a root, or roots whose product is an |h|."""
+    """Return whether a polynomial over the field that is not 0 may vanish on a part of the domain, as |x| - x does.
+    This is possible with kinks or jumps, two inverse functions, a root of a root, or roots whose product is the modulus
+    |h| of an h that changes sign; a True is no proof."""
     kernels = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy]
     # a root, a logarithm, an exponential or an angle chooses between no branches
     functions = [m for m in kernels if isinstance(m, sp.Function) and not isinstance(m, _ONE_BRANCH)]
@@ -330,7 +336,7 @@ def branches(field: Field) -> bool:
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
-    """Return, for each product of some radicands that is a square h^2, the factors of h with odd exponents."""
+    """Return, for each product of radicands that is a square h^2, the irreducible factors of h with odd exponents."""
     exponents = []  # of each radicand: irreducible monic polynomials and their exponents, by their text
     for root in roots:
         ends = _irreducible([(root.value[0], Fraction(1)), (root.value[1], Fraction(-1))])
@@ -363,7 +369,8 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """Return a product as a number and powers of irreducible polynomials, equal for real roots. Raises: `TooLarge`."""
+    """Return a product of polynomials as a number and powers of irreducible monic polynomials; equal to it where roots
+    are real. Raises: `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
@@ -378,7 +385,8 @@ def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
 
 
 def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
-    """Return powers whose product has the zeros and poles of the given one, with radicands in place of roots."""
+    """Return the powers with each root replaced by its radicand, to a fractional power: their product has the same
+    zeros and poles as that of `parts`."""
     pairs = [(one.polynomial, one.exponent) for one in parts]
     for root in reversed(field.roots):
         generator = field.ring.gens()[root.index]
@@ -390,8 +398,8 @@ def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
 
 
 def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """Return a number and factors equal to the product `parts`, with g^k written as g^(k - t q)
-    value^t, for the root g^q = value and the t that leaves the fewest factors."""
+    """Return a number and factors whose product equals that of `parts`, with g^k written as g^(k - t q) value^t for the
+    `root` g^q = value; t is chosen so that the fewest factors remain."""
     k = sum((e for p, e in parts if p == generator), Fraction(0))
     if not k:
         return sp.S.One, parts
@@ -420,8 +428,8 @@ def _irreducible(parts: _Parts) -> _Parts:
 
 
 def _joined(parts: _Parts, index: int) -> _Parts:
-    """Return the powers with P(g) and P(-g) multiplied where both have
-    the same exponent: with g^2 = x + 1, (g - 1) (g + 1) is x."""
+    """Return the powers with P(g) and P(-g) multiplied where both have the same exponent, g the generator of that
+    index, a square root: with g^2 = x + 1, (g - 1) (g + 1) is x."""
     pending = {str(p): (p, e) for p, e in parts}
     joined = []
     for p, e in parts:
@@ -453,7 +461,8 @@ _OPERATIONS, _MOST_TERMS = 300, 200
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor base^exponent; `definite`: the base has one sign, and is not 0, wherever its parts are real."""
+    """A factor base^exponent of an expression; `definite`: whether the base has one sign, and is not 0, wherever its
+    subexpressions are real."""
 
     base: sp.Expr
     exponent: int
@@ -469,8 +478,8 @@ class Factors:
 
 
 def factors(expression: sp.Expr) -> Factors | None:
-    """Return the factors of an expression without angles and kinks; None where it has them, is too large, or is 0. They
-    prove that exp(2 x) + 1 and cosh(x)^2 - sinh(x)^2 = 1 have no zero."""
+    """Return the factorisation of an expression, by which exp(2 x) + 1 and cosh(x)^2 - sinh(x)^2 = 1 have no zero; None
+    for an expression with angles or kinks, one that is too large, and 0."""
     if expression.count_ops() > _OPERATIONS:
         return None
     writer, e = Writer(), exact(expression)
@@ -492,8 +501,8 @@ def factors(expression: sp.Expr) -> Factors | None:
 
 
 def one_sign(field: Field, polynomial: Any) -> bool:
-    """Return whether all terms of a polynomial have one sign, as products of squares and nonnegative generators, and
-    one term is never 0."""
+    """Return whether a polynomial is proved to have one sign and no zero, because all terms are products of squares and
+    nonnegative generators with coefficients of one sign, and one term is never 0."""
     terms = list(polynomial.terms())
     if len({c > 0 for _, c in terms}) > 1:
         return False
@@ -511,7 +520,7 @@ _ANGLE_TERMS = 3000
 
 
 def degrees(field: Field, polynomial: Any) -> dict[int, int]:
-    """Return the polynomial's degree in the generator tan(m/2) of each angle m, by the generator's index."""
+    """Return the polynomial's degree in tan(m/2) for each angle m, by the index of this generator."""
     highest = polynomial.degrees()
     return {g: int(highest[g]) for g in field.angles}
 
@@ -524,8 +533,9 @@ def even_degrees(degree: Mapping[int, int]) -> bool:
 def factored_form(
     field: Field, polynomial: Any, degree: Mapping[int, int]
 ) -> tuple[sp.Rational, list[tuple[sp.Expr, int]]]:
-    """Return P cos(m/2)^d, for a polynomial P in tan(m/2) and even degrees d of its angles m, as a number and powers of
-    primitive factors in cos m, sin m. Raises: `TooLarge`."""
+    """Return P cos(m_1/2)^d_1 cos(m_2/2)^d_2 .., for a polynomial P in the tan(m/2) of its angles m, as a number and
+    powers of primitive factors in cos m and sin m. `degree`: the even number d by the index of tan(m/2). Raises:
+    `TooLarge`."""
     if not any(degree.values()):
         return _primitive(sp.S.One, [(field.expression(polynomial), 1)])
     count = len(field.generators)

@@ -53,13 +53,13 @@ _HYPERBOLIC = (sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch)
 
 @dataclass(eq=False)
 class TooLarge(HgogenError):
-    """The error that exact algebra would need too long for an expression (`what`)."""
+    """The error that an expression, `what`, is too large for exact algebra."""
 
     what: str
 
     @property
     def reason(self) -> Reason:
-        """Return the reason in words, why the expression is not computed."""
+        """Return the reason in words."""
         return because("{what} is too large for exact algebra; write it in fewer or simpler terms", what=self.what)
 
     def __str__(self) -> str:
@@ -68,7 +68,7 @@ class TooLarge(HgogenError):
 
 @dataclass(frozen=True)
 class Relation:
-    """The equation generator^degree = value, as of a root; `value`: a rational function of earlier generators."""
+    """The equation generator^degree = value of a root; `value`: a rational function of earlier generators."""
 
     generator: sp.Dummy
     degree: int
@@ -77,9 +77,12 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """A translation of expressions to rational functions of generators, which are symbols, roots, exp(g m), tan(g m/2)
-    and other functions: the `kernels` (function -> generator) and the `relations` g^q = value of roots, in the order of
-    first use; `units`: the g of each monomial m; `known`: the expressions written so far."""
+    """A translation of expressions to rational functions of generators: symbols, roots, exp(g m), tan(g m/2) with
+    rational g and monomials m, and other functions.
+
+    `kernels`: the generator of each function, in the order of first use; `relations`: the equations g^q = value of
+    roots; `units`: the number g of each monomial m; `known`: the translations so far.
+    """
 
     kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
     relations: list[Relation] = attribute(default_factory=list)
@@ -87,8 +90,8 @@ class Writer:
     known: dict[sp.Expr, sp.Expr] = attribute(default_factory=dict)
 
     def measure(self, expression: sp.Expr) -> None:
-        """Update `units`, the greatest common divisors g of the rational factors of each monomial m in exponents and
-        angles, by the arguments in an expression: exp(3 m/2) and exp(m) need g = 1/2."""
+        """Update `units` by an expression: g becomes the greatest common divisor of the rational factors of the
+        monomial m in all exponents and angles; exp(3 m/2) and exp(m) need g = 1/2."""
         for node in sp.preorder_traversal(expression):
             kind = _kind(node)
             if kind:
@@ -98,8 +101,8 @@ class Writer:
                     self.measure(monomial)
 
     def write(self, node: sp.Expr) -> sp.Expr:
-        """Return an expression as a rational function of symbols and generators (exp(g m), tan(g m/2), roots,
-        logarithms ..)."""
+        """Return an expression as a rational function of generators: symbols, exp(g m), tan(g m/2), roots, logarithms
+        and others."""
         if node.is_Rational or node.is_Symbol:
             return node
         if node not in self.known:
@@ -177,9 +180,8 @@ class Writer:
         return rules.get(type(node), power)
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
-        """Return g and the integer k with factor = k g, for exp(factor m)
-        or the angle factor m of the `monomial` m; g = 1/q for a factor
-        p/q that is no multiple of a known g. `kind`: "exp" or "turn"."""
+        """Return g and the integer k with factor = k g, for exp(factor m) (`kind` "exp") or the angle factor m (`kind`
+        "turn") of a monomial m. g is that of `measure`, or 1/q for a factor p/q that is no integer multiple of it."""
         unit = self.units.get((kind, monomial), sp.S.One)
         if not (factor / unit).is_Integer:
             unit = sp.Rational(1, factor.q)
@@ -347,8 +349,8 @@ def _cancelled(top: Any, bottom: Any) -> Quotient:
 
 @dataclass(frozen=True)
 class Root:
-    """A generator g, of that `index`, with the equation g^degree = value; `rational`: whether g replaces a symbol, as s
-    = (g^q - r)/c for g^q = c s + r."""
+    """A generator g with the equation g^degree = value, by its `index`. `rational`: whether g replaces a symbol s,
+    which is s = (g^q - r)/c for g^q = c s + r."""
 
     index: int
     degree: int
@@ -358,11 +360,11 @@ class Root:
 
 @dataclass(frozen=True)
 class Field:
-    """A field of quotients of polynomials: the `generators` of the `ring`, symbols and then functions such as roots,
-    each with its `meaning`, a function of the symbols.
+    """A field of quotients of polynomials. `generators` of its polynomial `ring`: symbols, then functions such as
+    roots; `meaning`: each generator as an expression in the symbols.
 
-    `angles`: the angle m of each generator tan(m/2); `exponents`: m of each generator exp(m); `roots`: the generators
-    with an equation g^q = value, or that replace a symbol.
+    `angles`: the angle m of each generator tan(m/2), by its index; `exponents`: the m of each generator exp(m);
+    `roots`: the generators with an equation g^q = value, or that replace a symbol.
     """
 
     generators: tuple[sp.Symbol, ...]
@@ -374,7 +376,7 @@ class Field:
 
     @property
     def relations(self) -> tuple[Root, ...]:
-        """Return the roots g with g^q = value that replace no symbol, inner roots first."""
+        """Return the roots g^q = value that replace no symbol, inner roots before the roots that contain them."""
         return tuple(root for root in self.roots if not root.rational)
 
     def expression(self, polynomial: Any) -> sp.Expr:
@@ -388,7 +390,7 @@ class Field:
 
 
 def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
-    """Return a polynomial as an expression, with one of the `values` for each generator."""
+    """Return a polynomial as a SymPy expression, with `values` in place of the generators, one for each."""
     terms = (
         sp.Mul(number(c), *(v ** int(k) for v, k in zip(values, powers, strict=False) if k))
         for powers, c in polynomial.terms()
@@ -434,7 +436,8 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """Return the symbols s that roots g^q = c s + r replace, with their values (g^q - r)/c, and the roots g."""
+    """Return the values (g^q - r)/c of the symbols s that roots g^q = c s + r replace, by symbol, and the set of these
+    roots g."""
     replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:
@@ -476,8 +479,8 @@ def vanishes(expression: sp.Expr) -> bool | None:
 
 
 def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[list[Any], int]:
-    """Return the polynomials `row` with g^degree replaced by value = a/b, g the generator of that index, times the
-    power b^t that clears denominators, and t. Raises: `TooLarge`."""
+    """Return the polynomials `row` times b^t, with g^degree replaced by `value` = a/b, for the generator g of that
+    index; and the power t, which clears the denominators b. Raises: `TooLarge`."""
     ring = row[0].context()
     most = max((int(powers[index]) // degree for top in row for powers in top.monoms()), default=0)
     if not most:
@@ -509,12 +512,9 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
-    """Return whether the expression is 0 at every real point at which it is defined, and is defined somewhere; None:
-    unknown.
-
-    `box`: closed ranges of symbols, infinite ends allowed; a symbol without one may have any value, a symbol whose ends
-    are equal has that value.
-    """
+    """Return True if the expression is defined somewhere and 0 at every real point where it is defined, False if not,
+    None if unknown. `box`: closed ranges of symbols, also infinite; a symbol without one may have any value, one whose
+    ends are equal has that value."""
     expression = _settled(expression, box)
     if expression.is_Rational or expression.has(*_INFINITE):
         return bool(expression == 0) if expression.is_Rational else None
@@ -541,8 +541,8 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
 
 
 def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> bool | None:
-    """Return whether the value of the expression depends on the symbol on the box, None where unknown; terms that
-    cancel do not count."""
+    """Return whether the value of the expression depends on the symbol, None where unknown; terms that cancel do not
+    count. `box`: closed ranges of symbols, of which those with equal ends are numbers."""
     sure, maybe = dependence(expression, (symbol,), box)
     return True if sure else None if maybe else False
 
@@ -550,10 +550,10 @@ def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> b
 def dependence(
     expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-    """Return the symbols that the expression's value is proved to depend on, and those for which this is unknown.
+    """Return the symbols on which the value of the expression is proved to depend, and those for which this is unknown.
 
-    For all other symbols s, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols. A derivative
-    of 0 would not prove this: atan(x) + atan(1/x) jumps.
+    The value depends on no other symbol s: e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two
+    symbols. A derivative of 0 would not prove this: atan(x) + atan(1/x) jumps.
     """
     expression = _settled(expression, box)
     present = [s for s in symbols if s in expression.free_symbols]
@@ -572,15 +572,15 @@ def dependence(
 
 
 def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
-    """Return those of the symbols, in their order, on which the expression's value depends or may depend on the box."""
+    """Return the symbols, in their order, on which the value of the expression depends or may depend on the box."""
     symbols = tuple(symbols)
     relevant = {s for part in dependence(expression, symbols, box) for s in part}
     return tuple(s for s in symbols if s in relevant)
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """Return an equal expression in which symbols of `symbols` without effect on the value, as is proved, have a
-    number, if possible 0."""
+    """Return an equal expression with a number, if possible 0, in place of each of the `symbols` on which the value is
+    proved not to depend."""
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
         plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})

@@ -101,8 +101,8 @@ INSTEAD: Mapping[str, str] = {
 
 
 def refusal(name: str, others: Iterable[str] = ()) -> str:
-    """Return the sentence on a function that no model can have, with what to write instead. `others`: names that may be
-    called beside the functions."""
+    """Return the sentence that no model can have the function `name`, and what to write instead. `others`: further
+    names that the model text may call."""
     known = (*NAMES, *others)
     listed = f"the functions are {', '.join(known)}; give another one by its values, as a table"
     return f"there is no function {name[:60]!r}; {INSTEAD.get(name) or nearest(name, known, listed)}"

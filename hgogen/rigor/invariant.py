@@ -36,16 +36,17 @@ _CHOICES = 64  # most combinations of arguments of maxima and minima
 
 @dataclass(frozen=True)
 class Division:
-    """An expression as sum_j g_j p_j + `remainder`, with polynomials p_j that are 0 where constraints are, and
-    `quotients` g_j; a quotient may be known there only."""
+    """An expression written as sum_j g_j p_j + `remainder`, with polynomials p_j that are 0 on the constraint set, and
+    the `quotients` g_j; a quotient may be valid on the constraint set only."""
 
     quotients: tuple[sp.Expr, ...]
     remainder: sp.Expr
 
 
 def divided(expression: sp.Expr, constraints: Sequence[sp.Expr]) -> Division:
-    """Return an expression divided by constraints, as polynomials, or by putting in the solution of one of them. If the
-    remainder is 0 the expression is 0 where the constraints are, and the quotients have a value there."""
+    """Return the division of an expression by the constraints, as polynomials, or by substituting the solution of
+    one of them. A remainder 0 proves that the expression is 0 on the constraint set, where the quotients then have
+    values."""
     if vanishes(expression):
         return Division((), sp.S.Zero)
     for c, x in ((row, symbol) for row in constraints for symbol in sorted(row.free_symbols, key=str)):
@@ -87,9 +88,9 @@ def finite_on(
     others: Sequence[sp.Symbol],
     places: Places,
 ) -> bool:
-    """Return whether the expressions are proved to be finite around a point on the constraints near one of the places,
-    values of `states` and `others`: with any of the pieces, signs and steps in them, and any argument of a maximum or
-    minimum, which may each be the one on a part of c = 0."""
+    """Return whether the `rows` are proved to be finite around a point on the constraint set near one of the `places`,
+    values of `states` and `others`. The proof covers every piece, sign and step in the rows, and every argument of a
+    maximum or minimum, since any of them may apply on a part of the set."""
     choices = product(*(tuple(islice(_each_argument(row), _CHOICES + 1)) for row in rows))
     alike = [*islice(choices, _CHOICES + 1)]
     if len(alike) > _CHOICES or any(row.has(*_INFINITE) for each in alike for row in each):
@@ -134,13 +135,13 @@ def _every_piece(e: sp.Expr) -> sp.Expr:
 
 
 def rate(constraint: sp.Expr, flow: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """Return the rate of change grad c f of a constraint c; `flow`: the rate of each state."""
+    """Return the time derivative grad c . f of a constraint c; `flow`: the right-hand side f_i of each state."""
     return sp.Add(*(sp.diff(constraint, x) * f for x, f in flow.items()))
 
 
 def factors(constraint: sp.Expr, states: Collection[sp.Symbol], box: Box) -> tuple[tuple[sp.Expr, int], ...]:
-    """Return the factors of a constraint that may be 0, each with its multiplicity: without its denominator, without
-    factors that read no state or are proved not to be 0 on the box, and with m = log(r) for exp(m) = r."""
+    """Return the factors of a constraint that may be 0 on the box, each with its multiplicity. Omitted are the
+    denominator, factors that read no state, and factors proved not to be 0; a factor exp(m) - r becomes m - log(r)."""
     try:  # by FLINT, or by SymPy, which takes minutes for a polynomial in 50 symbols
         product = factored(constraint)
         whole = [(one.base, one.exponent) for one in product.factors if one.exponent > 0] if product else []
@@ -170,9 +171,10 @@ def _logarithm(factor: sp.Expr) -> sp.Expr:
 
 
 def restricted(row: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr:
-    """Return an expression that is equal where the constraints are 0: with functions, roots and comparisons where their
-    arguments are proved to be a number, and quotients by what vanishes where they are continuous. Its derivatives along
-    the constraints are equal, others need not be. An expression that is a quotient by 0 there is returned as it is."""
+    """Return an expression that equals `row` on the constraint set: functions, roots and comparisons whose arguments
+    are proved to be constant there are replaced by their values, and quotients by their continuous extensions.
+    Derivatives along the set agree as well, other derivatives may not. A row that divides by 0 on the set is returned
+    unchanged."""
 
     def zero(e: sp.Expr) -> bool:
         return _value(e, constraints) == 0
@@ -193,7 +195,8 @@ def restricted(row: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr:
 
 
 def _put_in(e: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic:
-    """Return an expression or a comparison with the values of its parts that are numbers where constraints are 0."""
+    """Return an expression or a comparison in which each part that is proved to be a number on the constraint set is
+    this number."""
     for node in sp.postorder_traversal(e):
         value = _at_number(node, constraints)
         if value is not None:
@@ -202,7 +205,7 @@ def _put_in(e: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic:
 
 
 def _value(e: sp.Expr, constraints: Sequence[sp.Expr]) -> sp.Expr | None:
-    """Return the number that an expression of symbols is proved to be where the constraints are 0, or None."""
+    """Return the number that an expression is proved to be on the constraint set, or None."""
     value = divided(e, constraints).remainder if e.free_symbols else e
     return value if value.is_number else None
 
@@ -229,9 +232,9 @@ def _at_number(node: sp.Basic, constraints: Sequence[sp.Expr]) -> sp.Basic | Non
 def opposites(
     constraints: Sequence[sp.Expr], flow: Mapping[sp.Symbol, sp.Expr], output: Sequence[sp.Expr]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the sets v of states, by their indices, of which v and -v are the same state of the plant, as q and -q of
-    a quaternion: with -v for v no output and no constraint changes, nor the rate of another state, and v' becomes -v'.
-    """
+    """Return the sets of states, by their indices, whose vector v can be replaced by -v without changing the plant's
+    motion, as the quaternions q and -q: no output, no constraint and no rate of another state changes, and v' becomes
+    -v'."""
     states, groups = list(flow), list[tuple[int, ...]]()
     for constraint in constraints:
         turned = {x: -x for x in states if x in constraint.free_symbols}

@@ -73,8 +73,8 @@ ZERO, _NOTHING = Fraction(0), fmpq(0)
 
 
 def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
-    """Return the value of a polynomial at the point `at`, by Horner's scheme. `coefficients`: nested lists, the outer
-    one by powers of the first argument; `number` converts each coefficient."""
+    """Return the value of a polynomial at the point `at`, by Horner's scheme. `coefficients`: nested lists, the
+    outermost by powers of the first argument, the constant first; `number`: the conversion of each coefficient."""
     if not at:
         return number(coefficients)
     first, *tail = at
@@ -85,8 +85,8 @@ def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callab
 
 
 def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
-    """Return the coefficients of the polynomial p(a + t) in powers of t, for the nested coefficients `piece` of p, of
-    which a shifts the first argument."""
+    """Return the coefficients, by powers of t, of the polynomial p(a + t, ..) shifted in its first argument; `piece`:
+    the nested coefficients of p."""
     shifted = list(piece)
     for i in range(len(piece) - 1):
         for j in range(len(piece) - 2, i - 1, -1):
@@ -95,9 +95,12 @@ def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
 
 
 def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
-    """Return an interval (low, high) that encloses a polynomial on a box. Its degree is at most 1 in every argument but
-    the first, so that the extrema lie at the ends of these. The interval is exact up to degree 2 in the first argument
-    and where the derivative by it keeps its sign, else the hull of the Bernstein coefficients."""
+    """Return an interval (low, high) that encloses a polynomial on a box; the degree must be at most 1 in every
+    argument but the first, so that its extrema are at the ends of these sides.
+
+    The interval is exact up to degree 2 in the first argument and where the derivative by this argument keeps its sign;
+    else it is the hull of the Bernstein coefficients.
+    """
     first, *tail = box
     corners = product(*(dict.fromkeys(side) for side in tail))
     ends = [_along([polynomial_value(c, corner) for c in piece], *first) for corner in corners]
@@ -126,7 +129,8 @@ def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
 
 
 def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, ...]]:
-    """Return four coefficients for each cell: Hermite's monotone cubics between breakpoints x with values y."""
+    """Return the four coefficients of each cell's cubic, by powers of the distance from its start: monotone Hermite
+    cubics through the values y at the breakpoints x."""
     h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
     if len(h) == 1:
         d = [D[0], D[0]]
@@ -159,12 +163,11 @@ SEVERAL = ("linear",)  # kinds for tables of several arguments
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a table, with breakpoints x_0 < .. < x_(n-1): cell 0 lies below x_0, cell k in [x_(k-1), x_k], cell n
-    above.
+    """One axis of a table with the breakpoints x_0 < .. < x_(n-1): cell 0 lies below x_0, cell k is [x_(k-1), x_k],
+    cell n lies above x_(n-1).
 
-    `clamped`: the table is constant beyond the breakpoints; else the first and the last polynomial continue, for an
-    argument that stays between them. `rounded`: bounds of the program's rounding error of the argument, below and
-    above.
+    `clamped`: whether the table is constant beyond the breakpoints; else the first and the last polynomial continue.
+    `rounded`: bounds (below, above) of the rounding error of a program's argument, None for exact arguments.
     """
 
     x: tuple[Fraction, ...]
@@ -173,7 +176,8 @@ class Axis:
 
     @cached_property
     def starts(self) -> tuple[Fraction, ...]:
-        """Return the breakpoint (n + 1) below each cell, from which its polynomial counts; x_0 for the first cell."""
+        """Return the start of each cell (n + 1), from which its polynomial counts: the breakpoint below the cell, x_0
+        for the first."""
         return (self.x[0], *self.x)
 
     @cached_property
@@ -189,15 +193,16 @@ class Axis:
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
-        """Return the first and the last cell that share more than an end with [low, high], or adjoin low = high."""
+        """Return the first and the last cell that share more than an end point with [low, high]; for low = high the
+        cells that contain this point."""
         if low == high:
             return self._before(low), self._until(low)
         return self._until(low), self._before(high)
 
     def readable(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
-        """Return the interval of the rounded argument whose exact value is in [low, high], and the first and the last
-        cell that a program may read there, at a breakpoint the cell above. On an axis that is not clamped the interval
-        ends at x_0 and x_(n-1)."""
+        """Return the interval of the computed arguments for exact arguments in [low, high], and the first and the last
+        cell that a program may read for them; at a breakpoint it reads the cell above. On an axis without clamping the
+        interval is cut to [x_0, x_(n-1)]."""
         if self.rounded is None:
             return (low, high), self.overlapped(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
@@ -207,8 +212,8 @@ class Axis:
         return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
 
     def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
-        """Return the ends of the part of [low, high] in cell k, counted from the start of the cell, as FLINT numbers or
-        infinite ones; `span`: the first and the last cell that [low, high] overlaps."""
+        """Return the ends of the part of [low, high] in cell k, as distances from the start of the cell: FLINT numbers
+        or infinity. `span`: the first and the last cell that [low, high] overlaps."""
         x, starts = self._rational
         a = low if k == span[0] else starts[k]
         b = high if k == span[1] else x[k]
@@ -219,7 +224,8 @@ class Axis:
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """Return the polynomials (n + 1, powers, ..) of all cells; `values` (n, ..); `kind`: "linear" or "monotone"."""
+        """Return the polynomial coefficients (n + 1, powers, ..) of all cells for the `values` (n, ..) at the
+        breakpoints; `kind`: "linear" or "monotone"."""
         inner = KINDS[kind](self.x, values)
         if self.clamped:
             outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
@@ -228,8 +234,8 @@ class Axis:
         return np.array([outer[0], *inner, outer[1]], dtype=object)
 
     def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
-        """Return for each breakpoint the order of the first derivative that jumps there, 1 for a kink, `NEVER` where
-        none does; `pieces`: the polynomials of the cells."""
+        """Return for each breakpoint the order of the lowest derivative that jumps there: 1 for a kink, `NEVER` for
+        none; `pieces`: the polynomials of the cells."""
         widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
         jumps = []
         for width, below, above in zip(
@@ -249,8 +255,8 @@ def _since(start: Any, end: Any) -> Any:
 
 @dataclass(frozen=True)
 class Cells:
-    """A lookup table by its name, its `kind`, "linear" or "monotone", its axes, and its values at the breakpoints:
-    numbers, or with two axes a tuple of tuples, the outer one by the first axis."""
+    """A lookup table as a piecewise polynomial. `kind`: "linear" or "monotone"; `values` at the breakpoints: numbers,
+    or with two axes a tuple of tuples, the outer one by the first axis."""
 
     name: str
     kind: str
@@ -266,21 +272,22 @@ class Cells:
 
     @property
     def points(self) -> tuple[Any, ...]:
-        """Return the data by which two tables are compared: kind, breakpoints and values."""
+        """Return the data that make two tables equal: kind, breakpoints and values."""
         return self.kind, tuple(axis.x for axis in self.axes), self.values
 
     @property
     def plain(self) -> Index:
-        """Return the order (0, .., 0) of the table itself among its derivatives, one number for each argument."""
+        """Return the order of differentiation (0, .., 0), one number for each argument: that of the table itself."""
         return (0,) * len(self.axes)
 
     def clamping(self, *clamped: bool) -> "Cells":
-        """Return the table with a flag for each axis, whether it is constant beyond the breakpoints; without flags it
-        is."""
+        """Return the table with a flag `clamped` for each axis: whether it is constant beyond the breakpoints. Without
+        flags it is constant along all axes."""
         return self._with("clamped", clamped or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
-        """Return the table with bounds (below, above) of the rounding errors of its arguments, a pair for each axis."""
+        """Return the table for computed arguments, with bounds (below, above) of the rounding error of each
+        argument."""
         return self._with("rounded", rounded)
 
     def _with(self, name: str, values: Sequence[Any]) -> "Cells":
@@ -289,57 +296,61 @@ class Cells:
 
     @cached_property
     def pieces(self) -> np.ndarray:
-        """Return the coefficients of the polynomials of all cells: first an array axis of cells for each argument, then
-        an array axis of powers for each."""
+        """Return the polynomial coefficients of all cells, an array whose first axes count cells, one for each
+        argument, and whose last axes count powers, one for each argument."""
         values, count = np.array(self.values, dtype=object), len(self.axes)
         for axis in self.axes:
             values = np.moveaxis(axis.pieces(self.kind, values), (0, 1), (-2, -1))
         return values.transpose(*range(0, 2 * count, 2), *range(1, 2 * count, 2))
 
     def of_order(self, order: Index) -> np.ndarray:
-        """Return the coefficients, laid out as in `pieces`, of the polynomials of a derivative of the table; `order`:
-        how many derivatives by each argument."""
+        """Return the polynomial coefficients of a partial derivative of the table, laid out as in `pieces`; `order`:
+        the number of derivatives by each argument."""
         return _of_order(self, tuple(min(k, DEGREES[self.kind] + 1) for k in order))
 
     @property
     def orders(self) -> list[Index]:
-        """Return the orders of the derivatives that are not 0 everywhere, tuples with a number for each argument."""
+        """Return the orders of all partial derivatives that are not 0 everywhere, as tuples with a number for each
+        argument."""
         return list(product(range(DEGREES[self.kind] + 1), repeat=len(self.axes)))
 
     @cached_property
     def smooth(self) -> tuple[Index, ...]:
-        """Return, for each axis and breakpoint, the order of the first derivative that jumps there, else `NEVER`."""
+        """Return, for each axis and each breakpoint of it, the order of the lowest derivative that jumps there, `NEVER`
+        for none."""
         values = np.array(self.values, dtype=object)
         return tuple(axis.smooth(axis.pieces(self.kind, np.moveaxis(values, k, 0))) for k, axis in enumerate(self.axes))
 
     @property
     def smoothness(self) -> Index:
-        """Return for each axis the number of derivatives by its argument that are continuous everywhere."""
+        """Return, for each axis, the order up to which all derivatives by its argument are continuous everywhere."""
         return tuple(min(each) - 1 for each in self.smooth)
 
     def overlapped(self, box: Sequence[Ends]) -> Spans:
-        """Return for each axis the first and the last cell that share more than an edge with a box."""
+        """Return, for each axis, the first and the last cell that share more than an end with the side of a box."""
         return [axis.overlapped(*side) for axis, side in zip(self.axes, box, strict=True)]
 
     def cell(self, box: Sequence[Ends]) -> Index | None:
-        """Return the index, a number for each axis, of the only cell that a box overlaps; None for several cells."""
+        """Return the index, one number for each argument, of the only cell that a box overlaps; None if it overlaps
+        several."""
         spans = self.overlapped(box)
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
 
     def least_smooth(self, spans: Spans) -> Index:
-        """Return, for each axis, the order of the first derivative of the table that jumps between the cells `spans`
-        (first, last), `NEVER` where none does."""
+        """Return, for each axis, the order of the lowest derivative by its argument that jumps between the cells of
+        `spans`, pairs (first, last); `NEVER` where none does."""
         return tuple(
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
 
     def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
-        """Return for each axis whether a derivative of the table has no jump between the cells `spans` (first, last);
-        `order`: how many derivatives by each argument."""
+        """Return, for each axis, whether a partial derivative of the table is continuous across the cells of `spans`,
+        pairs (first, last); `order`: the number of derivatives by each argument."""
         return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
 
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
-        """Return the exact value of a derivative of the table at the point `place`; None where the derivative jumps."""
+        """Return the exact value of a partial derivative of the table at the point `place`; None where the derivative
+        jumps."""
         spans = self.overlapped([(t, t) for t in place])
         if not all(self.continuous(spans, order)):
             return None
@@ -349,19 +360,19 @@ class Cells:
         return exact
 
     def starts(self, cell: Index) -> list[Fraction]:
-        """Return, for each axis, the breakpoint below a cell, from which its polynomial counts the argument."""
+        """Return the start of a cell along each axis, from which its polynomial counts the argument."""
         return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
 
     def readable(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
-        """Return the sides of the rounded arguments whose exact values are in a box, and for each axis the first and
-        the last cell that a program may read there."""
+        """Return the ranges of the computed arguments for exact arguments in a box, and for each axis the first and the
+        last cell that a program may read for them."""
         sides, spans = zip(*(axis.readable(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
         return list(sides), list(spans)
 
     def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
-        """Return bounds of a derivative of the table on a box as a program may read it, and for each axis whether the
-        derivative has no jump there. Where it jumps the bounds enclose all its limits; they are None where a derivative
-        of lower order jumps."""
+        """Return bounds of a partial derivative of the table on a box, as a program may compute it, and for each axis
+        whether the derivative is continuous. Where it jumps the bounds enclose all its limits; they are None where a
+        derivative of lower order jumps."""
         wide, spans = self.readable(box)
         smooth = self.least_smooth(spans)
         continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))
@@ -484,12 +495,13 @@ class Stepped(Table):
 
 
 def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
-    """Return f(arguments) for a table f, or its derivative with `order` derivatives by each argument."""
+    """Return f(arguments) as a SymPy expression, for a table f or its partial derivative with `order` derivatives by
+    each argument."""
     return function(cells, order or cells.plain)(*arguments)
 
 
 def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
-    """Return the expression with each table f(arguments) replaced by the table cells(f) at these arguments."""
+    """Return the expression with other tables at the same arguments; `cells`: the table for each lookup node."""
     if not expression.has(Table):
         return expression
     return expression.replace(
@@ -498,19 +510,20 @@ def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
 
 
 def all_clamped(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with every table constant beyond its breakpoints, for arguments that may leave these."""
+    """Return the expression with every table constant beyond its breakpoints, for arguments that may leave them."""
     return replaced(expression, lambda node: node.cells.clamping())
 
 
 def next_order(order: Index, k: int) -> Index:
-    """Return the tuple `order` (how many derivatives by each argument) with one more by argument k, from 0."""
+    """Return the order of differentiation with one more derivative by argument k, from 0; `order`: the number by each
+    argument."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
 
 
 @cache
 def function(cells: Cells, order: Index) -> FunctionClass:
-    """Return the SymPy function class, a `Table`, of a derivative of a table, one class for equal tables; `order`: how
-    many derivatives by each argument."""
+    """Return the SymPy function class, a `Table`, of a table's partial derivative; equal tables have one class.
+    `order`: the number of derivatives by each argument."""
     margin = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
     kind = Stepped if margin < 0 else Kinked if margin == 0 else Table
     members = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
@@ -535,7 +548,8 @@ def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
 
 
 def by_power(pieces: np.ndarray) -> np.ndarray:
-    """Return the polynomials `pieces` of all cells (axes: cells, then powers) with the axes of powers first."""
+    """Return an array of polynomial coefficients with its axes of powers first; in `pieces` the axes of cells are
+    first."""
     count = pieces.ndim // 2
     return np.moveaxis(pieces, range(count), range(-count, 0))
 
@@ -548,8 +562,8 @@ _NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a table lookup in emitted code: the names of the argument, of the array of its breakpoints, of the
-    cell's index and of the distance from the start of the cell; `starts` (n + 1): the breakpoint below each cell."""
+    """An argument of a table lookup in emitted code: the names of the argument, of the `array` of breakpoints, of the
+    `cell` index and of the `distance` from the start of the cell; `starts` (n + 1): the start of each cell."""
 
     name: str
     array: str
@@ -564,15 +578,19 @@ class Argument:
 
     @property
     def probes(self) -> tuple[int, ...]:
-        """Return the steps of the binary search for the cell: powers of two, downwards from the largest up to n."""
+        """Return the steps of the binary search for the cell index among n breakpoints: the powers of two up to n,
+        largest first."""
         return tuple(2**i for i in reversed(range(len(self.breaks).bit_length())))
 
 
 @dataclass(frozen=True)
 class Lookup:
-    """A table, or a derivative of it, as one operation of a program; `order`: the number of derivatives by each
-    argument. `computed`: the table as the program computes it: clamped along each axis without a derivative, along the
-    others as in `cells`."""
+    """A table or a partial derivative of it as one operation of a program; `order`: the number of derivatives by each
+    argument.
+
+    `computed`: the table as the program evaluates it, clamped along each axis without a derivative, along the others as
+    `cells` is.
+    """
 
     cells: Cells = field(compare=False)
     order: Index
@@ -616,8 +634,8 @@ class Lookup:
 
     @cached_property
     def coefficients(self) -> np.ndarray:
-        """Return the coefficients of the polynomials in the distances from the cells' starts: an array axis of powers
-        for each argument, then an axis of cells for each."""
+        """Return the coefficients of the cells' polynomials in the distances from the starts: an array whose first axes
+        count powers, one for each argument, and whose last axes count cells."""
         pieces = self.computed.of_order(self.order).copy()
         for k, axis in enumerate(self.computed.axes):
             if not axis.clamped:  # beyond the breakpoints it is constant
@@ -635,12 +653,13 @@ class Lookup:
 
     @property
     def flattened(self) -> list[str]:
-        """Return the statements of emitted code for the index k m + l of cell (k, l), m the cells of the last axis."""
+        """Return the statement of emitted code that combines the indices of cell (k, l) to k m + l, m the cells of the
+        last axis; [] for one argument."""
         return [f"{b.cell} = {a.cell} * {len(b.starts)} + {b.cell}" for a, b in pairwise(self.axes)]
 
     def formula(self, zero: str) -> str:
-        """Return the text of the cell's polynomial by Horner's scheme, in the order of operations of `graph`. `zero`:
-        the text of the slope 0 that a constant polynomial is given, so that a distance NaN makes the value NaN."""
+        """Return the text of the cell's polynomial by Horner's scheme, with the order of operations of `graph`. `zero`:
+        the text of a slope 0, which a constant polynomial is given so that a distance NaN makes its value NaN."""
         return _formula(self.coefficients.shape, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
     def slopes(self, *arguments: Graph) -> Graph:
@@ -654,7 +673,7 @@ class Lookup:
 
     @cached_property
     def graph(self) -> ca.Function:
-        """Return the lookup as a CasADi function that is never inlined: one call in each graph that uses it."""
+        """Return the lookup as a CasADi function that is never inlined, so that a graph that uses it has one call."""
         text = repr((self.cells.name, self.cells.points, self.order, [axis.clamped for axis in self.cells.axes]))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
@@ -713,10 +732,10 @@ def walked(
     call: Call | None = None,
     operations: Sequence[int] = (),
 ) -> list[Graph]:
-    """Return the outputs of an SX function at other inputs.
+    """Return the outputs of an SX function evaluated at other inputs, instruction by instruction.
 
     `apply(operation, lookup or None, *arguments)`: the value of an operation; `call(function, arguments)`: the values
-    of a called function, which is inlined by default; `operations`: codes of the instructions, by default CasADi's.
+    of a called function, which is inlined by default; `operations`: the codes of the instructions, by default CasADi's.
     """
 
     def called_values(target: Lookup | ca.Function, elements: Sequence[Graph]) -> Sequence[Graph]:
@@ -746,11 +765,11 @@ def folded(
     call: Callable[[Any, list[Any]], Sequence[Any]],
     operations: Sequence[int] = (),
 ) -> list[list[Any]]:
-    """Return the nonzeros of each output of an SX function in any arithmetic.
+    """Return the nonzeros of each output of an SX function, evaluated in any arithmetic.
 
-    `inputs(k, i)`: element i of argument k; `constant(number)`: a constant number; `apply(operation, values)`: an
-    operation's value; `call(function, values)`: the elements of a lookup's or a function's result; `operations`: codes
-    of the instructions, by default CasADi's.
+    `inputs(k, i)`: element i of argument k; `constant(number)`: a constant; `apply(operation, values)`: the value of an
+    operation; `call(function, values)`: the elements of the result of a lookup or a called function; `operations`: the
+    codes of the instructions, by default CasADi's.
     """
     work: dict[int, Any] = {}
     outputs = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
@@ -781,7 +800,8 @@ def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
 
 
 def instructions(function: ca.Function) -> list[Graph]:
-    """Return the instructions of an SX function as graphs, which give the functions they call; [] without a call."""
+    """Return the instructions of an SX function as graphs, from which the called functions can be read; [] for a
+    function without a call."""
     return ca.vertsplit(function.instructions_sx()) if calls(function) else []
 
 
@@ -791,7 +811,7 @@ def calls(function: ca.Function) -> bool:
 
 
 def jacobian(rows: Graph, x: Graph) -> Graph:
-    """Return the Jacobian (p, n) of rows r (p) in symbols x (n), in which the derivatives of tables are lookups.
+    """Return the Jacobian (p, n) of `rows` r (p) in symbols x (n); derivatives of tables in it are lookups.
 
     With a symbol c_i for the value of each call f_i(a_i), in the order of the program,
 
@@ -824,7 +844,7 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
 
 
 def hessian(value: Graph, x: Graph) -> Graph:
-    """Return the Hessian (n, n) of a scalar in symbols x (n), in which the derivatives of tables are lookups."""
+    """Return the Hessian (n, n) of a scalar `value` in symbols x (n); derivatives of tables in it are lookups."""
     first = jacobian(value, x)
     program = ca.Function("rows", [ca.vertcat(*ca.symvar(value))] if ca.symvar(value) else [], [value])
     return jacobian(first.T, x) if instructions(program) else ca.hessian(value, x)[0]

@@ -27,7 +27,7 @@ _SMALL, _LARGE = 1e-280, 1e290  # range of numbers whose Dekker and Newton resid
 
 @lru_cache(maxsize=1 << 12, typed=True)  # every batch of boxes needs the numbers of the tape
 def number(value: Fraction | float) -> tuple[float, float]:
-    """Return the neighbouring floats that enclose a number, equal where it is a float."""
+    """Return the neighbouring floats (below, above) that enclose a number; both are the number if it is a float."""
     if isinstance(value, float):
         return value, value
     try:
@@ -75,7 +75,8 @@ def negate(a: Pair) -> Pair:
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """Return the product a b; not negative where the signs of a and b exclude it, also after underflow."""
+    """Return the product a b of intervals, rounded outward. The product of two intervals of equal (opposite) signs
+    stays >= 0 (<= 0), also after underflow."""
     product, error = (part.reshape(4, *part.shape[2:]) for part in _product(np.array(a)[:, None], np.array(b)))
     least, most = np.minimum.reduce(product), np.maximum.reduce(product)
     least = np.where(((product == least) > (error >= 0.0)).any(axis=0), down(least), least)
@@ -88,7 +89,8 @@ def multiply(a: Pair, b: Pair) -> Pair:
 
 
 def scale(a: Pair, b: Pair) -> Pair:
-    """Return the product a b of intervals as `multiply`, but always rounded outward: cheaper, and one float wider."""
+    """Return the product a b of intervals, always rounded outward: cheaper than `multiply`, and up to one float wider
+    at each end."""
     low, high = _ends([x * y for x in a for y in b])
     if np.isnan(low).any():  # 0 times an infinite end
         low, high = _ends([np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b])
@@ -179,10 +181,10 @@ def norm(parts: Sequence[Pair]) -> Pair:
 
 
 def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
-    """Return the range of e_i/|e|, i = `index`, for intervals e (`parts`). `wide`: on a box with a width in e_i the
-    values on its faces do not count by themselves, only their limits from inside, as for slopes.
+    """Return the range of e_i/|e|, i = `index`, for a vector of intervals e (`parts`). `wide`: where e may be 0, only
+    the limits from inside the box count, and not the values on its faces, as for slopes.
 
-    It increases with e_i. With the size of the other e_j it decreases where e_i > 0, and increases where e_i < 0.
+    e_i/|e| increases with e_i. With the size of the other e_j it decreases where e_i > 0, and increases where e_i < 0.
     """
     low, high = parts[index]
     zero = np.zeros(low.shape)
@@ -209,12 +211,12 @@ def meet(a: Pair, b: Pair) -> Pair:
 
 
 def where_known(known: Flags, a: Pair) -> Pair:
-    """Return the interval a where flagged `known`, else the real line."""
+    """Return the interval a where the flag `known` is set, else the real line."""
     return np.where(known, a[0], -np.inf), np.where(known, a[1], np.inf)
 
 
 def _share(e: Array, others: Array) -> Pair:
-    """Return the interval of e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
+    """Return the interval of e/sqrt(e^2 + others), which lies between -1 and 1; NaN for e = others = 0."""
     whole = square_root(add(power((e, e), 2), (others, others)))
     low, high = multiply((e, e), reciprocal(whole))
     far = np.isinf(e)
@@ -222,19 +224,20 @@ def _share(e: Array, others: Array) -> Pair:
 
 
 def _below(value: Array, error: Array) -> Array:
-    """Return a rounded value if its error, exact minus rounded,
-    is known to be >= 0, else the next float below."""
+    """Return a rounded value if its rounding error, exact minus rounded, is known to be >= 0, else the next float
+    below."""
     return np.where(error >= 0.0, value, down(value))
 
 
 def _above(value: Array, error: Array) -> Array:
-    """Return a rounded value if its error, exact minus rounded,
-    is known to be <= 0, else the next float above."""
+    """Return a rounded value if its rounding error, exact minus rounded, is known to be <= 0, else the next float
+    above."""
     return np.where(error <= 0.0, value, up(value))
 
 
 def _sum(x: Array, y: Array) -> Pair:
-    """Return the rounded sum x + y and its error, NaN after overflow: every comparison with it is false."""
+    """Return the rounded sum x + y and its rounding error, which is NaN after overflow, so that every comparison with
+    it is false."""
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
@@ -270,7 +273,7 @@ def _product(x: Array, y: Array) -> Pair:
 
 
 def _inverted(low: Array, high: Array) -> Pair:
-    """Return floats <= 1/high and >= 1/low, for nonzero ends; 1/inf is 0 with its sign."""
+    """Return a float <= 1/high and a float >= 1/low, for ends that are not 0; 1/inf is 0 with its sign."""
     x = np.array((high, low))
     inverse, size = 1.0 / x, np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)

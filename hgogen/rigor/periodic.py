@@ -1,4 +1,4 @@
-"""Return by how much an expression changes over one turn of a symbol, exactly, to find whether it is periodic.
+"""Change of an expression over one turn of an angle, computed exactly, to decide whether the expression is periodic.
 
 A function that is the same a turn later has the same values on one turn as on the whole line, and so have its slopes:
 proofs take one turn as the range of an angle. The ends of that range are rounded outward, so that it has no gap.
@@ -19,13 +19,14 @@ _DEEP = {"trig": False, "power_base": False, "power_exp": False, "log": False}
 
 
 def exact_turn(period: Any) -> sp.Expr:
-    """Return the period as a rational multiple of pi where its float is the one nearest to such a number, else as the
-    rational of its shortest decimal."""
+    """Return a period as an exact number: the rational multiple of pi whose nearest float it is, if there is one, else
+    the rational of its shortest decimal."""
     return _multiple(period, sp.pi) or sp.Rational(repr(period))
 
 
 def with_exact_pi(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with exact multiples of pi and 1/pi, as pi/180, in place of the floats nearest to them."""
+    """Return the expression with floats that are nearest to a multiple of pi or 1/pi, such as pi/180, replaced by this
+    multiple."""
     known = {f: _multiple(float(f), sp.pi) or _multiple(float(f), 1 / sp.pi) for f in expression.atoms(sp.Float)}
     return expression.xreplace({f: exact for f, exact in known.items() if exact is not None})
 
@@ -36,14 +37,14 @@ def _multiple(number: float, unit: sp.Expr) -> sp.Expr | None:
 
 
 def half_turn(period: float) -> Fraction:
-    """Return a lower bound of half a turn, of the exact one and of the program's."""
+    """Return a rational lower bound of half a period, for the exact period and for its float in the program."""
     exactly = sp.floor(exact_turn(period) * _FINE)
     return min(Fraction(int(exactly), _FINE), Fraction(period)) / 2
 
 
 @lru_cache(maxsize=256)
 def whole_turn(low: Fraction, high: Fraction, period: float) -> tuple[Fraction, Fraction]:
-    """Return the range of an angle from `low` to `high`, its ends rounded outward until they span an exact turn."""
+    """Return the range [low, high] of an angle with its ends rounded outward until it spans a whole exact period."""
     step = Fraction(10) ** (Decimal(repr(period)).adjusted() - _DIGITS)
     bottom, top = step * math.floor(low / step), step * math.ceil(high / step)
     while top - bottom < Fraction(int(sp.ceiling(exact_turn(period) * _FINE)), _FINE):
@@ -52,9 +53,10 @@ def whole_turn(low: Fraction, high: Fraction, period: float) -> tuple[Fraction, 
 
 
 def advance(expression: sp.Expr, symbol: sp.Symbol, turn: sp.Expr) -> sp.Expr:
-    """Return expression(symbol + turn) - expression(symbol), simplified: a number where that is constant.
+    """Return the change expression(symbol + turn) - expression(symbol) over a period `turn`, simplified: a number if it
+    is constant.
 
-    The sums in the arguments of functions are expanded, after which SymPy takes whole turns out of sines and the like.
+    The sums in the arguments of functions are expanded, after which SymPy removes whole turns from sines and the like.
     """
     if symbol not in expression.free_symbols:
         return sp.S.Zero

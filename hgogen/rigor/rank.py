@@ -77,8 +77,8 @@ _ONE = (sp.Abs, sp.sign, sp.Heaviside)  # the branch is the sign of one argument
 
 @dataclass(frozen=True)
 class Branch:
-    """A branch of functions: `rows`, expressions without kinks and jumps, valid where all conditions of `where` hold;
-    `places`: points where they hold."""
+    """A branch of piecewise expressions: `rows`, the expressions without kinks and jumps, valid where all conditions
+    `where` hold; `places`: sample points where they hold."""
 
     rows: tuple[sp.Expr, ...]
     where: tuple[Boolean, ...]
@@ -87,8 +87,8 @@ class Branch:
 
 @dataclass(frozen=True)
 class Reached:
-    """The `branches` of expressions found by a number of `points` of the box; `more`: how many others were found. There
-    is none where the expressions have values together at no point."""
+    """The `branches` of piecewise expressions that a number of sample `points` of a box reach; `more`: how many further
+    branches they reach. There is none if no sample point gives all expressions a value."""
 
     branches: tuple[Branch, ...]
     points: int
@@ -101,9 +101,9 @@ class Reached:
 
 
 def reached(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = None) -> Reached:
-    """Return the branches of expressions in the box of their symbols, searched up to the sizes 1/100 to 100 of an
-    infinite side; `project`: a function from a point to the point of a set next to it, or None, for the branches that
-    points of the set reach. Raises: `NoTape` for a function without a rule."""
+    """Return the branches of piecewise expressions that sample points of the box reach. `sides`: the range of each
+    symbol; an unbounded side is sampled at sizes from 1/100 to 100. `project`: a function from a point to a nearby
+    point of a set (or None), if only points of that set count. Raises: `NoTape` for a function without a rule."""
     search = _Search(tuple(rows), sides, project)
     search.run()
     branches: dict[tuple[Any, ...], Branch] = {}
@@ -133,9 +133,9 @@ def reached(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = Non
 
 @dataclass(frozen=True)
 class _Search:
-    """A random search for points on every branch of piecewise expressions `rows`. `places`:
-    points by branch (the sign, table cell or rounded integer of each test). `counts`:
-    the number of points by branch; under None those where a row has no value."""
+    """A random search for points on every branch of the piecewise expressions `rows`. `places`: sample points by
+    branch, the tuple of the sign, table cell or rounded integer of each test. `counts`: the number of points by branch;
+    under None the points where a row has no value."""
 
     rows: tuple[sp.Expr, ...]
     sides: Sides
@@ -218,7 +218,8 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def around(self, symbol: sp.Symbol, value: Fraction) -> Any:
-        """Return a ball around a coordinate of a projected point, in which the point of the set is."""
+        """Return a ball around a coordinate of a projected point that contains the coordinate of the exact point of the
+        set."""
         low, high = self.sides[symbol]
         size = high - low if -inf < low < high < inf else max(abs(value), Fraction(1))
         return arb(number(value), _PROJECTED * float(size))
@@ -290,8 +291,8 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Walk:
-    """A translation of piecewise expressions to one branch: `decided` has the sign, cell or integer
-    of each test; `where` gathers the conditions under which the translation is valid."""
+    """A translation of piecewise expressions to one branch. `decided`: the sign, table cell or integer of each test on
+    the branch; `where`: the conditions under which the translation is valid, collected on the way."""
 
     decided: Mapping[sp.Basic, Any]
     where: dict[Boolean, None] = field(default_factory=dict)
@@ -397,17 +398,18 @@ SURE_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as ze
 
 
 class Blurred(ArithmeticError):
-    """The error that the precision of a ball does not decide whether a matrix entry is zero."""
+    """The error that the precision of a ball does not decide whether an entry of a matrix is zero."""
 
 
 def believe_zeros(modulus: int) -> None:
-    """Raise `Blurred` for balls (`modulus` 0) of too few bits to believe that an entry which counts as zero is zero."""
+    """Raise `Blurred` for balls (`modulus` 0) at a precision too low to take an entry that is nearly zero for zero."""
     if not modulus and flint.ctx.prec < SURE_BITS:
         raise Blurred
 
 
 def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
-    """Return the indices of rows linearly independent of the rows before; `modulus`: a prime, or 0 for balls."""
+    """Return the indices of the rows that are linearly independent of the rows before them; `modulus`: a prime, or 0
+    for balls."""
     if not rows or not rows[0]:
         return []
     if not modulus:
@@ -418,8 +420,8 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
 
 
 def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
-    """Return a basis v_1, v_2, .. of the vectors v (width) with row . v = 0 for all rows; an entry that counts as zero
-    is 0. `modulus`: a prime, or 0 for balls. Raises: `Blurred`."""
+    """Return a basis v_1, v_2, .. of the vectors v (width) with row . v = 0 for all rows; entries taken for zero are 0.
+    `modulus`: a prime, or 0 for balls. Raises: `Blurred`."""
     if not rows:
         return [[int(i == j) for i in range(width)] for j in range(width)]
     if modulus:
@@ -460,8 +462,8 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
 
 
 def _counts_as_zero(entry: Any) -> bool:
-    """Return False for an error ball that excludes zero, True
-    for a tiny one that contains it. Raises: `Blurred`."""
+    """Return False for a ball that excludes zero, True for a tiny ball around zero. Raises: `Blurred` for a larger
+    one."""
     if not entry.contains(0):
         return False
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
@@ -484,7 +486,7 @@ Places = Sequence[Mapping[sp.Symbol, Fraction]]
 
 @dataclass(eq=False)
 class NothingMeasured(HgogenError):
-    """The error of a plant without outputs or without states, of which observability has no meaning."""
+    """The error of a plant without outputs or without states, for which observability is meaningless."""
 
     text = "the plant has no {what}, so there is nothing to observe; give it at least one"
     what: str
@@ -492,7 +494,7 @@ class NothingMeasured(HgogenError):
 
 @dataclass(eq=False)
 class NowhereDefined(HgogenError):
-    """The error of a plant that is defined at none of the random points."""
+    """The error that a plant is defined at none of the random sample points."""
 
     text = (
         "at none of {tries} random points is the plant defined, real, and told apart from zero; look for a division by "
@@ -502,7 +504,8 @@ class NowhereDefined(HgogenError):
 
 
 def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:
-    """Return the rows with numbers for symbols. Raises: `NowhereDefined` where a comparison has no real operands."""
+    """Return the rows with numbers in place of symbols. Raises: `NowhereDefined` where a comparison has no real
+    operands."""
     put_in = tuple(put(sp.sympify(row), values) for row in rows)
     defined = tuple(row for row in put_in if row is not None)
     if len(defined) < len(put_in):
@@ -512,11 +515,11 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Model:
-    """A plant x' = flow, y = output, or x+ = flow if it is `discrete`, with unknown `parameters`; every other symbol
-    is a random constant.
+    """A plant x' = flow, y = output, or x+ = flow if `discrete`, with unknown `parameters`; every other symbol is a
+    random constant.
 
-    `places`: points, a value for each symbol, around which sample points are drawn; `constraints`: expressions of the
-    states that the flow leaves at 0, as they are at all sample points. Raises: `NothingMeasured`.
+    `places`: points, a value for each symbol, near which sample points are drawn; `constraints`: expressions of the
+    states that are 0 along every motion and at all sample points. Raises: `NothingMeasured`.
     """
 
     flow: Sequence[sp.Expr]
@@ -542,7 +545,7 @@ class Model:
 
     @cached_property
     def plant(self) -> Plant:
-        """Return the plant as a tape, with the constraints as further outputs. Raises: `NoTape`."""
+        """Return the plant as a tape; its last outputs are the constraints. Raises: `NoTape`."""
         rows = (*self.flow, *self.output, *self.constraints)
         declared = (*self.states, *self.inputs, *self.parameters)
         free = set().union(*(e.free_symbols for e in rows)) - {*declared}
@@ -556,9 +559,9 @@ class Model:
 
 @dataclass(frozen=True)
 class Rank:
-    """The observability rank, of the gradients d(y, y', .., y^(k))/d(unknowns). `observable`: the unknowns whose unit
-    vector is in the row space; `final`: whether the rank was stationary; if not, more derivatives may raise it and add
-    to `observable`."""
+    """The observability rank: that of the gradients d(y, y', .., y^(k))/d(unknowns). `observable`: the unknowns whose
+    unit vector is in the row space; `final`: whether the rank no longer grows with k, else more derivatives may raise
+    it and add to `observable`."""
 
     dimension: Annotated[int, "number of unknowns"]
     rank: Annotated[int, "generic rank: how many unknowns are seen together"]
@@ -570,11 +573,11 @@ class Rank:
 
 @dataclass(frozen=True)
 class Ranks:
-    """The observability ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters
-    together; `method` describes the computation.
+    """The observability ranks of a plant: `known` of the states with known parameters, `joint` of states and unknown
+    parameters together; `method`: how they were computed.
 
-    `local` names the functions with branches, for which the ranks are the least over several branches and hold on an
-    open set only; it is "" where the ranks hold at almost every point.
+    `local`: the names of piecewise functions in the plant; the ranks are then the least over the sampled branches, and
+    hold on an open set only. It is "" where the ranks hold at almost every point.
     """
 
     known: Rank
@@ -584,13 +587,12 @@ class Ranks:
 
 
 def observability(model: Model, *, limit: int | None = None, sides: Sides | None = None) -> Ranks:
-    """Return the observability ranks of a model with known parameters and jointly, at a random point. With kinks, jumps
-    or tables the least ranks over the branches that are found. Of a discrete model: by y at samples in place of its
-    derivatives, up to as many as there are unknowns.
+    """Return the observability ranks of a model at a random point, with known parameters and jointly with unknown ones;
+    with kinks, jumps or tables the least ranks over the sampled branches. For a discrete model samples of y, up to as
+    many as there are unknowns, stand in place of its derivatives.
 
-    `limit`: the highest order of derivatives (None: until the rank is stationary); `sides`: ranges of symbols that have
-    one, from which places are drawn where the model has none. On constraints the ranks are those of the plant that has
-    only such states.
+    `limit`: the highest order of derivatives, None for no limit; `sides`: the ranges of symbols, from which points are
+    drawn if the model has no `places`. With constraints the ranks are those on the constraint set.
 
     Raises: `NowhereDefined`; `NoTape` for a function without a rule.
     """
@@ -615,8 +617,8 @@ def observability(model: Model, *, limit: int | None = None, sides: Sides | None
 
 
 def branches(plant: Plant) -> str:
-    """Return the names of a plant's functions with branches, such as abs, joined by commas, "" for none: a result at a
-    point holds on the point's branch only."""
+    """Return the names of the piecewise functions in a plant, such as abs, joined by commas; "" for none. With such
+    functions a result at a point holds on the branch of this point only."""
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHING))
 
 
@@ -629,8 +631,8 @@ def _least(a: Rank, b: Rank) -> Rank:
 
 
 def exact_numbers(plant: Plant) -> bool:
-    """Return whether the plant can be evaluated modulo a prime: with + - * / only, without both pi and e, and without
-    constraints, on which points are found by Newton's iteration."""
+    """Return whether the plant can be evaluated modulo a prime: it has + - * / only, not both pi and e, and no
+    constraints, whose points need Newton's iteration."""
     constants = {i.value for i in plant.tape.instructions if i.op == "constant"}
     rational = all(i.op in OPERATIONS for i in plant.tape.instructions)
     return len(constants) < 2 and rational and plant.constraints is None
@@ -639,11 +641,11 @@ def exact_numbers(plant: Plant) -> bool:
 def somewhere(
     plant: Plant, answer: Callable[[Arithmetic, Point], _Answer], *, first: int = 0, power: int = 1, balls: bool = False
 ) -> _Answer:
-    """Return `answer(arithmetic, point)` at the first random point at which the plant is defined, with balls precise
-    enough.
+    """Return `answer(arithmetic, point)` at the first random point at which the plant is defined; the precision of
+    balls is raised until it suffices.
 
-    `first`: the number of the group of random points; `power`: numbers are modulo this power of a prime; `balls`: real
-    points for all plants.
+    `first`: the number of the group of random points; `power`: the power of a prime modulo which numbers are computed;
+    `balls`: whether to use real points (balls) for all plants.
 
     Raises: `NowhereDefined`.
     """
@@ -661,7 +663,7 @@ def somewhere(
 
 
 def modulus(numbers: Arithmetic) -> int:
-    """Return the prime of an arithmetic modulo a prime or its power, 0 for balls (midpoint and radius)."""
+    """Return the prime of a modular arithmetic; 0 for balls."""
     return numbers.prime if isinstance(numbers, Modular) else 0
 
 
@@ -681,7 +683,7 @@ def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Poin
 
 
 def on_constraints(plant: Plant, numbers: Balls, point: Point) -> Point:
-    """Return the point with states next to its own at which the plant's constraints are 0."""
+    """Return the nearby point at which the plant's constraints are 0; only its states differ."""
     if plant.constraints is None:
         return point
     others = [*(u for j in range(plant.m) for u in point.inputs(j, 1)), *point.constants]
@@ -724,10 +726,12 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], plant: Plant, prime: int, limit: int | None
 ) -> Rank | None:
-    """Return the observability rank once it is full, constant under one more
-    derivative of each of the p outputs, or at its limit; else None. `rows`:
-    gradients of the outputs' derivatives; the first `width` columns count. A map
-    may have no inverse, and a rank that is constant for one sample is not final."""
+    """Return the observability rank once it is final or the `limit` of orders is reached, else None. It is final if it
+    is full, or constant under one more derivative of each of the p outputs; not so for samples, since a map may have no
+    inverse.
+
+    `rows`: gradients of the outputs' derivatives, of which the first `width` columns count.
+    """
     p = plant.outputs
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p

@@ -27,7 +27,7 @@ _WAVES = (sp.sin, sp.cos, sp.tan)
 
 
 class Aperiodic(Exception):
-    """An expression that is not a periodic function of time; its text is the reason."""
+    """The error that an expression is not a periodic function of time; its text is the reason."""
 
 
 Values = Mapping[sp.Symbol, sp.Expr]
@@ -36,7 +36,8 @@ Choose = Callable[[sp.Expr], sp.Symbol]
 
 @dataclass(frozen=True)
 class _Part:
-    """A part of an expression: its drift, the periods of its floors, and itself as a function of the symbol for t."""
+    """A subexpression: its drift per unit of time, the periods of its floors (`turns`), and `build`, which returns it
+    with another symbol for t."""
 
     drift: sp.Expr
     turns: tuple[sp.Expr, ...]
@@ -44,7 +45,7 @@ class _Part:
 
 
 def common(first: sp.Expr, *others: sp.Expr) -> sp.Expr | None:
-    """Return the least common multiple of periods, None if a ratio of two is irrational."""
+    """Return the least common multiple of periods; None if the ratio of two of them is irrational."""
     for turn in others:
         ratio = sp.simplify(turn / first)
         if not ratio.is_Rational:
@@ -54,8 +55,8 @@ def common(first: sp.Expr, *others: sp.Expr) -> sp.Expr | None:
 
 
 def grouped(turns: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Return common periods, the longest first, such that each of `turns` divides one of them. Periods that have no
-    short common one stay apart."""
+    """Return common multiples of the periods `turns`, the longest first, such that each period divides one of them. A
+    period without a short common multiple with another one is its own group."""
     groups: list[sp.Expr] = []
     for turn in sorted(set(turns), key=float, reverse=True):
         for k, group in enumerate(groups):
@@ -69,13 +70,13 @@ def grouped(turns: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
 
 
 def divides(turn: sp.Expr, group: sp.Expr) -> bool:
-    """Return whether a period is the whole of another, or a whole fraction of it."""
+    """Return whether `group` is a whole multiple of the period `turn`."""
     return bool(sp.simplify(group / turn).is_Integer)
 
 
 def rewritten(expression: sp.Expr, t: sp.Symbol, values: Values, choose: Choose) -> sp.Expr:
-    """Return the expression with t replaced by the symbol that `choose` returns for each of its periods; `values`: the
-    symbols that are constant, as numbers. Raises: `Aperiodic`."""
+    """Return the expression with t replaced, in each periodic part, by the symbol that `choose` returns for the period
+    of the part; `values`: the numbers of constant symbols. Raises: `Aperiodic`."""
     part = _part(expression, t, values, choose)
     if part.drift != 0:
         raise Aperiodic(f"{expression} is not periodic in {t}")
@@ -93,7 +94,8 @@ def _part(node: sp.Basic, t: sp.Symbol, values: Values, choose: Choose) -> _Part
 
 
 def _function(node: sp.Basic, parts: Sequence[_Part], t: sp.Symbol, values: Values, choose: Choose) -> _Part:
-    """Return the part of a function of `parts`. Raises: `Aperiodic`."""
+    """Return the drift, periods and builder of a function `node` from the parts of its arguments. Raises:
+    `Aperiodic`."""
     moving = [part for part in parts if part.drift != 0]
     floors = tuple(turn for part in moving for turn in part.turns)
 

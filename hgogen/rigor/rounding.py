@@ -32,16 +32,16 @@ _WHOLE = 2**24  # whole numbers up to it are exact in every precision
 
 
 class Unsure(ArithmeticError):
-    """The error that a value has no bound of its rounding error; `args[0]` is the reason."""
+    """The error that no bound of a value's rounding error is known; `args[0]` is the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """The range `value` of a number v of exact arithmetic and a bound `error` of |v~ - v|, v~ the computed number, as
-    Arb balls.
+    """A number v of exact arithmetic, enclosed by the Arb ball `value`, with a bound `error` of |v~ - v|, v~ the number
+    that the program computes.
 
-    A truth value has a range within [0, 1], and the error 1 where the program may decide otherwise. `test` and
-    `chosen`: the test and the value, for a value that is 0 where a test fails. `negates`: the negated truth value.
+    A truth value has a range within [0, 1], and the error 1 where the program may decide otherwise. For the value "x if
+    c, else 0", `test` is c and `chosen` is x; `negates`: the truth value of which this one is the negation.
     """
 
     value: Any
@@ -62,7 +62,7 @@ class Computed:
 
     @property
     def known(self) -> bool | None:
-        """Return the truth value where exact arithmetic and the program decide alike; else None."""
+        """Return the truth value if exact arithmetic and the program decide alike, else None."""
         if not self.error.is_zero():
             return None
         return True if self.value == 1 else False if self.value == 0 else None
@@ -75,7 +75,8 @@ def exactly(value: Any) -> Computed:
 
 @dataclass(frozen=True)
 class Rounding:
-    """The arithmetic on values with error bounds in a program's precision `real`; operations have CasADi's codes."""
+    """The arithmetic of values with rounding error bounds in a program's precision `real`, "float" or "double";
+    operations are named by CasADi's codes."""
 
     real: Real
 
@@ -86,7 +87,7 @@ class Rounding:
 
     @property
     def tiny(self) -> Any:
-        """Return the smallest normal number: the error of an underflow, also where it is flushed to 0."""
+        """Return the smallest normal number: a bound of the error of an underflow, also if it is flushed to 0."""
         return arb(2) ** (-126 if self.real == "float" else -1022)
 
     @property
@@ -95,15 +96,15 @@ class Rounding:
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def parameter(self, number: float) -> Computed:
-        """Return a gain or parameter of the program with the error bound of a rounded constant."""
+        """Return a gain or parameter of the program, with a bound of its rounding error."""
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
-        """Return the values `body(columns)` of a function that the program calls: a call rounds nothing."""
+        """Return the values `body(columns)` of a function that the program calls; the call itself rounds nothing."""
         return body(columns)
 
     def constant(self, number: float) -> Computed:
-        """Return a constant of a CasADi graph with the bound of its rounding error."""
+        """Return a constant of a CasADi graph, with a bound of its rounding error."""
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
@@ -111,7 +112,8 @@ class Rounding:
         return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
 
     def apply(self, op: int, values: list[Computed]) -> Computed:
-        """Return the result, with its error bound, of the operation of CasADi's code `op`. Raises: `Unsure`."""
+        """Return the result of the operation with CasADi's code `op`, with a bound of its rounding error. Raises:
+        `Unsure`."""
         if op in _EXACT:
             return _EXACT[op](*values)
         same = _unchanged(op, values)
@@ -135,8 +137,8 @@ class Rounding:
         return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
 
     def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
-        """Return a result with the `inherited` error plus a
-        rounding error of `units` times the unit roundoff u."""
+        """Return the result `value` of an operation with the `inherited` error of its operands plus its own rounding
+        error, `units` times the unit roundoff u."""
         unit, inherited = self.unit * units, inherited.abs_upper()
         error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
         if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
@@ -172,7 +174,7 @@ def _all(least: int, a: Computed, b: Computed) -> Computed:
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
-    """Return `value` if `test` is true, else 0, with an error bound for a wrong choice."""
+    """Return "`value` if `test`, else 0"; its error bound covers a program that decides the test otherwise."""
     if test.known is False:
         return exactly(0)
     if test.known is True:
@@ -237,8 +239,8 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
 
 
 def _squared(x: Any) -> Any:
-    """Return the square of an error ball. Arb's own contains negative
-    numbers for wide balls, and fails for a midpoint 0."""
+    """Return the square of a ball. Arb's own square of a wide ball contains negative numbers, and fails for a midpoint
+    0."""
     low, high = x.abs_lower(), x.abs_upper()
     return (low * low).union(high * high)
 
@@ -257,7 +259,7 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
 
 
 def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return `function` for angles up to 200 rad, the range of the measured ulps, NaN beyond."""
+    """Return `function` restricted to angles up to 200 rad, where the ulps were measured; NaN beyond."""
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 

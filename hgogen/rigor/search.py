@@ -37,8 +37,8 @@ Indices = NDArray[np.int64]
 
 
 def middle(low: Array, high: Array) -> Array:
-    """Return the point at which boxes are cut: their middle; for an unbounded side 0, or twice its end and one beyond
-    0."""
+    """Return the points (m x k) at which boxes are bisected: the middles; for an unbounded side 0, or where 0 is
+    outside twice the end plus 1, away from 0."""
     centre = low / 2.0 + high / 2.0
     if np.isfinite(centre).all():
         return np.clip(centre, low, high)
@@ -50,7 +50,8 @@ def middle(low: Array, high: Array) -> Array:
 
 
 def spread(m: int, count: int) -> Array:
-    """Return points (m x count) of the unit cube, evenly spread: multiples of the square roots of primes, modulo 1."""
+    """Return `count` evenly spread points (m x count) of the unit cube: multiples of the square roots of primes, modulo
+    1."""
     primes = [p for p in range(2, 20 * (m + 2)) if all(p % q for q in range(2, math.isqrt(p) + 1))][:m]
     steps = np.sqrt(np.array(primes, dtype=float))[:, None]
     points: Array = np.mod(steps * np.arange(1, count + 1) + 0.5, 1.0)
@@ -58,7 +59,8 @@ def spread(m: int, count: int) -> Array:
 
 
 def placed(low: Array, high: Array, t: Array) -> Array:
-    """Return points t (m x count) of the unit cube mapped to the box, for an unbounded side by a rational map."""
+    """Return points t (m x count) of the unit cube mapped to the box low <= x <= high (m); an unbounded side by a
+    rational map."""
     low, high = low[:, None], high[:, None]
     t = np.clip(t, 1e-6, 1.0 - 1e-6)
     ends = np.isinf(low), np.isinf(high)
@@ -71,7 +73,8 @@ def placed(low: Array, high: Array, t: Array) -> Array:
 
 
 def corners(low: Array, high: Array) -> Array:
-    """Return the middle of a box, then up to 64 corners (m x count), with a large number for an infinite end."""
+    """Return the middle of a box, then up to 64 of its corners (m x count); an infinite end is replaced by a large
+    number."""
     m = len(low)
     ends = (
         np.where(np.isinf(low), np.minimum(high, 0.0) - 1e3, low),
@@ -90,8 +93,9 @@ Tree = tuple[object, ...] | str
 
 @dataclass(frozen=True)
 class Known:
-    """Facts on n boxes low <= x <= high (m x n): bounds bottom <= value <= top of an expression, and whether it is
-    `defined` and `continuous`; `node`: the index of each box in the tree; `cut`: the variable to bisect, or -1."""
+    """Proved bounds bottom <= value <= top of an expression on n boxes low <= x <= high (m x n), and flags whether it
+    is `defined` and `continuous` on them; `node`: the index of each box in the tree of the bisection; `cut`: the
+    variable to bisect next, or -1."""
 
     low: Array
     high: Array
@@ -103,19 +107,19 @@ class Known:
     continuous: Flags
 
     def only(self, rows: Indices | Flags) -> "Known":
-        """Return the bounds and flags on some of the boxes, by the boxes' indices or flags."""
+        """Return the bounds and flags of some boxes, by their indices or flags."""
         return Known(*(getattr(self, each.name)[..., rows] for each in fields(self)))
 
     def with_more(self, other: "Known") -> "Known":
-        """Return the bounds and flags on these boxes, then on those of `other`."""
+        """Return the bounds and flags of these boxes, then of the boxes of `other`."""
         pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
         return Known(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)
 class Inner:
-    """Values attained on a box: one at most `least`, at the point `at_least` (m), and one at least `most`, at
-    `at_most`; inf and -inf before one is known."""
+    """The smallest and the largest value that was evaluated on a box: a value at the point `at_least` (m) is at most
+    `least`, a value at `at_most` at least `most`; inf and -inf before a point was evaluated."""
 
     least: float = math.inf
     most: float = -math.inf
@@ -125,8 +129,9 @@ class Inner:
 
 @dataclass(frozen=True)
 class Cover:
-    """A bisection of a box so far: the leaves of its tree, attained values `inner`, and the `splits` (node, variable);
-    `finished`: the goal is reached; `before`: the bisection from which a search with more boxes continues."""
+    """A bisection of a box: the bounds on its `leaves`, the attained values `inner`, and the `splits` (node, variable)
+    in order; `finished`: whether the goal is reached; `before`: the state from which a search with more boxes
+    continues."""
 
     leaves: Known
     inner: Inner
@@ -136,13 +141,13 @@ class Cover:
 
     @property
     def boxes(self) -> int:
-        """Return the number of boxes that were evaluated."""
+        """Return the number of boxes on which the expression was evaluated."""
         return 1 + 2 * len(self.splits)
 
     @property
     def tree(self) -> Tree:
-        """Return the tree of ("split", variable, left, right) and "leaf"; node 0 is the root, 2j+1 and 2j+2 are of
-        split j."""
+        """Return the tree of the bisection, nested ("split", variable, left, right) and "leaf". Node 0 is the root;
+        nodes 2j+1 and 2j+2 are the halves of split j."""
         subtrees: dict[int, Tree] = {}
         for j in range(len(self.splits) - 1, -1, -1):
             node, variable = self.splits[j]
@@ -178,8 +183,9 @@ ROOT: Indices = np.zeros(1, dtype=np.int64)  # the index of the whole box
 
 
 def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Cover:
-    """Return the bisection after its worst leaves are cut, a `batch` at a time, until `goal(leaves, inner)`, positive
-    for leaves to cut, or the `limit` of boxes is reached; `look`: the facts on new boxes."""
+    """Return the bisection after more cuts: the worst leaves, up to `batch` at a time, until `goal(leaves, inner)`, the
+    priority of each leaf, is 0 for all of them, or the `limit` of boxes is reached. `look`: the function that bounds
+    the expression on new boxes."""
     while True:
         todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
         rows = np.nonzero(todo > 0.0)[0]
@@ -205,8 +211,8 @@ def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
 
 
 def best_cuts(low: Array, high: Array, weight: Array, known: Flags, share: Array, possible: Flags) -> Indices:
-    """Return the variable to bisect in each of k boxes: that of the largest `weight` (m x k), or of the largest `share`
-    of the root's side where the weight is not `known` and finite; -1 where no `possible` side can be cut."""
+    """Return the variable to bisect in each of k boxes: that with the largest `weight` (m x k), or the largest `share`
+    of the root's side if the weights are not `known` and finite; -1 if none of the `possible` sides can be cut."""
     finite = known & np.isfinite(weight).all(axis=0)
     score = np.where(finite, weight + 1e-3 * weight.max(axis=0) * share, share)
     centre = middle(low, high)
@@ -226,7 +232,8 @@ _SPREAD = 160  # first points of that search
 
 
 def tight(relative: float) -> Goal:
-    """Return the goal that the bounds are within `relative`, as a share of the range's width, of attained values."""
+    """Return the goal of a search for a range: bounds within `relative`, as a share of the range's width, of attained
+    values."""
 
     def excess(leaves: Known, inner: Inner) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
@@ -240,8 +247,8 @@ def tight(relative: float) -> Goal:
 
 
 def one_sign(leaves: Known, inner: Inner) -> Array:
-    """Return the priorities for bisecting boxes in order to prove that
-    the expression is defined and has one sign; 0 once refuted."""
+    """Return the goal of a search for a sign: the priority of each leaf until the expression is proved defined and of
+    one sign; 0 for all once an attained value refutes this."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
     undecided = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
@@ -250,13 +257,13 @@ def one_sign(leaves: Known, inner: Inner) -> Array:
 
 
 def everywhere(leaves: Known, inner: Inner) -> Array:
-    """Return the priorities for bisecting boxes in order to prove
-    that the expression is defined: inf where not yet, else 0."""
+    """Return the goal of a proof that the expression is defined: inf for each leaf where this is not yet proved, else
+    0."""
     return np.where(leaves.defined, 0.0, np.inf)
 
 
 def is_defined(e: sp.Expr, box: Box) -> bool:
-    """Return whether it is proved that e is a finite real number on the whole box."""
+    """Return whether e is proved to be a finite real number on the whole box."""
     fixed, around = sides(exact(e), box)
     if fixed.has(*STRANGE):
         return False
@@ -268,15 +275,15 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
 
 
 def regular(leaves: Known, inner: Inner) -> Array:
-    """Return the priorities for bisecting boxes in order to prove
-    that the expression is defined and continuous: inf or 0."""
+    """Return the goal of a proof that the expression is defined and continuous: inf for each leaf where this is not yet
+    proved, else 0."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
 def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | None = None) -> Cover:
-    """Return a bisection of the box `around`, with bounds of a tape's outputs (equal forms of one expression), until
-    the goal is reached or there are `limit` boxes; `begun`: one for the goal with a lower limit, from which it
-    continues."""
+    """Return a bisection of the box `around` with bounds of an expression, whose equal forms are the outputs of the
+    tape `program`, until the goal is reached or there are `limit` boxes. `begun`: a bisection with a lower limit to
+    continue."""
     look = partial(_ranges, program, around)
     with np.errstate(all="ignore"):
         if begun is None:
@@ -351,8 +358,8 @@ def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
 
 
 def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:
-    """Return Baumann's centres (m x k) of the mean value form for the lower
-    and for the upper bound; the midpoint where no derivative is known."""
+    """Return the centres (m x k) of the mean value form on k boxes, for the lower and for the upper bound, by Baumann's
+    formula; the midpoint where no derivative is known."""
     centre = middle(low, high)
     least, most = slope
     width = most - least
@@ -386,8 +393,8 @@ def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
 
 
 def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Indices:
-    """Return the variable to bisect in each box: that of the largest |derivative| times
-    width, or the relatively widest if no derivative is known; -1 if no side can be cut."""
+    """Return the variable to bisect in each box: that with the largest |derivative| times width, or the relatively
+    widest side if no derivative is known; -1 if no side can be cut."""
     m, k = low.shape
     if m == 0:
         return np.full(k, -1, dtype=np.int64)
@@ -445,8 +452,8 @@ _OVER_CENTRE = 1.25  # factor on the weight of a centre up to which a cell is no
 
 @dataclass(frozen=True)
 class _Cell(Generic[T]):
-    """A box with exact ends, the result on it or None, and
-    the weight by which the next box to cut is chosen."""
+    """A box with exact ends, the result on it (None if there is none), and its weight: the cell of the largest weight
+    is cut next."""
 
     box: Ranges
     known: T | None
@@ -455,8 +462,8 @@ class _Cell(Generic[T]):
 
 @dataclass(frozen=True)
 class Subdivision(Generic[T]):
-    """A box divided into cells: the result on each of the `cells`, and the `tree` of cuts in prefix order: the name of
-    the side that is cut in its middle, a dot for a cell."""
+    """A box divided into cells: the results on the `cells`, and the `tree` of cuts as text in prefix order: the name of
+    a side that is cut in its middle, or a dot for a cell."""
 
     cells: tuple[T, ...]
     tree: str
@@ -465,8 +472,8 @@ class Subdivision(Generic[T]):
 def subdivided(
     box: Ranges, known_on: Callable[[Ranges], T | None], weight: Callable[[T], float]
 ) -> Subdivision[T] | None:
-    """Return the box divided into at most `MOST` cells, the cell of the largest weight cut first; None where `known_on`
-    has no facts on a cell or on the centre of one."""
+    """Return the box divided into at most `MOST` cells by cutting the cell of the largest `weight(result)` again and
+    again; the results are `known_on(cell)`. None if there is no result on a cell or its centre."""
 
     def cell(here: Ranges) -> _Cell[T]:
         known = known_on(here)

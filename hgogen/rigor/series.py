@@ -42,32 +42,34 @@ _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0
 
 
 class Undecided(ArithmeticError):
-    """The error that balls do not decide a value at a point: a pole, the edge of a domain, or a branch point."""
+    """The error that balls do not decide a value at a point, because of a pole, the edge of a domain, or a branch
+    point."""
 
 
 def between(low: Fraction, high: Fraction) -> Any:
-    """Return the smallest ball around the interval [low, high]."""
+    """Return the smallest ball that contains the interval [low, high]."""
     return arb(number(low)).union(arb(number(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
-    """Return a rational upper bound of the absolute values in a ball."""
+    """Return a rational upper bound of |x| for all x in a ball."""
     return fraction(ball.abs_upper().fmpq())
 
 
 def draws(seed: int, name: str) -> random.Random:
-    """Return a source of random numbers for the purpose `name`, reproducible by seed and name."""
+    """Return a random number generator for the purpose `name`, reproducible by seed and name."""
     return random.Random(f"{seed} {name}")
 
 
 @dataclass(frozen=True)
 class Balls:
-    """The arithmetic of power series in t of balls, in `flint.ctx`'s precision; `seed` selects random points."""
+    """The arithmetic of power series in t whose coefficients are balls, in the precision of `flint.ctx`; `seed`:
+    selects the range of random numbers and their sequence."""
 
     seed: int
 
     def draw(self, source: random.Random) -> Any:
-        """Return a random number, as a ball, from the range that the seed selects."""
+        """Return a random ball from the range that the seed selects."""
         low, high = _SCALES[self.seed % len(_SCALES)]
         return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
 
@@ -76,11 +78,11 @@ class Balls:
         return arb_series(list(coefficients[:order]), prec=order)
 
     def number(self, value: Fraction, order: int) -> Any:
-        """Return a rational as a series with the constant term only, known below t^order."""
+        """Return a rational as a constant series, known below t^order."""
         return self.series([arb(number(value))], order)
 
     def constant(self, name: str, order: int) -> Any:
-        """Return pi (`name` "pi") or e as a series known below t^order."""
+        """Return pi (`name` "pi") or e as a constant series, known below t^order."""
         return self.series([arb.pi() if name == "pi" else arb.const_e()], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
@@ -92,11 +94,11 @@ class Balls:
         return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
 
     def nothing(self, a: Any) -> bool:
-        """Return whether the series is known to be zero."""
+        """Return whether a series is exactly zero."""
         return all(c.is_zero() for c in a.coeffs())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
-        """Return f(a) and f'(a) below t^order; `op`: the name of f, or "power" or "root" with the exponent `value`."""
+        """Return f(a) and f'(a) below t^order; `op`: the name of f, or "power" or "root" for the exponent `value`."""
         a = self.cut(a, order)
         if op == "power" and value < 0:
             inverse = _inverse(a)
@@ -133,8 +135,8 @@ class Balls:
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
 
     def table(self, cells: Cells, order: Index, *arguments: Any) -> tuple[Any, ...]:
-        """Return the series of a table's derivative of that order, and of its derivatives by each argument. Raises:
-        `Undecided` between cells."""
+        """Return the series of a table's partial derivative of this order, and of its derivatives by each argument.
+        Raises: `Undecided` where the arguments may be in several cells."""
         cell = cells.cell([ends(a[0]) for a in arguments])
         if cell is None:
             raise Undecided
@@ -173,12 +175,12 @@ class Balls:
 
     @property
     def nudge(self) -> Any:
-        """Return a small step d: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
+        """Return a small step d for finite differences: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
         return arb(2) ** -(ctx.prec // 2)
 
     def slope(self, shifted: Any, base: Any) -> Any:
-        """Return F'(x) v = (F(x + d v) - F(x))/d, `shifted` less `base`, d = `nudge`, with a radius far above the
-        truncation error (unless F'' reaches 2^(bits/8))."""
+        """Return the ball of F'(x) v = (F(x + d v) - F(x))/d, from `shifted` = F(x + d v), `base` = F(x) and d =
+        `nudge`. Its radius is far above the truncation error, unless F'' reaches 2^(bits/8)."""
         return (shifted - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
 
     def reduced(self, a: Any) -> Any:
@@ -235,7 +237,8 @@ def ends(a: Any) -> tuple[Fraction, Fraction]:
 
 
 def rising(function: Callable[[Any], Any], a: Any) -> Any:
-    """Return an increasing function of a ball, by its ends: Arb's result for a wide ball may be far wider, or NaN."""
+    """Return an increasing function of a ball, from the values at its ends: Arb's result for a wide ball may be far
+    wider, or NaN."""
     return function(a.lower()).union(function(a.upper()))
 
 
@@ -245,8 +248,8 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """Return the power series t = tanh(a) and 1 - t^2 by t' = (1 - t^2)
-    a': with wide error balls a quotient of exponentials would fail."""
+    """Return the power series t = tanh(a) and 1 - t^2 by t' = (1 - t^2) a'. With wide balls a quotient of exponentials
+    would fail."""
     x = a.coeffs() or [arb(0)]
     t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
@@ -294,7 +297,8 @@ _NAN = arb("nan")
 
 
 def values(tape: Tape, point: Sequence[Any], bits: int = 64) -> list[Ball]:
-    """Return a tape's outputs as balls at `point`, a number or ball for each symbol; `bits`: the working precision."""
+    """Return a tape's outputs as balls at `point`, a number or ball for each symbol; `bits`: the working precision. A
+    ball is NaN where the value is undefined or undecided."""
     registers: list[Any] = []
     with ctx.workprec(bits):
         for op, places, value in tape.instructions:
@@ -333,7 +337,7 @@ def _ball_root(args: Sequence[Ball], exponent: Fraction) -> Ball:
 
 
 def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
-    """Return e_i/|e| for error balls e (`parts`) and i = `index`; NaN where e may be 0."""
+    """Return e_i/|e| for a vector of balls e (`parts`) and i = `index`; NaN where e may be 0."""
     if len(parts) == 1:
         return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
     size = _norm(*parts)
@@ -341,7 +345,7 @@ def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
 
 
 def _step(a: Ball, at_zero: Ball = None) -> Ball:
-    """Return the unit step of a; its value at 0 is SymPy's 1/2 unless `at_zero` is given."""
+    """Return the unit step of a; its value at a = 0 is `at_zero`, by default SymPy's 1/2."""
     middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
 
@@ -430,7 +434,7 @@ OPERATIONS = frozenset({"symbol", "number", "constant", "add", "mul", "power"})
 
 @dataclass(frozen=True)
 class Modular:
-    """The arithmetic of power series in t with coefficients modulo `modulus`, a power of `prime`.
+    """The arithmetic of power series in t whose coefficients are integers modulo `modulus`, a power of `prime`.
 
     A division by zero modulo the prime raises `ZeroDivisionError`: another point may succeed. A constant, pi or e, is a
     random number: it is transcendental, and an expression over the rationals vanishes at it only identically.
@@ -449,13 +453,14 @@ class Modular:
         return flint.nmod_poly(list(coefficients[:order]), self.modulus)
 
     def number(self, value: Fraction, order: int) -> Any:
-        """Return a rational modulo `modulus` as a series with the constant term only. Raises: `ZeroDivisionError`."""
+        """Return a rational modulo `modulus` as a constant series. Raises: `ZeroDivisionError` for a denominator that
+        is 0 modulo the prime."""
         if value.denominator % self.prime == 0:
             raise ZeroDivisionError
         return self.series([value.numerator * pow(value.denominator, -1, self.modulus) % self.modulus], order)
 
     def constant(self, name: str, order: int) -> Any:
-        """Return a random number for pi or e, reproducible by its name, as a series."""
+        """Return a random constant series in place of pi or e, reproducible by the name."""
         return self.series([self.draw(draws(self.seed, f"constant {name}"))], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
@@ -463,7 +468,7 @@ class Modular:
         return a.mul_low(b, order)
 
     def nothing(self, a: Any) -> bool:
-        """Return whether the series is zero."""
+        """Return whether a series is zero."""
         return bool(a.is_zero())
 
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
@@ -489,7 +494,7 @@ class Modular:
 
     @property
     def nudge(self) -> int:
-        """Return a step d whose square is zero modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
+        """Return a step d with d^2 = 0 modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
         return self.prime
 
     def slope(self, shifted: Any, base: Any) -> int:
@@ -509,12 +514,13 @@ Gradient = Mapping[int, Any]
 
 @dataclass(frozen=True)
 class Plant:
-    """A plant x' = f, y = h as a tape of f then h whose symbols are n states, q parameters, m inputs, then constants.
+    """A plant x' = f, y = h as a tape with the outputs f, then h; its symbols are n states, q parameters, m inputs,
+    then constants.
 
     `places`: values of the symbols near which real points are drawn; without any they are drawn anywhere. `discrete`:
-    the plant is x+ = f, whose inputs at different samples are free of each other. `constraints`: the tape of the last
-    outputs, where the flow keeps them at 0: they are 0 at every point. `times`: the
-    numbers of the inputs that are times: they have one value, between 0 and 1 if it is real, and the rate 1.
+    the plant is x+ = f, and inputs at different samples are independent. `constraints`: a tape of functions that are 0
+    along every motion and at every point. `times`: the indices of the inputs that are times; all have one value,
+    between 0 and 1 for balls, and the rate 1.
     """
 
     tape: Tape
@@ -528,18 +534,19 @@ class Plant:
 
     @property
     def wide(self) -> int:
-        """Return n + q, the number of columns of the sensitivities d/d(x_0, p)."""
+        """Return n + q, the number of columns of the sensitivities d/d(x_0, p), p the parameters."""
         return self.n + self.q
 
     @property
     def outputs(self) -> int:
-        """Return the number of outputs y of the plant."""
+        """Return the number of outputs of the tape after the n right-hand sides."""
         return len(self.tape.outputs) - self.n
 
 
 @dataclass(frozen=True)
 class Point:
-    """A start of a plant's series: `states` and `constants` (parameters first) at t = 0, and the `inputs` as series."""
+    """An initial point of a plant's power series: `states` and `constants` (parameters first) at t = 0; `inputs(j,
+    order)`: the coefficients of input j below t^order."""
 
     states: tuple[Any, ...]
     constants: tuple[Any, ...]
@@ -547,7 +554,8 @@ class Point:
 
 
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
-    """Return a random start point, for balls near one of the plant's `places`, with random input derivatives."""
+    """Return a random initial point with random input derivatives; for balls it is near one of the plant's `places`, if
+    any."""
     source = draws(numbers.seed, "point")
     if isinstance(numbers, Balls) and plant.places:
         # near each value, by less than a millionth of it
@@ -569,8 +577,8 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
 
 
 def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
-    """Yield lists of the matrices Y_0, Y_1, .. (p x (n + q)) without end, Y_k = d(y^(k)/k!)/d(x_0, parameters); K of
-    them cost of the order of K^2. Of a discrete plant Y_k is the gradient of y at sample k.
+    """Yield, without end, lists of the next matrices Y_0, Y_1, .. (p x (n + q)), Y_k = d(y^(k)/k!)/d(x_0, parameters);
+    the first K of them cost about K^2. For a discrete plant Y_k is the gradient of y at sample k.
 
     Raises: `ZeroDivisionError`, `Undecided` where the series do not exist at this point.
     """
@@ -629,8 +637,8 @@ def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, size: int) 
 def evaluate(
     plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
 ) -> list[tuple[Any, Gradient]]:
-    """Return the outputs of the plant's tape at the series `values` of its symbols, as series below t^order, each with
-    its gradient by states and parameters (index -> series below t^slope_order)."""
+    """Return the outputs of the plant's tape for the series `values` of its symbols: for each output its series below
+    t^order, and its gradient by states and parameters, a series below t^slope_order for each index."""
     one = numbers.series([1], slope_order)
     wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
     done: list[Any] = []
@@ -722,7 +730,7 @@ def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -
 
 
 def _present(slopes: list[Any]) -> dict[int, Any]:
-    """Return the coefficients by index that are not 0: of a linear plant the first alone."""
+    """Return the coefficients that are not 0, by index; for a linear plant only the first one remains."""
     return {j: slope for j, slope in enumerate(slopes) if slope != 0 * slope}
 
 
@@ -734,8 +742,8 @@ def _row(phi: list[Any], slopes: dict[int, Any], forced: list[Any], k: int) -> A
 def _newton(
     states: list[list[Any]], flow: Sequence[Any], slopes: list[Any], numbers: Arithmetic, known: int
 ) -> list[list[Any]]:
-    """Return the Taylor series of the states to twice the `known` order by Newton's
-    method: x + d with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
+    """Return the Taylor series of the states below t^(2 known), from `states` below t^known, by Newton's method: x + d
+    with d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
     n = len(states)
     full = [numbers.coefficients(value, 2 * known - 1) for value, _ in flow]
     correction: dict[int, Any] = {}

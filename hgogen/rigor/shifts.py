@@ -29,8 +29,9 @@ _ONCE = (sp.exp, sp.log, sp.sinh, sp.tanh, sp.asinh, sp.atanh, sp.asin, sp.acos,
 
 @dataclass(frozen=True)
 class Shifts:
-    """Shifts that change no row, in turns of a state that has a period, without those by whole turns: the least of
-    `single` states, and `joint` ones of several; `open`: states of which more shifts are not excluded."""
+    """Shifts of states that leave every output unchanged; whole turns of an angle do not count. `single`: the smallest
+    shift of each state alone; `joint`: shifts of several states together; `open`: states for which further shifts are
+    not excluded. A state with a period is shifted in units of its period."""
 
     single: dict[sp.Symbol, sp.Expr]
     joint: tuple[dict[sp.Symbol, sp.Expr], ...] = ()
@@ -40,8 +41,9 @@ class Shifts:
 def hidden_shifts(
     periods: Mapping[sp.Symbol, float | None], rows: Iterable[Row], following: Iterable[sp.Expr] = ()
 ) -> Shifts:
-    """Return the shifts of states that change no row, and none at the later samples of a discrete plant. `periods`: of
-    the states; `following`: their next values. A state that no row determines is left out."""
+    """Return the shifts of states that leave all `rows` unchanged and, for a discrete plant, also at later samples.
+    `periods`: of each state, None without one; `following`: the next values of the states. A state on which no row
+    depends is omitted."""
     rows, following = tuple(rows), tuple(following)
     conditions, own = _Conditions(tuple(periods)), [None if p is None else exact_turn(p) for p in periods.values()]
     none = Shifts({}, (), tuple(x for x, period in periods.items() if period is not None))
@@ -72,8 +74,8 @@ def hidden_shifts(
 def _in_turns(
     states: Sequence[sp.Symbol], own: Sequence[sp.Expr | None], units: Sequence[sp.Expr], basis: Sequence[_Slopes]
 ) -> tuple[dict[sp.Symbol, sp.Expr], tuple[dict[sp.Symbol, sp.Expr], ...]]:
-    """Return the shifts of single states and of several in the lattice of a `basis`: in turns of states with a period,
-    of which `own` has the others as None, and in `units` of the others."""
+    """Return the shifts in the lattice of a `basis`, of single states and of several: for a state with a period in
+    `own` as a share of the period, for another state (None in `own`) times its entry of `units`."""
     steps = [_step(basis, j) for j in range(len(own))]
     joint = [[_nearest(e, step) for e, step in zip(row, steps, strict=True)] for row in basis]
     sizes = [unit if turn is None else sp.S.One for unit, turn in zip(units, own, strict=True)]
@@ -85,7 +87,8 @@ def _in_turns(
 
 @dataclass(frozen=True)
 class _Need:
-    """The condition that slopes . s is 0, or a whole number of periods; `sure`: it is necessary."""
+    """The condition on a shift s that slopes . s is 0, or, with a `period`, a whole number of periods; `sure`: whether
+    the condition is necessary."""
 
     slopes: _Slopes
     period: sp.Expr | None
@@ -94,10 +97,10 @@ class _Need:
 
 @dataclass(frozen=True)
 class _Conditions:
-    """The conditions on shifts of `states` under which expressions change by numbers only.
+    """The conditions on shifts s of the `states` under which expressions change by constants only.
 
-    An expression is written as a polynomial in symbols, e^(i k x) and other functions, the arguments of which are to
-    change by nothing: that is necessary for a function that has each value once.
+    An expression is written as a polynomial in symbols, e^(i k x) and other functions. The arguments of these functions
+    must not change, which is necessary for a function that takes each value once.
     """
 
     states: tuple[sp.Symbol, ...]
@@ -110,7 +113,7 @@ class _Conditions:
             self.needs.append(_Need(slopes, period, period is None or (self.sure and sure)))
 
     def change(self, row: sp.Expr) -> _Slopes:
-        """Return the slopes c of row(x + s) - row(x) = c s under the conditions, which are added."""
+        """Return the slopes c in row(x + s) - row(x) = c s, and add the conditions on s under which this holds."""
         parts: dict[tuple[sp.Expr, sp.Expr], sp.Expr] = {}
         for term in sp.Add.make_args(sp.expand(self.written(row))):
             factors = sp.Mul.make_args(term)
@@ -130,7 +133,8 @@ class _Conditions:
         return slopes
 
     def linear(self, polynomial: sp.Expr) -> _Slopes:
-        """Return the slopes c of p(x + s) - p(x) = c s; the conditions that it has no other terms are added."""
+        """Return the slopes c in p(x + s) - p(x) = c s for a polynomial p, and add the conditions that it has no other
+        terms."""
         slopes = {sp.S.One: [sp.S.Zero] * len(self.states)}
         for j, x in enumerate(self.states):
             for term in sp.Add.make_args(sp.expand(sp.diff(polynomial, x))):
@@ -162,7 +166,8 @@ class _Conditions:
         return self.kernel(e, _arguments(e), once or (isinstance(e, sp.atan2) and not factors[0] & factors[1]))
 
     def kernel(self, e: sp.Expr, arguments: Iterable[sp.Expr], once: bool) -> sp.Symbol:
-        """Return a symbol for a function; the conditions that its arguments do not change are added."""
+        """Return the symbol that replaces a function e, and add the conditions that its `arguments` do not change;
+        `once`: whether the function takes each value once, so that these conditions are necessary."""
         if e not in self.known:
             self.known[e] = sp.Dummy()
             inner = replace(self, sure=self.sure and once)
@@ -180,8 +185,8 @@ def _arguments(e: sp.Basic) -> Iterator[sp.Expr]:
 
 
 def _units(zero: Sequence[_Slopes], whole: Sequence[_Slopes], F: sp.Matrix, known: Sequence[Any]) -> list[sp.Expr]:
-    """Return a unit for each state in which all conditions are rational, if there is one; `known`: those that are not
-    None."""
+    """Return a unit of shift for each state in which all conditions have rational coefficients, if there is one;
+    `known`: the units of states with a period, else None."""
     units = list(known)
 
     def link(j: int, size: sp.Expr) -> None:
@@ -210,8 +215,8 @@ def _units(zero: Sequence[_Slopes], whole: Sequence[_Slopes], F: sp.Matrix, know
 def _dual(
     n: int, zero: sp.Matrix, whole: Sequence[sp.Matrix], F: sp.Matrix, turns: Sequence[_Slopes]
 ) -> tuple[list[_Slopes], set[int]]:
-    """Return a basis of the s with zero s = 0 and whole numbers whole s, and so for F s, F^2 s, ..; of the states that
-    they determine alone. The indices of the others follow."""
+    """Return a basis of the lattice of shifts s with zero s = 0 and whole numbers whole s, also for F s, F^2 s, .. in
+    place of s, restricted to the states that these conditions determine; and the set of indices of the other states."""
     B = sp.eye(n)
     if F:
         parts = [(p.primitive()[1], k) for p, k in F.charpoly().factor_list()[1]]
@@ -234,7 +239,7 @@ def _at(polynomial: sp.Poly, F: sp.Matrix) -> sp.Matrix:
 
 
 def _echelon(rows: Sequence[_Slopes]) -> list[_Slopes]:
-    """Return the Hermite normal form of the lattice that rows of rational numbers span."""
+    """Return the Hermite normal form of the lattice that the rows, vectors of rational numbers, span."""
     if not rows:
         return []
     scale = lcm(*(int(sp.Rational(e).q) for row in rows for e in row))
@@ -243,11 +248,11 @@ def _echelon(rows: Sequence[_Slopes]) -> list[_Slopes]:
 
 
 def _step(basis: Sequence[_Slopes], j: int) -> sp.Rational:
-    """Return the least positive multiple of unit vector j in a lattice, or 0."""
+    """Return the smallest positive multiple of unit vector j that is in a lattice, or 0 if there is none."""
     *others, last = _echelon([[*row[:j], *row[j + 1 :], row[j]] for row in basis])[-1] if basis else [0]
     return sp.S.Zero if any(others) else last
 
 
 def _nearest(value: sp.Rational, step: sp.Rational) -> sp.Rational:
-    """Return the value less a whole number of steps, from -step/2 to step/2."""
+    """Return the value reduced by whole steps to the interval (-step/2, step/2]."""
     return value - step * sp.ceiling(value / step - sp.S.Half) if step else value

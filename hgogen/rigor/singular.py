@@ -59,7 +59,8 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition under which a part is smooth: a `relation`, such as "{of} != 0", and its expression `of`."""
+    """A condition under which a subexpression is smooth: a `relation` such as "{of} != 0", about the expression
+    `of`."""
 
     relation: str
     of: sp.Expr
@@ -74,7 +75,7 @@ class Condition:
 
     @property
     def failure(self) -> Reason:
-        """Return the words for the points where the condition fails, such as "at u = 0"."""
+        """Return the place where the condition fails, in words such as "at u = 0"."""
         if self.relation == NONZERO:
             return because("at {of} = 0", of=self.of)
         return because("unless {condition}", condition=self.reason)
@@ -96,7 +97,8 @@ _ENTIRE = (
 
 
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
-    """Return the powers and functions that may be singular on the box, each with the condition that excludes it."""
+    """Return the powers and functions in the expressions that may be singular on the box, each with the condition under
+    which it is not."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
     conditions = {node: _condition(node, box) for node in sorted(nodes, key=str)}
     return {node: condition for node, condition in conditions.items() if condition}
@@ -108,7 +110,7 @@ def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """Return the distinct conditions in the order of their texts, without u != 0 where u > 0 is one of them."""
+    """Return the distinct conditions, ordered by their texts, without u != 0 where u > 0 is among them."""
     every = sorted(set(conditions), key=str)
     positive = {each.of for each in every if each.relation == POSITIVE}
     return tuple(each for each in every if each.relation != NONZERO or each.of not in positive)
@@ -133,7 +135,7 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
 
 
 def off_origin(angle: sp.atan2) -> Condition:
-    """Return the condition under which atan2(y, x) has a value, and is smooth modulo a turn."""
+    """Return the condition under which atan2(y, x) has a value and is smooth up to whole turns: x^2 + y^2 != 0."""
     return Condition(NONZERO, sp.Add(*(part**2 for part in angle.args)))
 
 
@@ -143,11 +145,11 @@ _CHOOSING = (sp.Piecewise, sp.Heaviside)
 
 
 def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
-    """Return a power or function of `before` that is not proved to be a finite real number on the box, and that `after`
-    lacks; or None.
+    """Return a power or function of the expressions `before` that is not proved to be a finite real number on the box
+    and is missing in `after`, as after a simplification; None if there is none.
 
-    `after` has a part if it contains it, or an expression that is undefined at the same points, as 1/x**2 for 1/x. It
-    lacks a part that vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0.
+    It is not missing where `after` has an expression that is undefined at the same points, as 1/x**2 for 1/x. It is
+    missing where it vanishes by a one-point range of the box, as log(x) in k log(x) with k = 0.
     """
     every = tuple(dict.fromkeys(part for row in before for part in parts(row)))
     rows = tuple(sides(exact(row), box)[0] for row in after)
@@ -166,14 +168,15 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
 
 
 def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
-    """Return the powers and functions in the expressions that are not proved to be finite real numbers on the box."""
+    """Return the powers and functions in the expressions that are not proved to be finite real numbers on the whole
+    box."""
     every = tuple(dict.fromkeys(part for e in expressions for part in parts(e)))
     needs = singular(every, box)
     return tuple(part for part in every if _demands(part, needs) and not is_defined(part, box))
 
 
 def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
-    """Return the conditions, such as u != 0 for 1/u, under which the expressions have values on the box."""
+    """Return the conditions, such as u != 0 for 1/u, under which the expressions are finite real numbers on the box."""
     necessary = set[Condition]()
     for part in doubtful(expressions, box):
         needs = [] if isinstance(part, _CHOOSING) else [*singular((part,), box).values()]
@@ -183,7 +186,8 @@ def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...
 
 
 def parts(e: sp.Expr) -> Iterator[sp.Expr]:
-    """Yield the powers and functions of an expression, outermost first, without those inside a Piecewise."""
+    """Yield the powers and functions in an expression, outermost first, except those inside a Piecewise or
+    Heaviside."""
     walk = sp.preorder_traversal(e)
     for node in walk:
         if isinstance(node, (sp.Pow, sp.Function)):
@@ -193,8 +197,9 @@ def parts(e: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
-    """Yield `put` of each power and function separately, since SymPy may simplify the whole: (a - b)/(2 a - 2 b) with a
-    = b + w is 1/2 at once. For a Piecewise also `put` of its inner parts that `put` of the Piecewise lacks."""
+    """Yield put(part) for each power and function in the expressions. SymPy may simplify a substitution in the whole
+    expression: (a - b)/(2 a - 2 b) becomes 1/2 for a = b + w. For a Piecewise, put(part) of its inner parts follows
+    where put(Piecewise) has lost them."""
     for part in dict.fromkeys(part for e in expressions for part in parts(e)):
         whole = put(part)
         yield whole
@@ -242,12 +247,13 @@ class _NoSeries(Exception):
 
 
 class Resolved(sp.Piecewise):  # type: ignore[misc]
-    """A quotient g(x) without its removable singularity: a polynomial where |x| is small, else g(x) as written."""
+    """A quotient g(x) with its removable singularity replaced: a Piecewise of a polynomial where |x| is small, else
+    g(x) as written."""
 
     @property
     def reads(self) -> Iterator[sp.Expr]:
-        """Yield the expressions from which the value is computed: the polynomial in x, and those powers and functions
-        of g(x) as written that do not divide by x."""
+        """Yield the expressions from which the value is computed: the polynomial in x, and the powers and functions in
+        g(x) that do not divide by x."""
         (within, inside), (beyond, _) = self.args
         factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
         base = sp.Mul(*factors)
@@ -261,7 +267,7 @@ class Resolved(sp.Piecewise):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class _Term:
-    """A term number * h(x)/x^power of a quotient, with a rational `number`."""
+    """A term number h(x)/x^power of a quotient, with a rational `number`."""
 
     number: sp.Rational
     power: int
@@ -274,8 +280,8 @@ class _Term:
 
 @dataclass(frozen=True)
 class _Regular:
-    """A quotient whose removable singularity at 0 is replaced: a
-    polynomial for |x| < `radius`, else the quotient `beyond`."""
+    """A quotient with its removable singularity at 0 replaced: a polynomial with the `coefficients` for |x| < `radius`,
+    else `beyond`, the quotient as written."""
 
     coefficients: tuple[sp.Rational, ...]
     radius: sp.Rational
@@ -303,7 +309,8 @@ def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=1024)  # each stage of a step needs the same rows
 def resolved(expression: sp.Expr) -> sp.Expr:
-    """Return the expression without removable singularities of quotients, and with max(e, 0)^p, p < 1, by cases."""
+    """Return the expression with removable singularities of quotients replaced (`Resolved`), and max(e, 0)^p, p < 1,
+    written as a Piecewise."""
     if not any(_is_ramp(node) or _divides(node) for node in expression.atoms(sp.Pow)):
         return expression
     if isinstance(expression, sp.Pow) and _is_ramp(expression):
@@ -366,9 +373,8 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
-    """Return the terms in x as terms in c x, and c: 1 if their sum is regular
-    at 0, else c x is the argument of a function. If c is not rational, all
-    terms must have one power, and depend on x by c x only."""
+    """Return the terms in x rewritten as terms in c x, and c. It is 1 if the sum of the terms is regular at 0, else c x
+    is the argument of a function. If c is not rational, all terms must have one power and depend on x by c x only."""
     if _regular(terms):
         return terms, sp.S.One
     for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
@@ -400,8 +406,8 @@ def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
 
 @lru_cache(maxsize=256)
 def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
-    """Return the sum of h(x)/x^m without its singularity at 0; None
-    if it is not removable, or without a suitable radius."""
+    """Return the sum of the terms h(x)/x^m with its singularity at 0 replaced; None if it is not removable, or no
+    radius suits."""
     if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
         return None
     m = max(term.power for term in terms)
@@ -427,16 +433,17 @@ def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
 
 
 def _halved(whole: sp.Expr) -> sp.Expr:
-    """Return a sum with cos a as 1 - 2 sin(a/2)^2, cosh a as 1 + 2 sinh(a/2)^2, exp a as 1 + 2 exp(a/2) sinh(a/2)."""
+    """Return a sum rewritten with cos a = 1 - 2 sin(a/2)^2, cosh a = 1 + 2 sinh(a/2)^2, exp a = 1 + 2 exp(a/2)
+    sinh(a/2)."""
     put = whole.replace(sp.cos, lambda a: 1 - 2 * sp.sin(a / 2) ** 2)
     put = put.replace(sp.exp, lambda a: 1 + 2 * sp.exp(a / 2) * sp.sinh(a / 2))
     return sp.expand_mul(put.replace(sp.cosh, lambda a: 1 + 2 * sp.sinh(a / 2) ** 2))
 
 
 def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
-    """Return the number of coefficients q_0, q_1, .. of sum of terms = x^j
-    (q_0 + q_1 x + ..) for which the remainder is at most 2^-57 of the
-    first nonzero term for |x| < radius; 0 if there is none."""
+    """Return how many coefficients q_0, q_1, .. of the series x^j (q_0 + q_1 x + ..) of the terms' sum are needed,
+    so that for |x| < radius the remainder is at most 2^-57 of the first nonzero term; 0 if no number is proved to
+    suffice."""
     r = arb(definite.number(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
@@ -453,14 +460,16 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
 
 
 def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
-    """Return the cancellation sum |t_i| / |sum t_i| of the terms t_i of `whole`, the larger one of x = +-radius."""
+    """Return the cancellation sum |t_i| / |sum t_i| of the terms t_i of the sum `whole`, the larger one of x = radius
+    and -radius."""
     terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
     sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
     return max(size / total if total else inf for size, total in sizes)
 
 
 def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
-    """Return the first coefficients of x^m times the sum of the terms, or of a majorant series."""
+    """Return the first coefficients of x^m times the sum of the terms, or of a majorant: a series whose coefficients
+    are at least as large in size."""
     before, ctx.cap = ctx.cap, _ORDER
     try:
         series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
@@ -502,19 +511,20 @@ LEAST = sp.Rational(1, 2**126)  # the smallest normal float
 
 
 def with_limits(expression: sp.Expr) -> sp.Expr:
-    """Return the expression in which b^p log(c b), p > 0, is 0 at b = 0; it has no value where c b < 0."""
+    """Return the expression with the limit 0 of b^p log(c b), p > 0, as the value at b = 0; where c b < 0 there is no
+    value."""
     return _logs(expression, _limited)
 
 
 def bounded_logs(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with b^p log(c b), p > 0, replaced by an expression that is finite where its limit is."""
+    """Return the expression with each log(c b) in a product b^p log(c b), p > 0, replaced by an expression that is
+    finite where the product has a limit."""
     return _logs(expression, lambda product, log, argument: product.xreplace({log: argument.bounded}))
 
 
 @dataclass(frozen=True)
 class _LogArgument:
-    """The argument of a logarithm: c b or c/b, b = `base`;
-    or, if `even`, |b| or an even power of b, and c = 1."""
+    """The argument of a logarithm, b = `base`: c b or c/b; or |b| or an even power of b, with c = 1, if `even`."""
 
     base: sp.Expr
     c: sp.Expr
@@ -522,7 +532,7 @@ class _LogArgument:
 
     @property
     def bounded(self) -> sp.Expr:
-        """Return an expression that is finite for c b >= 0 and c != 0, if `even` for any b."""
+        """Return an expression that is finite exactly where c b >= 0 and c != 0; for all b if `even`."""
         if self.even:
             return sp.sqrt(sp.Abs(self.base))
         return sp.sqrt(self.c * self.base) + (0 if self.c.is_number else sp.log(self.c**2))
@@ -535,7 +545,8 @@ def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogArgument], sp
 
 
 def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogArgument] | None:
-    """Return the factor log(c b) of a product with b^p, p > 0, and its argument; None if there is none."""
+    """Return the factor log(c b) of a product that also has b^p, p > 0, and the argument of the logarithm; None if
+    there is none."""
     powers = product.as_powers_dict()
     growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
     growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
@@ -581,7 +592,8 @@ _MOST = 60  # most halvings of the root of the unit, so that its inverse is a fl
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
-    """Return the expression without kinks whose side the box decides; it is equal wherever it is defined there."""
+    """Return the expression without the kinks of which only one side occurs on the box: |x| is x for x >= 0. Where the
+    expression is defined on the box the result is equal."""
     return _visited(expression, box) if _has_kinks(expression) else expression
 
 
@@ -606,9 +618,9 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 
 
 def limited(expression: sp.Expr, box: Box, share: sp.Rational = CHORD, tiny: sp.Rational = TINY) -> sp.Expr:
-    """Return the expression whose derivative programs take for that of `expression`: finite on the box, and the same
-    but near places where a power has a slope without bound. Of the largest e on the box, e^p is limited below `share`
-    for p < 1, below `tiny` for p > 1."""
+    """Return the expression that programs differentiate in place of `expression`, so that derivatives are finite on the
+    box: near e = 0 the chord replaces each power e^p, p not whole, that may be 0 there. E the largest e on the box, the
+    chord ends at `share` E for p < 1 and at `tiny` E for p > 1."""
     powers = _vanishing_powers(expression, tuple(box.items()), share, tiny)
     if not powers:
         return expression
@@ -617,7 +629,8 @@ def limited(expression: sp.Expr, box: Box, share: sp.Rational = CHORD, tiny: sp.
 
 
 def chord_ends(expression: sp.Expr, box: Box) -> dict[sp.Expr, sp.Rational]:
-    """Return the base of each power that has a slope without bound, with the value below which programs limit it."""
+    """Return the base e of each power e^p with a slope without bound at e = 0, with the value of e below which programs
+    use a chord."""
     powers = _vanishing_powers(expression, tuple(box.items()), CHORD, sp.S.Zero)
     return {e.base: end for e, end in powers.items() if end > 0}
 
@@ -626,8 +639,9 @@ def chord_ends(expression: sp.Expr, box: Box) -> dict[sp.Expr, sp.Rational]:
 def _vanishing_powers(
     expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...], share: sp.Rational, tiny: sp.Rational
 ) -> dict[sp.Pow, sp.Rational]:
-    """Return the powers e^p, p > 0 not whole, with an e that may be 0 on both sides of which the expression has a
-    value, each with the e below which it has the slope of the chord: e is a size, or stands in a Piecewise."""
+    """Return the powers e^p, p > 0 not whole, whose base may be 0 while the expression has values on both sides of e =
+    0, each with the e below which it has the slope of a chord. Such a base is an absolute value or a norm, or the power
+    is in a Piecewise."""
     powers = {e for e in expression.atoms(sp.Pow) if _fractional(e) and _is_size(e.base)}
     branches = (branch for choice in expression.atoms(sp.Piecewise) for branch, _ in choice.args)
     powers |= {e for branch in branches for e in branch.atoms(sp.Pow) if _fractional(e)}
@@ -651,9 +665,9 @@ def _is_size(e: sp.Expr) -> bool:
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
-    """Return the expression as programs compute it, with arguments clamped to the box: without kinks whose side the box
-    decides, so that a slope at an end of the box is that inside; with tables that are not clamped where rounding alone
-    leaves them; with one side of kinks at one place; and with norms that have a slope at 0."""
+    """Return the expression as programs compute it, with arguments clamped to the box: kinks of which only one side
+    occurs on the box are removed, so that a slope at an end of the box is the one inside; a table is not clamped where
+    only rounding leaves its breakpoints; kinks at one place share a norm; and norms have a slope at 0."""
     return _computed(expression, tuple(box.items())) if _has_kinks(expression) else expression
 
 

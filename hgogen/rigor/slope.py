@@ -70,8 +70,8 @@ _LOST = 1e-290  # far above the effect of underflow on the norm of a matrix with
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field b as a tape. `states`: the indices of its states among the tape's symbols; `jacobian`: a second
-    tape, of the entries of db/dx that vary, at `places` (row, column); no entries where b has kinks or jumps."""
+    """A vector field b as a tape. `states`: the indices of the states among the tape's symbols; `jacobian`: a tape of
+    the entries of db/dx that are not constant, at the `places` (row, column); empty where b has kinks or jumps."""
 
     program: Tape
     states: tuple[int, ...]
@@ -80,9 +80,9 @@ class Field:
 
 
 def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Cover:
-    """Return a bisection of the box `root` with bounds of the spectral norm |J| of the field's Jacobian on its leaves.
-    It ends once the upper bound is within `relative` of an attained value, or at `limit` boxes; `begun`: a bisection
-    with a lower limit, from which it continues."""
+    """Return a bisection of the box `root` with bounds of |J|, the spectral norm of the field's Jacobian, on its
+    leaves. It ends once the upper bound exceeds an attained value by at most the share `relative`, or at `limit` boxes.
+    `begun`: a bisection with a lower limit to continue."""
 
     def look(low: Array, high: Array, node: Indices, inner: Inner, points: Array | None = None) -> tuple[Known, Inner]:
         at = middle(low, high) if points is None else points
@@ -106,8 +106,8 @@ def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover
 
 
 def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
-    """Return enclosures of a field's Jacobian (2 x rows x states x k) on k boxes, flags
-    (k) of valid ones, and flags (k) of boxes where the field is continuous."""
+    """Return enclosures of the field's Jacobian (2 x rows x states x k) on k boxes; flags (k) whether they are valid,
+    and flags (k) whether the field is continuous on the box."""
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # a jump in a state makes the slope infinite
     continuous = np.logical_and.reduce([row.continuous for row in rows])
@@ -115,9 +115,9 @@ def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]
 
 
 def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
-    """Sharpen Jacobians `matrix` in place by the symbolic Jacobian, if there
-    is one, on boxes flagged `sound`, where the field is continuous.
-    Return the weight of each variable (m x k) for the choice of cuts."""
+    """Tighten the enclosures `matrix` of the Jacobian in place by mean value forms of the symbolic Jacobian, if there
+    is one, on the boxes flagged `sound`, where the field is continuous. Return the weight of each variable (m x k) in
+    the choice of the next cut."""
     if not field.places:
         return None
     entries = enclose(field.jacobian, low, high, slopes=True)
@@ -153,8 +153,9 @@ def _norm(matrix: Array) -> Array:
 
 
 def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
-    """Return upper bounds of the spectral norms of interval matrices [low, high],
-    `size` the largest |entries|; they may be below the Frobenius norms `plain`."""
+    """Return upper bounds of the spectral norms of interval matrices [low, high], by their centres and radii and by
+    sums of rows and columns; `size`: the largest |entries|; `plain`: the Frobenius norms, which the bounds may
+    exceed."""
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
@@ -164,8 +165,8 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
 
 
 def _scaled(matrix: Array) -> tuple[Array, Indices]:
-    """Return the matrices (.. x k) over powers of two, so that their largest entries
-    are below 1, and the exponents; underflow changes a norm by less than `_LOST`."""
+    """Return the matrices (.. x k) divided by powers of two, so that the largest entry of each is below 1, and the
+    exponents; underflow changes a norm by less than `_LOST`."""
     largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
@@ -184,7 +185,8 @@ def _frobenius(size: Array) -> Array:
 
 
 def _point_norm(matrix: Array) -> Array:
-    """Return upper bounds (k) of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
+    """Return upper bounds (k) of the spectral norms of matrices of floats M (rows x columns x k), by the Frobenius norm
+    of a power of M'M."""
     matrix, exponent = _scaled(matrix)
     largest = np.abs(matrix).max(axis=(0, 1))
     transposed = np.swapaxes(matrix, 0, 1)
@@ -216,8 +218,8 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
 
 
 def _attained(matrix: Array, smooth: Flags) -> float:
-    """Return the largest proved lower bound |J v|/|v| of the norms of Jacobians `matrix`
-    (2 x rows x columns x k) at k points, of which those flagged `smooth` count."""
+    """Return the largest proved lower bound |J v|/|v| of the norms of k enclosed Jacobians J, `matrix` (2 x rows x
+    columns x k), at points; those not flagged `smooth` are skipped."""
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0
@@ -258,10 +260,10 @@ _DISTANCES = (10, 30, 60)  # binary digits of the distances at which the slope m
 
 @dataclass(frozen=True)
 class Lipschitz:
-    """The answer whether b(x) is Lipschitz in its states on a box.
+    """The verdict on whether b(x) is Lipschitz in its states on a box.
 
-    PROVED: the spectral norm |db/dx| is <= `high` on the box, and >= `low` at a point of the box, at a table's
-    breakpoint as programs compute it. REFUTED: `witness` is a point towards which an entry of db/dx tends to infinity.
+    PROVED: the spectral norm |db/dx| is <= `high` on the box, and >= `low` at a point of the box (at a table's
+    breakpoint as programs compute it). REFUTED: `witness` is a point towards which an entry of db/dx tends to infinity.
     UNKNOWN: `reason` gives the number of boxes. `variables`, `tree`: the bisection, as in `bounds.Range`.
     """
 
@@ -278,8 +280,9 @@ class Lipschitz:
 def lipschitz_bound(
     b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
 ) -> Lipschitz:
-    """Return bounds of the supremum over the box of the spectral norm of db/dx, x the `states`. The upper one is at
-    most `relative` too large, or `reason` gives the cause.
+    """Return bounds of the supremum over the box of the spectral norm |db/dx|, x the `states`. The upper bound exceeds
+    the supremum by at most the share `relative`, else `reason` gives the cause. `boxes`: the largest number of boxes of
+    the bisection.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -346,8 +349,8 @@ def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field
 
 
 def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
-    """Return an entry of db/dx, b = `rows`, and a point towards
-    which it tends to infinity along a line, or None."""
+    """Return an entry of the Jacobian of the `rows` in the states, and a point towards which it tends to infinity along
+    a line; None if none is known."""
     real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
     plain = {dummy: s for s, dummy in real.items()}
     around = Sides(tuple(real.values()), around.ends)
@@ -430,10 +433,10 @@ _DIGITS = 1024  # parts of the largest entry to which a direction is rounded
 
 @dataclass(frozen=True)
 class SecondOrder:
-    """The claim that S(e, x) = `value` is < 0 for all x of `box` and all e (the symbols `errors`) of the box `around`
-    but 0.
+    """The claim that S(e, x) = `value` < 0 for all x in `box` and all errors e != 0 (the symbols `errors`) in the box
+    `around` 0.
 
-    `matrix`: N(c, x), whose average over the `copies` c of e, each a tuple of symbols (n), satisfies S <= - e'N e.
+    `matrix`: a symmetric N(c, x) with S <= - e'N e, N averaged over the `copies` c of e, each a tuple of symbols (n).
     """
 
     value: sp.Expr
@@ -445,7 +448,7 @@ class SecondOrder:
     states: tuple[sp.Symbol, ...] = ()
 
     def sides(self, share: Fraction = Fraction(1)) -> Sides:
-        """Return the box of e, or a share of it around 0, and x."""
+        """Return the box of e, scaled by `share`, and of x."""
         symbols = (*self.errors, *sorted(self.value.free_symbols - {*self.errors}, key=str))
         whole = {**self.box, **{e: (low * share, high * share) for e, (low, high) in self.around.items()}}
         return Sides(symbols, tuple(whole[s] for s in symbols))
@@ -453,12 +456,12 @@ class SecondOrder:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to the claim S(e, x) < 0, with its `reason`: PROVED with the proofs, REFUTED with an exact point and S
-    = `value` there, or UNKNOWN.
+    """The verdict on the claim S(e, x) < 0: PROVED by the `proofs`, REFUTED by an exact `point` with S = `value` >= 0,
+    or UNKNOWN for the `reason`.
 
-    `share`: the share of the box of e on which the matrix N in S <= - e'N e is proved definite, with T = `basis`, for
-    which T'N T is nearly the unit matrix. The first proof is that of N, the others are those of S < 0 on the slabs
-    outside.
+    `share`: the share of the box of e on which N is proved positive definite (S <= - e'N e), by way of T'N T, T =
+    `basis`, which is nearly the unit matrix. The first proof is about N, the other ones prove S < 0 on the slabs that
+    cover the remaining box.
     """
 
     verdict: Verdict
@@ -471,9 +474,9 @@ class Answer:
 
 
 def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
-    """Return the answer whether S(e, x) < 0 for e != 0: N with S <= - e'N e is definite near e = 0, and bisection
-    covers the remainder, with at most `boxes` for each sign. `obstacle`: the reason why N does not bound S; the answer
-    is then refuted or unknown."""
+    """Return the verdict on the claim S(e, x) < 0 for e != 0. Near e = 0 a definite matrix N proves it (S <= - e'N e),
+    on the remaining box bisection, with at most `boxes` for each sign. `obstacle`: the reason why N does not bound S;
+    the verdict is then refuted or unknown."""
     counterexample = _refuted(claim, _samples(claim))
     if counterexample or obstacle:
         return counterexample or Answer(Verdict.UNKNOWN, obstacle)
@@ -493,8 +496,8 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 def _on_slabs(
     claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
 ) -> Answer:
-    """Return whether S(e, x) < 0, from the `signs` of S on slabs that cover the box of e outside
-    the `share` on which N is definite (S <= - e'N e); `definite`: the proof for N."""
+    """Return the verdict on S(e, x) < 0 from the `signs` of S on slabs that cover the box of e outside the `share` on
+    which N is definite (S <= - e'N e); `definite`: the proof about N and its basis."""
     proof, basis = definite
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
         total = sum(sign.range.boxes for sign in signs)
@@ -514,7 +517,8 @@ def _on_slabs(
 
 
 def _refuted(claim: SecondOrder, points: Iterable[Point]) -> Answer | None:
-    """Return the refutation by the first of the points in the box with S >= 0 and e != 0, exactly."""
+    """Return the refutation by the first of the points in the box with e != 0 at which S >= 0 is proved; None if there
+    is none."""
     around = claim.sides()
     program = tape([claim.value], around.symbols)
     for point in points:
@@ -526,7 +530,7 @@ def _refuted(claim: SecondOrder, points: Iterable[Point]) -> Answer | None:
 
 
 def _samples(claim: SecondOrder) -> Iterator[Point]:
-    """Yield the points with the largest S/|e|^2 that steps uphill reach from the best samples of the box."""
+    """Yield points with large S/|e|^2, which a random search uphill reaches from the best samples of the box."""
     around = claim.sides()
     program = tape([claim.value / sp.Add(*(e**2 for e in claim.errors))], around.symbols)
     (low, high), m = (end[:, None] for end in around.outer), len(around.symbols)
@@ -548,8 +552,8 @@ def _samples(claim: SecondOrder) -> Iterator[Point]:
 
 
 def _along(claim: SecondOrder) -> Iterator[Point]:
-    """Yield points with small e along the eigenvector of the smallest eigenvalue at
-    e = 0 of the matrix N in S <= - e'N e, at the x where the eigenvalue is least."""
+    """Yield points with small e along the eigenvector of the smallest eigenvalue of N at e = 0 (S <= - e'N e), for
+    sampled x in the order of this eigenvalue."""
     sampled, around = _Sampled.of(*_restricted(claim, Fraction(0))), claim.sides()
     with np.errstate(invalid="ignore"):
         start = around.point(middle(*around.outer).tolist())
@@ -567,8 +571,8 @@ def _along(claim: SecondOrder) -> Iterator[Point]:
 
 
 def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
-    """Return the largest share 1, 1/2, 1/4 .. of the box of e on which the matrix N in
-    S <= - e'N e is proved positive definite, and the proof with its basis, or None."""
+    """Return the largest share 1, 1/2, 1/4, .. of the box of e on which N is proved positive definite (S <= - e'N e),
+    and the proof with its basis; None in place of the proof if there is none."""
     share, definite = Fraction(1), None
     if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
         for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
@@ -579,8 +583,8 @@ def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.
 
 
 def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """Return the matrix N(c, x) and the box of its symbols, with each copy c of e in a `share`
-    of the box of e. If N contains x and c by x - c only, the difference is one symbol."""
+    """Return the matrix N(c, x) and the box of its symbols, each copy c of e in a `share` of the box of e. If N
+    contains x and c as x - c only, this difference is one symbol."""
     box, matrix = dict(claim.box), claim.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
@@ -599,8 +603,8 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
 
 
 def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
-    """Return the proof that a symmetric matrix M is positive definite on the
-    whole box, and a T with T'M T nearly 1; None if there is no proof."""
+    """Return the proof that a symmetric matrix M is positive definite on the whole box, and the matrix T with T'M T
+    nearly 1 that it uses; None if there is no proof."""
     n, sampled = matrix.rows, _Sampled.of(matrix, box)
     if not sampled.least > 0:
         return None
@@ -629,8 +633,8 @@ def _four_digits(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Sampled:
-    """The values `matrices` (k, n, n) of a symbolic symmetric matrix at `points` (m, k) of a box, its middle first, as
-    floats without proof, and their eigenvalues `spectra` (k, n), those of values that are not finite -inf."""
+    """A symbolic symmetric matrix in floats, without proof, at sample `points` (m, k) of a box, its middle first:
+    `matrices` (k, n, n) and their eigenvalues `spectra` (k, n), -inf for a matrix that is not finite."""
 
     around: Sides
     points: Array
@@ -659,7 +663,7 @@ class _Sampled:
 
 
 def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
-    """Yield boxes that cover the box of e outside a `share` of it around 0, each with the box of x."""
+    """Yield boxes that together cover the box of e except its `share` around 0, each with the box of x."""
     inner: dict[sp.Symbol, tuple[Any, Any]] = dict(claim.around)
     for e in claim.errors:
         low, high = (Fraction(end) for end in claim.around[e])

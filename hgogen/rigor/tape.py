@@ -58,14 +58,15 @@ class _Printed(sp.Function):  # type: ignore[misc]
 
 
 class Norm(_Printed):
-    """The norm sqrt(e_1^2 + .. + e_k^2) of the arguments; |e| of one argument."""
+    """The SymPy function |e| = sqrt(e_1^2 + .. + e_k^2) of the arguments e_i; the absolute value of one argument."""
 
     is_real = True
     is_nonnegative = True
 
     @classmethod
     def eval(cls, *args: sp.Expr) -> sp.Expr | None:
-        """Return the norm of numbers, c |e| for |c e| with a number c, |e| for |-e|; None where nothing changes."""
+        """Return the norm of numbers, |c| |e| for |c e| with a number c, |e| for |-e|; None where nothing
+        simplifies."""
         if all(e.is_number for e in args):
             return sp.sqrt(sp.Add(*(e**2 for e in args)))
         if len(args) == 1:
@@ -79,18 +80,20 @@ class Norm(_Printed):
         return sp.Add(*(Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s)))
 
     def plain(self) -> sp.Expr:
-        """Return |e| as Abs(e), or sqrt(e_1^2 + .. + e_k^2)."""
+        """Return Abs(e) or sqrt(e_1^2 + .. + e_k^2) in SymPy's own functions."""
         return _size(*self.args)
 
 
 class Direction(_Printed):
-    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, at e = 0 the set [-1, 1]; of one argument e its sign."""
+    """The SymPy function Direction(i, e_0, .., e_(k-1)) = e_i/|e|, at e = 0 the set [-1, 1]; the sign of a single
+    argument e."""
 
     is_real = True
 
     @classmethod
     def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
-        """Return the sign of one argument, if known, or the direction without numerical factors; None for no change."""
+        """Return the sign of a single argument if it is known, or the direction without numerical factors; None where
+        nothing simplifies."""
         if len(args) > 1:
             return None
         if args[0].is_positive or args[0].is_negative:
@@ -109,7 +112,7 @@ class Direction(_Printed):
         return top.diff(s) / size - top * size.diff(s) / size**2
 
     def plain(self) -> sp.Expr:
-        """Return sign(e) or e_i/|e| without the set at e = 0, for printing only."""
+        """Return sign(e) or e_i/|e| in SymPy's own functions, for printing only: the set at e = 0 is lost."""
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
@@ -123,22 +126,25 @@ def _size(*args: sp.Expr) -> sp.Expr:
 
 
 def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """Return the partial derivative of a real function; at a kink the set of slopes around it, in `Direction`."""
+    """Return the partial derivative of a real function by the symbol; at a kink its value is a set, expressed by
+    `Direction`."""
     return over_reals(lambda e, x: _as_norms(e).diff(x), row, symbol)
 
 
 def with_norms(row: sp.Expr) -> sp.Expr:
-    """Return the real function with its kinks as `Norm`: |e|, max, min, roots of sums of squares, Piecewise, sign."""
+    """Return the real function with its kinks (|e|, max, min, roots of sums of squares, Piecewise, sign) expressed by
+    `Norm`."""
     return over_reals(lambda e, _: _as_norms(e), row)
 
 
 def without_norms(e: sp.Expr) -> sp.Expr:
-    """Return the expression with `Norm` written in SymPy's own functions, as programs compute it."""
+    """Return the expression with each `Norm` written in SymPy's own functions, as programs compute it."""
     return e.replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
 
 
 def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
-    """Return the expression with each s = e_1^2 + .. + e_k^2 under a root raised to `least` times unit(s).
+    """Return the expression with each sum of squares s = e_1^2 + .. + e_k^2 under a root replaced by max(s, `least`
+    unit(s)).
 
     The derivative that programs compute, e_i e_i' over the root, is then 0 where all e_i are 0, and not 0/0. Roots in
     conditions and roots that are also divisors do not change, as in sin |e|/|e| where |e| > 0, else 1.
@@ -161,7 +167,8 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
-    """Return SymPy's derivative of a continuous expression with sign and Heaviside as sets at 0, in `Direction`."""
+    """Return SymPy's derivative of a continuous expression with sign and Heaviside replaced by `Direction`, whose value
+    at 0 is a set."""
     steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
     return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
 
@@ -169,7 +176,8 @@ def at_kinks(derivative: sp.Expr) -> sp.Expr:
 def over_reals(
     function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
 ) -> sp.Expr:
-    """Return `function(row, symbol)` computed with real symbols, as SymPy's |x| of a complex x has another slope."""
+    """Return function(row, symbol), computed with real symbols in place of complex ones: SymPy's |x| of a complex x has
+    another slope."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
     value = function(row.xreplace(plain), plain.get(symbol, symbol))
     return value.xreplace({dummy: s for s, dummy in plain.items()})
@@ -194,12 +202,12 @@ def _as_norms(e: sp.Expr) -> sp.Expr:
 
 
 def rooted(node: sp.Pow) -> bool:
-    """Return whether a power is a square root of a variable expression, or an odd power of such a root."""
+    """Return whether a power is the square root of an expression with symbols, or an odd power of such a root."""
     return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """Return the product with |e| for its factors e sign(e), and -|e| for -e sign(e)."""
+    """Return the product with |e| in place of e sign(e), and -|e| in place of -e sign(e)."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), others = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(others))
@@ -211,7 +219,7 @@ def signed(e: sp.Mul) -> sp.Expr:
 
 
 def unsigned(e: sp.Mul) -> sp.Expr:
-    """Return the product with e for its factors |e| sign(e), and -e for |e| sign(-e)."""
+    """Return the product with e in place of |e| sign(e), and -e in place of |e| sign(-e)."""
     for node in e.args:
         for size in (node.args[0], -node.args[0]) if isinstance(node, sp.sign) else ():
             if sp.Abs(size) in e.args:
@@ -220,7 +228,8 @@ def unsigned(e: sp.Mul) -> sp.Expr:
 
 
 def squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """Return e_1 .. e_k with e = e_1^2 + .. + e_k^2, numbers among them not negative; None for any other e."""
+    """Return the list e_1 .. e_k for an expression e = e_1^2 + .. + e_k^2 (numbers in the sum must not be negative);
+    None for another expression."""
     if e.count_ops() > _LARGE:
         return None
     roots = []
@@ -234,7 +243,7 @@ def squares(e: sp.Expr) -> list[sp.Expr] | None:
 
 
 def _square(term: sp.Expr) -> sp.Expr | None:
-    """Return r with term = r^2, r a product of powers; None if the term is no such square."""
+    """Return r with term = r^2, r a product of powers; None if there is none."""
     number, others = term.as_coeff_Mul(rational=True)
     if number < 0:
         return None
@@ -252,9 +261,8 @@ def _square(term: sp.Expr) -> sp.Expr | None:
 
 
 def _joined(e: sp.Piecewise) -> sp.Expr:
-    """Return the sum b + sum_i g_i (c_i + |c_i|)/2 for the Piecewise (b + g_i c_i
-    where c_i > 0, .., else b) with no two c_i above 0 at once; the Piecewise
-    itself if it has another shape, or branches that may lack values."""
+    """Return the sum b + sum_i g_i (c_i + |c_i|)/2 for a Piecewise (b + g_i c_i where c_i > 0, .., else b) in which at
+    most one c_i is above 0 at once; another Piecewise, or one whose branches may lack values, is returned unchanged."""
     *branches, (default, last) = [tuple(pair.args) for pair in exact(e).args]
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
@@ -298,7 +306,8 @@ def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
 
 
 def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
-    """Return an expression's values on both sides of its only kink |e| at a point, if of opposite signs; else None."""
+    """Return the two values of an expression at a point on both sides of a kink |e|, if it is the only kink there and
+    the values have opposite signs; else None."""
     there = put(expression, point)
     kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
     if there is None or len(kinks) != 1 or there.free_symbols:
@@ -315,7 +324,8 @@ _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 
 
 def shared(expression: sp.Expr) -> sp.Expr:
-    """Return the expression as programs compute it: with kinks written as norms where two of them share a norm."""
+    """Return the expression as programs compute it: kinks are written as norms where two of them have a norm in
+    common."""
     # the parts that may have kinks of their own: |e|, max, min and choices, and products with a sign
     signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
     norms = [_introduced(node) for node in {*expression.atoms(*_KINDS), *signs}]
@@ -338,8 +348,12 @@ def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with functions that have a rule in every arithmetic: those of `MEANING` are rewritten. |e|
-    stands for e sign(e) where e is real, and sign(e) |e|^p for e |e|^(p - 1), which has no value at e = 0 for p < 1."""
+    """Return the expression in functions that have a rule in every arithmetic: the functions in `MEANING` are
+    rewritten.
+
+    |e| stands for e sign(e) where e is real, and sign(e) |e|^p for e |e|^(p - 1), which has no value at e = 0 for p <
+    1.
+    """
     if expression.has(*MEANING):
         expression = expression.replace(lambda e: type(e) in MEANING, lambda e: MEANING[type(e)](*e.args))
     if expression.has(sp.Abs):
@@ -354,7 +368,8 @@ def plain(expression: sp.Expr) -> sp.Expr:
 
 
 def _of_size(e: sp.Mul) -> sp.Expr:
-    """Return the product with sign(a)^k |a|^(k + p) for its factors a^k |a|^p, k > 0 whole, p < 0 or not, k + p > 0."""
+    """Return the product with sign(a)^k |a|^(k + p) in place of its factors a^k |a|^p, for k > 0 whole and k + p
+    positive, p < 0 or not whole."""
     for size in e.args:
         if not (size.as_base_exp()[1].is_number and isinstance(size.as_base_exp()[0], sp.Abs)):
             continue
@@ -389,7 +404,7 @@ _RELATIONS = {
 
 @dataclass(eq=False)
 class NoTape(HgogenError):
-    """The error that a function or a symbol (`what`, in `expression`) has no rule in the arithmetic of the proofs.
+    """The error that a function or symbol, `what`, in an `expression` has no rule in the arithmetic of the proofs;
     `refusal`: the sentence on what to write instead."""
 
     what: str
@@ -423,7 +438,8 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Tape:
-    """A straight-line program: `instructions` that read `symbols` by index; `outputs`: the index of each result."""
+    """A straight-line program: `instructions`, which read `symbols` by index; `outputs`: the index of the instruction
+    of each result."""
 
     symbols: tuple[sp.Symbol, ...]
     instructions: tuple[Instruction, ...]
@@ -431,7 +447,7 @@ class Tape:
 
 
 def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
-    """Return expressions in the given symbols as a straight-line program, an output for each.
+    """Return the expressions as a straight-line program in these symbols, with an output for each.
 
     Raises: `NoTape` for a function without a rule, an undeclared symbol, an infinite or complex number.
     """
@@ -448,8 +464,8 @@ class _Writer:
         self.known: dict[sp.Basic, int] = {}
 
     def place(self, node: sp.Basic) -> int:
-        """Return the index of the instruction for `node`, after those
-        of its parts; without recursion, for deep expressions."""
+        """Return the index of the instruction that computes `node`, after writing the instructions of its arguments;
+        without recursion, for deep expressions."""
         stack = [node]
         while stack:
             top = stack[-1]

@@ -23,8 +23,8 @@ Values = tuple[list[Any], list[list[Any]]]  # c and dc/dx
 
 
 def zero_near(functions: Callable[[Sequence[Any]], Values], start: Sequence[Any]) -> list[Any]:
-    """Return balls around a zero of functions near `start`; `functions`: c (k) and dc/dx (k, n) at balls x (n). Raises:
-    `Undecided` where none is proved."""
+    """Return balls x (n) around a proved zero of functions near `start` (n); `functions`: c (k) and dc/dx (k, n) at
+    balls x. Raises: `Undecided` where no zero is proved."""
     x = [_middle(v) for v in start]
     rows, columns = _pivots(functions(x)[1])
     for _ in range(_PASSES):
@@ -57,7 +57,8 @@ def _middle(value: Any) -> Any:
 
 
 def _unit(value: Any, share: float) -> Any:
-    """Return the last bit at a `share` of the precision, of a number of the size of a value, at least 1."""
+    """Return the unit in the last place of a number of the size max(|value|, 1), at a `share` of the working
+    precision."""
     return max(abs(value).mid(), arb(1)) * arb(2) ** -int(flint.ctx.prec * share)
 
 
@@ -69,7 +70,8 @@ def _inverse(C: Sequence[Sequence[Any]], rows: Sequence[int], columns: Sequence[
 
 
 def _pivots(C: Sequence[Sequence[Any]]) -> tuple[list[int], list[int]]:
-    """Return the independent rows of a matrix and as many columns, by elimination with the largest pivots."""
+    """Return the indices of the independent rows of a matrix and of as many independent columns, by elimination with
+    the largest pivots."""
     floats = np.array([[float(_middle(entry)) for entry in row] for row in C])
     size = np.abs(floats).max(axis=1, keepdims=True)
     if not (size > 0).all():
