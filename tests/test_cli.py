@@ -26,7 +26,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands import building, claims
 from hgogen.commands.app import command_of
 from hgogen.commands.command import Meaning, meanings, names_in, numbers_by_name
-from hgogen.commands.output import UNREAD
+from hgogen.commands.output import UNREAD, console, headed
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.run import native
@@ -924,3 +924,19 @@ def test_a_shell_completes_commands_and_options(words: str, offered: set[str]) -
         [sys.executable, "-c", f"import sys; sys.argv = ['hgogen']; {code}"], env=env, capture_output=True, text=True
     )
     assert set(done.stdout.split()) == offered
+
+
+def test_a_table_of_many_outputs_goes_on_below(capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+    """Each part names its rows, and every number and header is there once and whole; a table that fits has one part."""
+    names = [f"{y} {ahead}" for ahead in (1, 5, 25) for y in ("east", "north")]
+    numbers = [f"0.01234{k}" for k in range(len(names))]
+    for columns, parts in ((42, 3), (110, 1)):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        table = headed("errors", "", "observer", *names, numbers=len(names))
+        table.add_row("take", "riccati", *numbers)
+        console().print(table)
+        text = capsys.readouterr().out
+        assert max(map(len, text.splitlines())) <= columns
+        assert re.findall(r"0\.\d+", text) == numbers
+        assert re.findall(r"[a-z]+ \d+", text) == names
+        assert [text.count(word) for word in ("errors", "observer", "take  riccati")] == [1, parts, parts]

@@ -2,6 +2,7 @@
 which differs from a KeyboardInterrupt that a model raises.
 """
 
+import copy
 import io
 import json
 import math
@@ -17,9 +18,10 @@ from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from hgogen.sentence import Encoded, encoded
@@ -48,12 +50,49 @@ def json_text(value: Any, indent: int = 2) -> str:
     return json.dumps(encoded(value), indent=indent, allow_nan=False)
 
 
+class _Continued(Table):
+    """A table whose last `numbers` columns go on below, after the text columns again, where they do not fit."""
+
+    numbers: int
+
+    def part(self, columns: Iterable[Column]) -> Table:
+        """Return the table of some of the columns, without the title."""
+        table = copy.copy(self)
+        table.columns = [replace(column, _index=k) for k, column in enumerate(columns)]
+        table.title = table.min_width = None
+        return table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the parts, each with the columns that fit."""
+        split = len(self.columns) - self.numbers
+        texts, parts, width = self.columns[:split], [list[Column]()], 0
+
+        def width_of(columns: Iterable[Column]) -> int:
+            return Measurement.get(console, options, self.part(columns)).maximum + self.padding[1]
+
+        room = options.max_width - min(width_of(texts), options.max_width // 2)
+        for column in self.columns[split:]:
+            width += width_of([column])
+            if width > room and parts[-1]:
+                parts.append([])
+                width = width_of([column])
+            parts[-1].append(column)
+        for k, columns in enumerate(parts):
+            table = self.part([*texts, *columns])
+            if k:
+                yield ""
+            else:
+                table.title, table.min_width = self.title, self.min_width
+            yield from Table.__rich_console__(table, console, options)
+
+
 def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
-    """Return a table whose last `numbers` columns are right-aligned and never broken; the text columns before them may
-    be."""
-    table = Table(
+    """Return a table whose last `numbers` columns are right-aligned and never broken, but go on below where they do not
+    fit; the text columns before them may be broken."""
+    table = _Continued(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
     )
+    table.numbers = numbers
     table.title_justify, table.title_style = "left", "bold"
     for name in columns[: len(columns) - numbers]:
         table.add_column(name, overflow="fold")

@@ -237,5 +237,6 @@ def digits(value: float, kind: Number) -> str:
         number = np.float32(value)
     if np.isinf(number) or (number == 0 and value != 0):
         raise BeyondFloat(value, kind)
-    text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
+    positional = 1e-4 <= abs(number) < 1e7 or number == 0
+    text = (np.format_float_positional if positional else np.format_float_scientific)(number, trim="-")
     return text if "." in text or "e" in text else f"{text}.0"
