@@ -158,8 +158,8 @@ class _Transients:
     tableau: Tableau
 
     def limits(self, searches: Sequence[Search]) -> list[Limit]:
-        """Return the results of the searches, run in parallel: a
-        step of many P costs hardly more than one of one P."""
+        """Return the step-length limit that each search finds; the searches run in parallel, since a step of many P
+        costs hardly more than one of one P."""
         limits = [NOTHING] * len(searches)
         requests = {i: next(search) for i, search in enumerate(searches)}
         while requests:

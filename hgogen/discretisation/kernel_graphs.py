@@ -253,13 +253,14 @@ KERNEL = 20  # the length of a kernel's text in operations
 
 
 def carried_out(program: Sequence[Statement]) -> Counter[int]:
-    """Return how often a sample period executes each instruction, by CasADi's code: every section runs, a `When` takes
-    its longer branch, a loop all its members."""
+    """Return the number of times that one sample period executes each CasADi instruction, by the instruction's code:
+    every section runs, a `When` takes its longer branch, a loop all its members."""
     return _Counting().program(program)
 
 
 def written(program: Sequence[Statement]) -> int:
-    """Return the number of operations in the text of a program, in which each statement occurs once."""
+    """Return the number of operations in the text of a program, where each statement counts once, also in the body of a
+    loop."""
     kernels = sum(isinstance(statement, Kernel) for statement in walk(program))
     return sum(instructions_of(block.graph).total() for block in blocks(program)) + KERNEL * kernels
 

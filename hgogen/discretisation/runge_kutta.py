@@ -236,7 +236,8 @@ MAP = Tableau("the map z+ = f(z, u)", ((),), (1.0,), (0.0,), 0)
 
 
 def motion(plant: System) -> Tableau:
-    """Return how a plant moves over a step: by its map, or by classical Runge-Kutta."""
+    """Return the tableau that integrates the plant over a step: classical Runge-Kutta, or the map of a discrete
+    plant."""
     return MAP if plant.discrete else RK4
 
 
@@ -315,9 +316,9 @@ def _ratios(b: tuple[float, ...]) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """CasADi functions with dense results: `move` (z, u now, u next) -> z at the next sample, of which the time to it
-    is a last argument where it varies, `read` (z, u) -> y, `entry` (x, u) -> z of the plant's state x as first
-    declared."""
+    """The model without correction, as CasADi functions with dense results: `move` (z, u now, u next) -> z at the next
+    sample, with the time until then as a last argument if it varies; `read` (z, u) -> y; `entry` (x, u) -> z of the
+    plant's state x as first declared."""
 
     move: Any
     read: Any
@@ -326,8 +327,8 @@ class OpenLoop:
 
 @lru_cache(maxsize=8)  # the same model predicts one log after another
 def open_loop(form: Form, dt: float | None, between: str, steps: int = 1) -> OpenLoop:
-    """Return the model of a form, without correction, over a sample of `dt`, None where it varies, in `steps`
-    Runge-Kutta steps, 1 of a discrete plant; `between`: how inputs vary, "line" or "hold"."""
+    """Return the model of a form, without correction, over a sample of `dt`, or of a varying length if `dt` is None, by
+    `steps` Runge-Kutta steps, or one map of a discrete plant; `between`: how inputs vary, "line" or "hold"."""
     dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
@@ -351,8 +352,8 @@ def open_loop(form: Form, dt: float | None, between: str, steps: int = 1) -> Ope
 
 
 def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
-    """Return the values (N, k) of a CasADi function of matrices with N columns, a column for each sample, at tables
-    with a row for each sample. CasADi accesses the arrays' memory: it would convert them number by number."""
+    """Return the values (N, k) of a CasADi `function` at N samples; `tables`: for each argument an array with a row for
+    each sample. CasADi accesses the memory of these arrays: it would convert them number by number."""
     arrays = [np.ascontiguousarray(each, dtype=float) for each in tables]
     columns, samples = function.size_out(0)
     result = np.empty((samples, columns))

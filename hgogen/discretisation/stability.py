@@ -42,9 +42,9 @@ from hgogen.program import INF
 class Lengths:
     """Two step lengths, in the unit of the model's time, that a part of an observer permits.
 
-    A step above `refused` is refused: `why` states what happens there, and `other` which method has no such limit. A
-    step up to `take` is advised, and `basis` gives the source. `rule`: the integration method of the part, "" for the
-    observer's.
+    A step above `refused` is refused: `why` states what happens there, and `other` names a method without this limit. A
+    step up to `take` is advised, and `basis` is the reason for this advice. `rule`: the name of the method that
+    integrates the part, "" for the observer's method.
     """
 
     refused: float = INF
@@ -67,7 +67,8 @@ def spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]
 
 @lru_cache(maxsize=1024)  # all real eigenvalues, and those of points with equal Jacobians, lie on the same rays
 def _passed(direction: complex, polynomial: tuple[float, ...]) -> float:
-    """Return the first x at which |R(x direction)| passes 1, a root of the polynomial |R|^2 - 1 of x; inf for none."""
+    """Return the first x > 0 at which |R(x direction)| exceeds 1, a root of the polynomial |R|^2 - 1 of x; inf if there
+    is none."""
     terms = np.array([c * direction**k for k, c in enumerate(polynomial)])
     excess = np.convolve(terms.real, terms.real) + np.convolve(terms.imag, terms.imag)
     excess[0] -= 1.0
@@ -165,7 +166,7 @@ class FrozenRiccati:
         return cls(F, C, weight, np.asarray(Q, dtype=float), scaling or chain)
 
     def only(self, rows: NDArray[np.intp]) -> "FrozenRiccati":
-        """Return the Riccati equations at those points whose indices are `rows`."""
+        """Return the Riccati equations at the points with the indices `rows`."""
         return replace(self, F=self.F[rows], C=self.C[rows])
 
     def delta(self, theta: float | Array) -> Array:

@@ -32,8 +32,8 @@ from hgogen.reading.given import BadGain
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """The part x' = M x + B y of an estimator that is linear in its stored variables x and the measurement y: M (N, N)
-    and B (N, p) in SX; `x`: the symbols of x, without frozen variables."""
+    """The linear part x' = M x + B y of an estimator, x its stored variables and y the measurement: M (N, N) and B (N,
+    p), SX of parameters and gains; `x`: the symbols of x, without frozen variables such as an adaptive gain."""
 
     x: Graph
     M: Graph
@@ -42,8 +42,8 @@ class Core:
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
     """Return M, B of the linear part x' = M x + B y of an estimator, x its stored variables, in terms of parameters and
-    gains; None for an estimator without it. `valid` (p): 1 for an output whose sample is used, else 0; by default every
-    sample is used."""
+    gains; None for an estimator without a linear part. `valid` (p): 1 for an output whose sample is used, else 0; by
+    default every sample is used."""
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
@@ -73,7 +73,7 @@ def core_at_one(part: Ode) -> tuple[np.ndarray, np.ndarray]:
 
 
 def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """Return the value of an SX graph of parameters and gains, by their numbers `nominal`."""
+    """Return the numerical value of an SX graph of parameters and gains; `nominal`: their numbers by place."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
     (evaluated,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
@@ -81,13 +81,13 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def of_form(form: Form) -> dict[Place, np.ndarray]:
-    """Return, by place, the declared numbers of the form's parameters, and 0 for stored last finite values."""
+    """Return the nominal values of the form's parameters by place, and 0 for each stored last finite value."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
     return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
-    """Return, by place, the declared numbers of parameters, of gains and of the values derived from them."""
+    """Return the nominal values of parameters, of gains, and of the values derived from both, by place."""
     values = of_form(observer.form)
     values |= {Place("gain", field.name): np.array(field.initial) for field in observer.gains}
     for part in observer.parts:
@@ -104,8 +104,8 @@ Lines = Callable[[Mapping[str, Graph], Graph, Graph, Saturate, Model], Mapping[s
 
 @dataclass(frozen=True, eq=False)
 class Saturating(Ode):
-    """An estimator whose linear part passes through saturations. `whole` returns its right-hand side by field name,
-    with fewer operations than the sum of linear part and remainder."""
+    """An estimator whose linear part contains saturations. `whole` returns the right-hand side by field name, with
+    fewer operations than the sum of `linear` and `residual`."""
 
     whole: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]] | None = None
 
@@ -134,8 +134,9 @@ def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> S
 
 
 def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Iterator[np.ndarray]:
-    """Yield the matrices M (N, N) of the error e' = M e at theta = 1, c = 0, with each saturation passing all or
-    nothing of its error. For a state inside its range, M with saturated estimates is a convex combination of them."""
+    """Yield the matrices M (N, N) of the error e' = M e at theta = 1, c = 0, one for each combination of the
+    saturations, each of which passes either all or nothing of its argument's error. While the plant's states are in
+    their ranges, the true error matrix is a convex combination of these."""
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
         def linear(
@@ -147,8 +148,8 @@ def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Ite
 
 
 def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
-    """Return, for each saturation, the index of the field whose error it passes, and the column (N) that its passing
-    adds to the last matrix of `cores`, the `vertices`, in which nothing is passed."""
+    """Return, for each saturation, the index of the field whose error it passes, and the column (N) that is added to M
+    if it passes that error. `cores`: the `vertices`, of which the last one has every saturation pass nothing."""
     shut, columns = cores[-1], []
     for k in reversed(range(len(cores).bit_length() - 1)):
         passed = cores[-1 - 2**k] - shut
@@ -158,7 +159,7 @@ def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
 
 
 def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
-    """Raise `BadGain` for one of the states with the indices `wanted` that has no range to saturate its estimate at."""
+    """Raise `BadGain` if a state with an index in `wanted` has no range; the observer saturates these estimates."""
     for i in wanted:
         if not form.states[i].bounded:
             state = form.to_form[i]

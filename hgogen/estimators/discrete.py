@@ -67,7 +67,8 @@ THEOREM = Theorem(
 
 
 def no_proof(observer: str) -> Check:
-    """Return the check `OBSERVER.convergence` of a discrete plant, unknown."""
+    """Return the check `OBSERVER.convergence` of a discrete plant, with the verdict unknown: no proof exists for
+    these."""
     reason = because("no proof here is made of discrete plants")
     return Check(
         ClaimId(observer, "convergence"), THEOREM.conclusion, Verdict.UNKNOWN, reason, fix="Validate by trials."
@@ -75,7 +76,7 @@ def no_proof(observer: str) -> Check:
 
 
 def demand_plain_gain(form: Form, theta: float) -> None:
-    """Raise `BadGain` for a discrete plant and a theta above 1, which speeds up differential equations."""
+    """Raise `BadGain` for a discrete plant and a theta above 1, which scales the rates of differential equations."""
     if form.system.discrete and theta != 1:
         reason = "speeds up the correction of differential equations, and the plant is discrete in time; leave it at 1"
         raise BadGain(f"theta = {theta:g}", reason)
@@ -162,11 +163,12 @@ def _gain_rows(form: Form, gains: Any) -> np.ndarray:
 
 
 def _frozen(dynamics: Dynamics, K: np.ndarray) -> Reason:
-    """Return at how many points of the ranges the error e <- F (1 - K_p C_p) .. (1 - K_1 C_1) e decays, if its matrix
-    were that of the point for ever.
+    """Return the reason that says at how many points of the ranges the error decays that is linearised there, e <- F (1
+    - K_p C_p) .. (1 - K_1 C_1) e with a constant matrix.
 
-    By turns of such matrices an error may decay that does so at none of them, or grow. Raises: `BadGain` where it
-    cannot decay: the matrix is constant and has an eigenvalue of modulus 1 or more, or every determinant is 1 or more.
+    A product of different such matrices can decay where none of them does, or grow where each decays. Raises: `BadGain`
+    where the error cannot decay: the matrix is constant and has an eigenvalue of modulus 1 or more, or every
+    determinant is 1 or more.
     """
     one, loops = np.eye(dynamics.n), []
     for F, C in zip(*jacobians_on_box(dynamics, POINTS), strict=True):

@@ -81,7 +81,7 @@ class FilterStep:
 
     @property
     def motion(self) -> Tableau:
-        """How the plant moves over a step."""
+        """The tableau that integrates the plant over a step: classical Runge-Kutta, or the map of a discrete plant."""
         return motion(self.part.dynamics.form.system)
 
     @property
@@ -99,8 +99,8 @@ class FilterStep:
         return self._routine("flow", lambda *at: {"dz": self.part.flow(*at)})
 
     def jacobian(self, stages: Stages) -> Graph:
-        """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage, and the input at half of the
-        step; of a map at its argument."""
+        """Return F (n, n) at mid-step: at the state of the third Runge-Kutta stage, and the input at half of the step;
+        of a discrete plant, F = df/dz at z."""
         jacobian = self._routine("jacobian", lambda *at: {"F": self.part.jacobian(*at)})
         return jacobian(*self._middle(stages))["F"]
 
@@ -114,7 +114,7 @@ class FilterStep:
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, F: Graph) -> Graph:
-        """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX; F of a map."""
+        """Return Phi = I + hF + (hF)^2/2 (n, n) of the Jacobian F, as a sparse SX; Phi = F for a discrete plant."""
         if self.motion.map:
             return ca.sparsify(F)
         h = self.clock.h
@@ -148,9 +148,9 @@ class FilterStep:
         return noise
 
     def common(self) -> dict[str, Any]:
-        """Return keyword arguments of `Pieces` for any factored P: the status bit of its limit and, with forgetting at
-        the rate rho, exp(rho h) and the roots of (1 - exp(-rho h)) S_0, S_0 the prior. Both use the same rounded exp,
-        so that S = P^-1 tends to S_0 for any small rho h."""
+        """Return keyword arguments of `Pieces` that all factorisations of P share: the status bit of the limit of P
+        and, with forgetting at the rate rho, exp(rho h) and the roots of (1 - exp(-rho h)) S_0, S_0 the prior. Both use
+        one rounded exp, so that S = P^-1 tends to S_0 for any small rho h."""
         part = self.part
         always = {"bits": (part.limited,), "uses_output": part.measured_state is not None}
         if part.forgetting is None:
@@ -170,9 +170,9 @@ class FilterStep:
         }
 
     def smallest(self, values: np.ndarray) -> np.ndarray:
-        """Return the lower limits (n) of the D_i of P = L D L': a small fraction of the smallest of D(0) = `values`
-        (n), the process noise of one step, and the variance of one sample; its square of D(0) without
-        process noise."""
+        """Return the lower limits (n) of the D_i of P = L D L': a small fraction of the smallest of three variances,
+        D_i(0) = `values` (n), the process noise of one step, and one sample of an output; for a state without process
+        noise, the fraction squared times D_i(0)."""
         part, clock = self.part, self.clock
         noise, variances = part.typical
         process = clock.longest * factor(noise)[1] if part.factor.size else values
@@ -250,11 +250,12 @@ def used_block(R: Graph, used: Sequence[Graph]) -> Graph:
 
 
 class FactoredStep(FilterStep, ABC):
-    """A step of a Riccati filter on factors of P, whose innovations may have gates, and whose updates may be joint."""
+    """A step of a Riccati filter on factors of P. Its innovations may have gates; its updates are scalar, one after the
+    other, or joint."""
 
     def completed(self, pieces: Pieces) -> Pieces:
-        """Return the memory and statements of the filter with those of its gates. Where updates are joint, each stores
-        its sample, and the correction comes after all."""
+        """Return the memory and statements of the filter with those of its gates. If updates are joint, each update
+        stores its sample, and one correction follows after all."""
         pieces = with_gating(pieces, self)
         if not self.part.joint:
             return pieces
@@ -281,11 +282,12 @@ class FactoredStep(FilterStep, ABC):
 
     @property
     def waiting(self) -> list[Graph]:
-        """Whether each output has a sample that waits (p), SX."""
+        """The flags (p), SX, of outputs with a stored sample that the joint correction has not used yet."""
         return [sym("state", _waits(y)) > 0 for y in self._outputs]
 
     def errors(self, predicted: Graph, drift: Graph | None = None) -> Graph:
-        """Return e (p), the sample less `predicted` + `drift` of each output, 0 where none waits."""
+        """Return e (p): the stored sample minus `predicted` + `drift` of each output, 0 for an output without a stored
+        sample."""
         shift = ca.SX.zeros(len(self._outputs)) if drift is None else drift
         dynamics, each = self.part.dynamics, []
         for j, (y, waits) in enumerate(zip(self._outputs, self.waiting, strict=True)):
@@ -294,17 +296,19 @@ class FactoredStep(FilterStep, ABC):
         return column(each)
 
     def where_waiting(self, programs: Sequence[Program]) -> Program:
-        """Return the statements of each output (p), run where it has a sample that waits."""
+        """Return statements that run the program of each output (p) only if a stored sample of this output waits."""
         places = [Place("work", f"{_waits(y)}_now") for y in self._outputs]
         test = Block("which samples wait?", dict(zip(places, self.waiting, strict=True)))
         return (test, *(When(place, program) for place, program in zip(places, programs, strict=True)))
 
     def used_variance(self, output: int) -> Graph:
-        """Return r, as far as a gate has raised it, with which a sample of an output corrects, SX scalar."""
+        """Return r, the noise variance of a sample of an output, including the variance that a gate adds to it, SX
+        scalar."""
         return self.variance(output) + raised(self.part, output)
 
     def used_noise(self) -> Graph:
-        """Return the covariance (p, p) of one sample of all outputs, as far as gates have raised it, SX."""
+        """Return the noise covariance (p, p) of one sample of all outputs, including the variances that gates add to
+        it, SX."""
         every = range(self.clock.outputs)
         return self.sample_noise(every) + ca.diag(column(raised(self.part, j) for j in every))
 
@@ -318,7 +322,7 @@ class FactoredStep(FilterStep, ABC):
         innovation is `error`."""
 
     def joint_correction(self) -> Program:
-        """Return the statements that correct by all samples that wait, linearised at the prediction."""
+        """Return the statements that correct by all stored samples together, linearised at the prediction."""
         every, start = range(self.clock.outputs), Place("work", "predicted_z")
         L, d = decorrelated(self.used_noise(), self.waiting)
         predicted = self.part.dynamics.output(self.z, self.clock.u_now)
@@ -386,12 +390,13 @@ class Unrolled(FactoredStep):
 
     @property
     def named(self) -> str:
-        """The name of the filter's rule, "" for the method's."""
+        """The name of the rule that advances P, for reports; "" where this is the step's method."""
         return f"discrete, {self.name}" if self.motion.map else self.rule
 
     @property
     def least(self) -> Graph | None:
-        """The variances (n) below which a map, which may be singular, leaves none; None of a Runge-Kutta step."""
+        """The variances (n) below which a pivot counts as 0 when a discrete plant's map, which may be singular,
+        advances P; None for a Runge-Kutta step."""
         return ca.SX(ca.DM(self.smallest(factor(self.part.covariance)[1]))) if self.motion.map else None
 
     @abstractmethod
@@ -415,7 +420,7 @@ class Unrolled(FactoredStep):
     @abstractmethod
     def congruent(self, N: Graph, least: Graph) -> tuple[Writes, dict[str, Graph]]:
         """Return the assignments of the factors of N P N', N (n, n), and the intermediate values that get a name. A
-        variance below `least` (n), left over after the states before it, is one of rounding."""
+        pivot below `least` (n) is a rounding error and counts as 0."""
 
     def congruence(self, N: Graph) -> Program:
         """Return the statements P <- N P N', N (n, n), which may be singular."""
@@ -655,7 +660,8 @@ class Looped(FactoredStep):
         )
 
     def _advanced(self, F: Graph, Phi: Graph) -> tuple[Graph, str, dict[Place, Graph]]:
-        """Return Phi v of a column v of L, its meaning, and the entries of Phi, or of F, that are computed before."""
+        """Return the product Phi v for a column v of L, the meaning of the stored matrix for a comment, and the entries
+        of this matrix, Phi or F, that are computed before the loop."""
         v, h = sym("column", "v", self.part.dynamics.n), self.clock.h
         if Phi.nnz() <= 2 * F.nnz():
             operator, entries = _in_memory("Phi", Phi)
@@ -665,7 +671,8 @@ class Looped(FactoredStep):
         return v + h * (operator @ (v + h / 2 * (operator @ v))), "the Jacobian F at mid-step", entries
 
     def bounded(self) -> Program:
-        """Return the statements that limit each P_ii beyond its cap or not finite, and reset lost entries of L to 0."""
+        """Return the statements that limit each P_ii that exceeds its cap or is not finite, and set lost entries of L
+        to 0."""
         n, limited = self.part.dynamics.n, Place("work", "limited")
         v = sym("column", "v", n)
         restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
@@ -691,8 +698,8 @@ class Looped(FactoredStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """Return `matrix` with symbols of the array `name` for entries
-    that are not constant, and the assignments of these."""
+    """Return `matrix` with symbols of the array `name` in place of its entries that are not constant, and the
+    assignments of these entries to the array."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:
@@ -719,8 +726,9 @@ class _Candidate:
 
 
 def rotates(part: Riccati) -> bool:
-    """Return whether rotations find the factors of Phi P Phi' in loops: always for Phi = I + .., of a map at points of
-    the ranges, tried in numbers. They divide by 0 where rows of Phi L begin with zeros, as those of many delays do."""
+    """Return whether plane rotations can factorise Phi P Phi' in loops: always for Phi = I + .., and for a discrete
+    plant if a numerical trial at points of the ranges succeeds. They divide by 0 where rows of Phi L begin with zeros,
+    as those of many delays do."""
     if not motion(part.dynamics.form.system).map:
         return True
     n = part.dynamics.n
@@ -738,7 +746,7 @@ def rotates(part: Riccati) -> bool:
 
 def chosen(part: Riccati, clock: Clock) -> Pieces:
     """Return the filter's program, in straight-line code or in loops: the shorter one, or the faster one if it is not
-    too long; `choice` of the pieces names the reason. Where straight-line code is short, no loops are generated for
+    too long; `choice` of the pieces names the reason. If straight-line code is short, loops are not generated for
     comparison."""
     n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
     if part.dynamics.invariants and n <= LARGE:

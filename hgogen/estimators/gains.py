@@ -59,7 +59,7 @@ from hgogen.sentence import same, up
 
 @dataclass(eq=False)
 class BadPoles(HgogenError):
-    """Poles that no real observer can have, or that are unstable."""
+    """The error for poles that no real observer can have, or that are unstable."""
 
     poles: tuple[complex, ...]
     reason: str
@@ -70,8 +70,9 @@ class BadPoles(HgogenError):
 
 @dataclass(eq=False)
 class OutsideParabola(HgogenError):
-    """Poles mu of A - L C, `poles`, with alpha^2 Re mu + beta (Im mu)^2 >= 0, for which a filtered output injection is
-    unstable: `eigenvalue` is its worst, `ratio` is alpha^2/beta; any ratio above `least` admits the poles."""
+    """The error for poles mu of A - L C, `poles`, with alpha^2 Re mu + beta (Im mu)^2 >= 0, for which a filtered output
+    injection is unstable: `eigenvalue` is the worst pole, `ratio` is alpha^2/beta; any ratio above `least` admits the
+    poles."""
 
     poles: tuple[complex, ...]
     eigenvalue: complex
@@ -249,7 +250,8 @@ def columns(form: Form, count: int) -> tuple[Column, ...]:
 
 
 def as_matrix(form: Form, entries: Sequence[Any]) -> np.ndarray:
-    """Return K (n, q) with these entries, row by row, as an object matrix; 0 off the own chain for n entries."""
+    """Return the gain matrix K (n, q), of objects, with the `entries` row by row: n q entries, or n entries, each in
+    the column of its own chain, and 0 elsewhere."""
     K = np.zeros((form.n, len(form.leads)), dtype=object)
     for place, value in zip(columns(form, len(entries)), entries, strict=True):
         K[place.row, place.chain] = value
@@ -277,12 +279,13 @@ class ScaledGain:
 
     @property
     def coupled(self) -> bool:
-        """Whether a row of K acts on outputs of other chains as well."""
+        """Whether a row of K acts on the output errors of other chains, too."""
         return any(len(place.index) > _CHAIN_INDEX for place in self.places)
 
     @property
     def field(self) -> Field:
-        """The field of the derived entries theta K_1, theta^2 K_2, ..; chain by chain if there are several."""
+        """The memory field of the entries theta K_1, theta^2 K_2, .. that the program derives from the gains; chain by
+        chain if there are several."""
         labels = []
         for place in self.places:
             powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")

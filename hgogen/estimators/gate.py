@@ -58,7 +58,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class GatedGroup:
-    """The outputs, by index and by name, whose samples pass the `gate` or fail it together."""
+    """The outputs, by index and by name, whose samples the `gate` accepts or rejects together."""
 
     outputs: tuple[int, ...]
     names: tuple[str, ...]
@@ -71,13 +71,13 @@ class GatedGroup:
 
     @property
     def expected(self) -> float:
-        """The share of samples beyond the gate where model, Q and R are right."""
+        """The fraction of samples that the gate rejects if the model, Q and R are right."""
         return round(1 - self.gate.probability, 15)
 
     @property
     def entry(self) -> tuple[str, float | dict[str, Any]]:
-        """The outputs as one text, and the gate as a table of its arguments, or its probability, as model files have
-        them."""
+        """The key and the value of the gate in a model file: the outputs as one text, and the probability of the gate,
+        or a table of its arguments."""
         plain = self.gate == Gate(self.gate.probability)
         return ", ".join(self.names), self.gate.probability if plain else asdict(self.gate)
 

@@ -30,7 +30,7 @@ LEAST = 1e-30  # of H P H' in a ratio
 
 
 class Filter(Protocol):
-    """A filter with a covariance P, as far as its gates need it."""
+    """The interface of a filter with a covariance P that its gates use."""
 
     @property
     def part(self) -> Riccati:
@@ -55,17 +55,18 @@ class Filter(Protocol):
 
 
 def verdict(group: GatedGroup) -> str:
-    """Return the name of the state's field with the verdict of a group's gate in this period."""
+    """Return the name of the state's field that stores the verdict of a group's gate on the samples of this period."""
     return f"gate_{group.name}"
 
 
 def added_noise(group: GatedGroup) -> str:
-    """Return the name of the state's field with the variances by which a gate raises R."""
+    """Return the name of the state's field that stores the variances that a gate adds to R."""
     return f"gate_noise_{group.name}"
 
 
 def raised(part: Riccati, output: int) -> Graph:
-    """Return the variance that a gate adds to that of a sample of an output, SX scalar; 0 without such a gate."""
+    """Return the variance that a gate adds to the noise of a sample of an output, SX scalar; 0 without a gate that does
+    so."""
     for group in part.gates:
         if group.gate.inflate and output in group.outputs:
             return sym("state", added_noise(group), len(group.outputs))[group.outputs.index(output)]

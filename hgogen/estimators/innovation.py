@@ -60,7 +60,8 @@ STAGGERED = Hypothesis(
 
 @dataclass(eq=False)
 class BadWindow(HgogenError):
-    """A window `d` (s) of the innovation that is no whole number of samples dt, or of shares by `predictors`."""
+    """The error for a window `d` (s) of the innovation that is no whole number of samples dt, or of shares by
+    `predictors`."""
 
     d: float
     dt: float
@@ -77,13 +78,13 @@ class BadWindow(HgogenError):
 
 
 class BadWindowSize(BadArgument):
-    """An inadmissible length of an innovation's window, number of predictors, weight or method."""
+    """The error for an inadmissible length of an innovation's window, number of predictors, weight or method."""
 
 
 @runtime_checkable
 class Innovation(Protocol):
-    """A rule that computes the innovation I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted from z(t-d),
-    into the state's field `innovation`."""
+    """A rule that computes the innovation I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted by the model
+    from the estimate z(t-d), and stores it in the state's field `innovation`."""
 
     @property
     def d(self) -> float:
@@ -116,8 +117,8 @@ class Predictor:
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def stepped(self, z: Graph, u: Callable[[float], Graph], dt: Any) -> Graph:
-        """Return z (n) after a step `dt`, a number or an SX scalar, of z' = f(z, u), before `clamped`; u is a function
-        of the step's share."""
+        """Return z (n) after a step of z' = f(z, u) of the length `dt`, a number or an SX scalar, without the clamp
+        `clamped`; `u`: the input as a function of the fraction of the step, from 0 to 1."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -135,8 +136,8 @@ class Predictors(Part):
 
 
 def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
-    """Return `value` (n) clamped to the field's box, with the initial value for an element that is no number or absurd.
-    Elements `still`, by index, are constant in the model and not clamped."""
+    """Return `value` (n) clamped to the field's box; an element that is not a number, or absurdly large, gets its
+    initial value. Elements whose index is in `still` are constant in the model and not clamped."""
     elements = []
     for i, (end, period) in enumerate(zip(field.box_within(HUGE), field.turns, strict=True)):
         inside = into(value[i], end, period)
@@ -146,7 +147,8 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
 
 
 def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
-    """Return whether an element of `value` (n), but for the indices `still`, is outside the field's box, or lost."""
+    """Return whether an element of `value` (n) is outside the field's box or not a number; those with an index in
+    `still` are not tested."""
     moving = [i for i in range(value.numel()) if i not in still]
     ends = field.box_within(HUGE)
     return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
@@ -322,8 +324,8 @@ class Staggered:
 
 @dataclass(frozen=True)
 class _Copies:
-    """M = `shares` + 1 copies of the model, one restarted every `count`/M of the window's `count`: of samples, or of
-    time where dt varies."""
+    """Copies of the model, M + 1 for M = `shares`, of which one restarts every `count`/M. `count`: the length of the
+    window, in samples, or in time where dt varies."""
 
     predictor: Predictor
     clock: Clock
@@ -347,7 +349,8 @@ class _Copies:
 
     @property
     def sampled(self) -> Graph:
-        """The weight of a sample in a count: 1, or the time since the last call, at most the longest dt."""
+        """The amount by which one sample raises a count: 1, or where dt varies the time since the last call, at most
+        the longest dt."""
         return self.clock.longest * self.clock.share if self.clock.varying else ca.SX(1)
 
     @property

@@ -83,7 +83,8 @@ class Integrators:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """The least and largest w_i/z_i (2, n) over the parameters' ranges; nominal ones without a finite range."""
+        """The least and largest factors w_i/z_i (2, n) over the ranges of parameters; the nominal factor where these
+        are not finite."""
         ends = []
         for product, nominal in zip(self.products, self.nominal, strict=True):
             exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
@@ -152,7 +153,8 @@ def observer_on(
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """Return the observer whose estimate is `w` (n), SX of its state; `claims`: checks beyond those of the form."""
+    """Return an observer on a chain, with the further arguments as in `Observer`. `w` (n): the estimate, SX of its
+    state; `claims`: returns the checks beyond those of the form."""
     form = chain.form
     return Observer(
         form=form,
@@ -173,7 +175,7 @@ def observer_on(
 
 
 def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
-    """Return the elements of a field with the indices `wanted` as a separate field."""
+    """Return a field `name` of only those elements of `field` whose indices are in `wanted`."""
     wanted = tuple(wanted)
 
     def cut(values: tuple[T, ...]) -> tuple[T, ...]:
@@ -259,7 +261,7 @@ def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray
 
 
 def listed(K: np.ndarray) -> str:
-    """Return the text "(K_1, .., K_n)" with all digits."""
+    """Return the text "(K_1, .., K_n)", in which each number reads back as an equal float."""
     return f"({', '.join(map(same, K))})"
 
 
@@ -282,7 +284,8 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
 def moving_gain(
     chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
-    """Return w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1), l the field `level`, l' = law(y - w_1)."""
+    """Return the part w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1) with the time-varying gain l, the field
+    `level`, l' = law(y - w_1); by default l is constant between samples."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
@@ -302,8 +305,8 @@ def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
 
 
 def unmodelled(form: Form) -> Jump:
-    """Return the part with the status bits of missing samples, for an observer that has no model of w_n' and cannot
-    predict."""
+    """Return the part that defines the status bits of missing samples, for an observer that has no model of w_n' and
+    cannot predict."""
     bits = tuple(
         Bit(
             f"MISSING_{y}",
@@ -324,9 +327,9 @@ Remainder = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Gr
 
 
 def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], remainder: Remainder) -> Ode:
-    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; its fields and the field of
-    K are added by the observer. The errors of outputs that measure the same state enter as their mean by `weights`
-    (p)."""
+    """Return the part z' = A z + K (y - C z - offset) + remainder for a form with constant A and C, without fields: the
+    observer adds these, and that of K. If several outputs measure one state, the mean of their errors is injected, with
+    the `weights` (p)."""
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 

@@ -87,12 +87,12 @@ class Noise:
 
     @property
     def sampled(self) -> bool:
-        """Whether a number is that of a sample, so that its density depends on dt."""
+        """Whether noise is declared for one sample, so that its density depends on dt."""
         return any(each is not None for each in (self.process, self.samples, self.inputs))
 
     def densities(self, periods: Sequence[float], process_dt: float) -> dict[str, Any]:
-        """Return the arguments Q, R and U of the observer, `periods` = (dt, *T) for a step and the outputs' samples
-        (p), `process` being added every `process_dt`; without those of which none is declared."""
+        """Return the observer's arguments Q, R and U that are declared, as densities: `periods` = (dt, *T) of a step
+        and of the outputs' samples (p); the declared process noise is added every `process_dt`."""
         Q, R, U = self.Q, self.R, self.U
         if self.process is not None:
             density = self.process / process_dt
@@ -111,14 +111,15 @@ class Noise:
 
 
 def declares_noise(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """Return an observer's function with the keywords of `SPELLINGS` besides its Q, R and U; Q_per_sample where it has
-    a Q. An observer whose noise is that of a sample gets its densities when a step is made."""
+    """Return the observer function `make` with further keywords for the noise of one sample (`SPELLINGS`), in place of
+    Q, R and U; Q_per_sample only if it has an argument Q. If the noise is declared for one sample, the densities are
+    computed when a step is made."""
     return _declares(make, inverse=False)
 
 
 def declares_weights(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """Return an observer's function as `declares_noise` does, of an observer whose Q and R are weights, inverses of the
-    noise."""
+    """Return the observer function `make` with further keywords as `declares_noise` adds them, where its arguments Q
+    and R are weights, the inverses of the noise."""
     return _declares(make, inverse=True)
 
 
@@ -159,8 +160,8 @@ def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Obs
 
 
 def _open_claims(observer: Observer, form: Form) -> tuple[Check, ...]:
-    """Return the checks of an observer whose densities are not known yet: those of the form, what needs ranks of Q
-    alone and so holds for every dt, and its own others as unknown."""
+    """Return the checks of an observer whose densities are unknown before dt is: a proved claim of its own becomes
+    unknown, unless it depends only on the rank of Q, and so holds for every dt."""
     of_form = {check.id for check in form.checks}
     own = [check for check in observer.checks if check.verdict is Verdict.PROVED and check.id not in of_form]
     unknown = {c.id: replace(c, verdict=Verdict.UNKNOWN, reason=_OPEN, proofs=()) for c in own}
@@ -169,8 +170,8 @@ def _open_claims(observer: Observer, form: Form) -> tuple[Check, ...]:
 
 
 def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Container[str], inverse: bool) -> Noise:
-    """Return the noise that the `arguments` declare, `own`: the names of the observer's. Raises: `BadGain`,
-    `BadNames`."""
+    """Return the noise that the `arguments` declare; `own`: the names of the observer's own arguments, such as Q.
+    Raises: `BadGain`, `BadNames`."""
     known = {name: value for name, value in arguments.items() if value is not None}
     _demand_density(observer, form, known)
     noise = _deviations(observer, form, known["noise"], own) if "noise" in known else {}
@@ -208,7 +209,8 @@ def _demand_density(observer: str, form: Form, known: Mapping[str, Any]) -> None
 def _of_a_sample(
     observer: str, form: Form, noise: Mapping[str, float], R: Any, own: Container[str]
 ) -> np.ndarray | None:
-    """Return the variances (p, p) of a sample of the outputs, from their deviations `noise` or from R, None of none."""
+    """Return the covariance (p, p) of one sample of the outputs, from the standard deviations `noise` by output, or
+    from R; None if neither is declared."""
     if noise:
         squares = [sigma * sigma for sigma in in_order("noise", noise, names_of(form.system.outputs))]
         return np.diag(positive_numbers("the squares of noise", squares, len(form.output)))
@@ -257,7 +259,7 @@ def _variance(what: str, written: Any, form: Form) -> tuple[sp.Expr, float]:
 
 
 def _demand_one(observer: str, known: Mapping[str, Any], what: str, names: Sequence[str]) -> None:
-    """Raise `BadGain` unless exactly one of the arguments `names` is given."""
+    """Raise `BadGain` unless exactly one of the arguments `names` is given; `what`: the quantity that they declare."""
     present = [name for name in names if name in known]
     if len(present) != 1:
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
@@ -296,9 +298,9 @@ _DEVIATIONS: Mapping[str, Callable[[float, float], float]] = {  # sigma of a sam
 
 
 def sample_deviations(step: "Step") -> dict[str, float]:
-    """Return the standard deviation of one sample of each output, and of each input with noise, from the gains R and U
-    of a step at theta = 1, in the signal's unit; empty for an observer without R, without outputs whose variance is an
-    expression."""
+    """Return the standard deviation of one sample of each output, and of each input with noise, in the signal's unit,
+    from the gains R and U of a step at theta = 1. Empty for an observer without R; an output whose variance is an
+    expression is left out."""
     periods = dict(zip(names_of(step.outputs), step.clock.periods, strict=True))
     factors = [part.correlated for part in _riccati_parts(step) if part.correlated is not None]
     deviations = {}

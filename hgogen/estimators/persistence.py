@@ -80,7 +80,8 @@ class Persistent:
     period: sp.Expr | None = None
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the inputs as texts of functions of t, and the time of rank n, for a certificate."""
+        """Return the evidence for a certificate: the inputs as texts of functions of t, and the time at which the rank
+        is n."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         return {"inputs": inputs, "at": spelled(self.at, set()), **period}
@@ -324,7 +325,8 @@ class WindowGramian:
     W: Any
 
     def then(self, after: "WindowGramian") -> "WindowGramian":
-        """Return (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1) of this interval 1 followed by the interval 2, `after`."""
+        """Return Phi and W over this interval 1 and the interval 2, `after`, which follows it: (Phi_2 Phi_1, W_1 +
+        Phi_1' W_2 Phi_1)."""
         return WindowGramian(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
 
 
@@ -496,8 +498,8 @@ def _period(inputs: Persistent) -> float | None:
 
 
 def _outside(form: Form, inputs: Persistent, end: Fraction) -> Reason:
-    """Return why an observer, which clamps inputs to their
-    ranges, may change u(t) for t <= `end`; else `NONE`."""
+    """Return the reason why an observer, which clamps inputs to their ranges, may use another u(t) for t <= `end`;
+    `NONE` if it does not."""
     for u in form.system.supplied:
         if u.bounded and u.name in inputs.inputs:
             extent = bound(inputs.inputs[u.name], {t: (Fraction(0), end)})

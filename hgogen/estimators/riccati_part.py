@@ -72,9 +72,9 @@ def cap(
     peak: float,
     scaling: Scaling | None = None,
 ) -> np.ndarray:
-    """Return the cap of each P_ii (n): the largest of the square of the outer box's half-width, 100 times the steady
-    variance at theta = `peak` at any point of the box that has one, and 4 P(0), P(0) = `start`. For a state without a
-    range it is 1e12 P(0). `noise` Q (n, n), `variances` R (p)."""
+    """Return the cap of each variance P_ii (n): the largest of the square of the outer box's half-width, 100 times the
+    steady variance at theta = `peak` over those points of the box that have one, and 4 P(0). For a state without a
+    range, 1e12 P(0) replaces the first. `noise`: Q (n, n); `variances`: R (p); `start`: P(0) (n, n)."""
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = jacobians_on_box(dynamics, POINTS)
@@ -85,7 +85,8 @@ def cap(
 
 
 def frozen_riccati(dynamics: Dynamics) -> type[FrozenRiccati]:
-    """Return the Riccati equation of a plant frozen at points: differential, or of a map."""
+    """Return the class that solves a Riccati equation with the coefficients of one point: `FrozenMap` for a discrete
+    plant, else `FrozenRiccati`."""
     return FrozenMap if dynamics.form.system.discrete else FrozenRiccati
 
 
@@ -134,8 +135,8 @@ def _controllability(columns: definite.Matrix, F: np.ndarray) -> list[list[Any]]
 
 
 def noise_rank(part: "Riccati", names: Sequence[str]) -> str:
-    """Return a sentence on what a singular Q leaves without noise, "" for a Q that is positive definite; `names`: of
-    the coordinates."""
+    """Return a sentence that names the states without process noise, or says that a singular Q still excites every
+    state; "" for a positive definite Q. `names`: those of the coordinates."""
     if is_definite(part.nominal[0]):
         return ""
     if part.reached and part.disturbed:
@@ -175,7 +176,8 @@ def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
 def wide(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
-    """Return a tunable gain of positive numbers, its range six decades to both sides; `labels` name the numbers."""
+    """Return the field of a tunable gain of positive numbers, whose range is six decades below and above these;
+    `labels` name the numbers."""
     numbers = tuple(map(float, values))
     low, high = (float(f"{end:.6g}") for end in (min(numbers) / 1e6, 1e6 * max(numbers)))  # 0 where one is 0
     field = gain(name, numbers, low, high, meaning, unit)
@@ -200,8 +202,9 @@ class InputNoise:
 
 @dataclass(frozen=True)
 class Variances:
-    """R of outputs whose variance is an expression of the form's signals: the `densities` (p) of a variance of 1, the
-    `expressions` (p), 1 for a number, and what they are at least on the declared ranges, `least` (p)."""
+    """The noise R of outputs (p), of which some have a variance that is an expression of the form's signals: the
+    variance is the expression in `expressions` (1 for a constant variance) times the density in `densities`; `least`:
+    lower bounds of the expressions on the declared ranges."""
 
     densities: tuple[float, ...]
     expressions: tuple[sp.Expr, ...]
@@ -262,7 +265,8 @@ class Riccati(Part):
         return self.dynamics.affine(self.measured_state(z, u, y, valid), u)[0]
 
     def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
+        """Return F (k, n, n) and dh/dz (k, p, n) at points of the box; corners are shifted inwards by the fraction
+        `edge` of each range."""
         return jacobians_on_box(self.dynamics, samples, affine=self.measured_state is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
@@ -323,7 +327,8 @@ class Riccati(Part):
 
     @cached_property
     def typical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Q (n, n) and R (p) as numbers at theta = 1, noise of inputs averaged over points of the ranges."""
+        """The numbers Q (n, n) and R (p) at theta = 1; noise of inputs, which depends on the point, is averaged over
+        the ranges."""
         return self.nominal[0] + average(self.dynamics, self.disturbed), self.nominal[1]
 
     def noise(self, z: Graph, u: Graph) -> Graph:
@@ -350,15 +355,15 @@ class Riccati(Part):
 
 @dataclass(frozen=True, eq=False)
 class Around(Part):
-    """A Riccati observer `plain` whose step has a rule of its own in place of the method's."""
+    """A Riccati observer `plain` that is advanced by update equations of its own, not by a method's."""
 
     plain: Riccati
 
 
 @dataclass(frozen=True, eq=False)
 class AtSamples(Around):
-    """A Kalman filter `name` on the Riccati observer `plain` that predicts and corrects at samples; `build` returns its
-    memory and statements, whatever the method."""
+    """A Kalman filter `name`, with the model and the noise of `plain`, that predicts and corrects at samples; `build`
+    returns its memory and statements, which do not depend on the method."""
 
     name: str
     build: Callable[[Clock], Pieces]
@@ -414,7 +419,8 @@ def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _singular_factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (L, d) of a singular matrix: a pivot that is 0 up to rounding has a column of zeros below it."""
+    """Return (L, d) of a singular symmetric matrix L diag(d) L'; a column of L below a pivot that is 0 up to rounding
+    is 0."""
     n, remaining, scale = len(matrix), matrix.astype(float), np.sqrt(np.maximum(np.diag(matrix), 0))
     L, d = np.eye(n), np.zeros(n)
     for j in range(n):
@@ -553,7 +559,8 @@ SHARE = 0.5
 
 
 def prior_status(part: Riccati, variance: list[Graph]) -> Block:
-    """Return the block that sets the status bit where sum_i P_ii S_0ii exceeds `SHARE`, P_ii = `variance`."""
+    """Return the block that sets the status bit COVARIANCE_LIMITED if sum_i P_ii S_0ii exceeds `SHARE`, P_ii =
+    `variance`."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
@@ -581,8 +588,8 @@ LIMITED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """A Riccati observer: its `part`, its `gains` Q and R, and `equations`, banner lines about a Q that is not
-    diagonal, and about gates."""
+    """A Riccati observer with what its caller publishes: the `part`, the `gains` Q and R, and `equations`, lines of the
+    banner about a Q that is not diagonal, and about gates."""
 
     part: Riccati
     gains: tuple[Field, ...]
@@ -676,7 +683,8 @@ def output_noise(name: str, value: Any, form: Form) -> np.ndarray:
 
 
 def at_middle(form: Form, varying: Variances | None) -> np.ndarray:
-    """Return the expressions of the outputs' variances (p) in the middle of the ranges, 1 without any."""
+    """Return the numerical values (p) of the outputs' variance expressions in the middle of the ranges; ones without
+    expressions."""
     if varying is None:
         return np.ones(len(form.output))
     system = form.system
@@ -699,7 +707,8 @@ def _demand_update(form: Form, update: str, R: np.ndarray, theta: Theta) -> None
 
 
 def average(dynamics: Dynamics, noise: InputNoise) -> np.ndarray:
-    """Return the mean (n, n) of f_u U f_u' over points of the ranges, f_u the columns of the inputs with `noise`."""
+    """Return the process noise f_u U f_u' (n, n) due to inputs, as its mean over points of the ranges; f_u: the columns
+    of df/du of the inputs with `noise`."""
     if not noise:
         return np.zeros((dynamics.n, dynamics.n))
     columns = disturbances_on_box(dynamics, POINTS)[1][:, :, noise.inputs]

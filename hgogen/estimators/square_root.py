@@ -73,9 +73,10 @@ POINTS_LIMITED = Bit(
 LARGEST = 7  # states; more would need too much flash as straight-line code
 
 
-def triangle(stack: Graph, least: Graph | None = None) -> Graph:
-    """Return the lower triangular SX matrix S (n, n), positive diagonal, with S S' = A A', A = `stack` (n, k), and the
-    intermediate values that get a name. A square of an S_jj below `least` (n) counts as 0, where A is singular."""
+def triangle(stack: Graph, least: Graph | None = None) -> tuple[Graph, dict[str, Graph]]:
+    """Return the lower triangular SX matrix S (n, n) with a positive diagonal and S S' = A A', A = `stack` (n, k), and
+    the intermediate values by the names that they get in the code. A square S_jj^2 below `least` (n) counts as 0, for a
+    singular A."""
     n = stack.shape[0]
     rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Graph]()
     for j in range(n):
@@ -97,7 +98,8 @@ def root_of(W: Graph, w: Graph) -> Graph:
 
 
 def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
-    """Return S, P = S S', after a measurement of variance r with row c (1, n), f = S'c' (n), and the gain (n)."""
+    """Return S, the factor of P = S S', after Carlson's update by a sample of variance r with row c (1, n), f = S'c'
+    (n), and the gain (n)."""
     n, after = S.shape[0], ca.SX(S)
     alpha, b = r, ca.SX(n, 1)
     for j in reversed(range(n)):
@@ -188,8 +190,9 @@ class SquareRoot(Unrolled):
         return self.writes(S), names
 
     def together(self, rows: Graph, r: Graph, error: Graph | None = None) -> Program:
-        """Return the statements that correct by the samples that wait in units of the prediction, z + S w: S by all,
-        and z where the innovations `error` (p) are given, of independent noises `r` (p); `rows` (p, n) are c S."""
+        """Return the statements that correct by all stored samples, with S' = S T and z' = z + S w for T (n, n) and w
+        (n) that begin at I and 0: T always, w only where the innovations `error` (p) are given. `rows` (p, n): c S of
+        each output; `r` (p): variances of independent noises."""
         n = self.part.dynamics.n
         root, offset = Place("work", "relative_root"), Place("work", "offset")
         T, w = unpack_lower(sym(*root, n * (n + 1) // 2), n), sym(*offset, n)
@@ -238,12 +241,13 @@ class Unscented(SquareRoot):
 
     @property
     def angles(self) -> list[tuple[int, float]]:
-        """The periodic coordinates of the estimate, with half their periods."""
+        """The index of each periodic coordinate of the estimate, with half its period."""
         return [(k, period / 2) for k, period in enumerate(self.part.z.turns) if period is not None]
 
     @property
     def reaches(self) -> list[Graph]:
-        """g of each pair of points, less where a point would lie half a turn or more off the estimate."""
+        """The distances of the n pairs of sigma points, in units of s_i: g, or less if a point would be half a turn or
+        more from the estimate."""
         reaches: list[Graph] = [self.reach] * self.part.dynamics.n
         for (k, half), i in product(self.angles, range(self.part.dynamics.n)):
             if not self.root[k, i].is_zero():
@@ -256,13 +260,15 @@ class Unscented(SquareRoot):
         return [self.z + step for step in steps], [self.z - step for step in steps]
 
     def common(self) -> dict[str, Any]:
-        """The status bits of factored covariances, and that of points nearer than g for an estimate with angles."""
+        """The keyword arguments of `Pieces` of the base class, with the status bit POINTS_LIMITED if the estimate has
+        angles."""
         known = super().common()
         return known | {"bits": (*known["bits"], POINTS_LIMITED)} if self.angles else known
 
     @property
     def limited(self) -> Program:
-        """The block that raises the bit of points nearer than g; none for an estimate without angles."""
+        """The block that sets the bit POINTS_LIMITED while a pair of sigma points is nearer than g; () for an estimate
+        without angles."""
         nearer = [reach < self.reach for reach in self.reaches if isinstance(reach, ca.SX)]
         raised = {Place("status", "POINTS_LIMITED"): reduce(ca.logic_or, nearer)} if nearer else {}
         return (Block("are sigma points half a turn off?", raised),) if nearer else ()
@@ -284,7 +290,8 @@ class Unscented(SquareRoot):
         return Transformed(middle, slopes, curvatures, drift)
 
     def near(self, middle: Graph, point: Graph, output: int) -> Graph:
-        """An output at a point, of a periodic one the value that is nearest to its `middle`."""
+        """Return the value (scalar) of an output at a sigma point; for a periodic output the whole turn nearest to the
+        value `middle` at the estimate."""
         return near(self.part.dynamics.form.system.outputs[output], self.output(point, output), middle)
 
     def prediction(self) -> Program:
@@ -317,8 +324,8 @@ class Unscented(SquareRoot):
         return self.transformed(middle, above, below)
 
     def observed(self, outputs: Sequence[int]) -> tuple[Graph, Graph, Graph]:
-        """Return the slopes (k, n), the part of the covariance (k, k) that is not due to these, and the drift (k) of
-        outputs, of which those that are not linear are evaluated at the sigma points."""
+        """Return three sums over the sigma points for several outputs: the slopes (k, n), the part of the covariance
+        (k, k) that these do not explain, and the drift (k). An output that is linear in z needs no sigma points."""
         n, rows = self.part.dynamics.n, []
         for j in outputs:
             if self.linear(j):
@@ -417,7 +424,8 @@ class Iterated(SquareRoot):
         )
 
     def by_halved_steps(self, target: Graph, cost: Callable[[Graph], Graph]) -> Program:
-        """Return the passes w <- w + s (target - w) from w = 0, in which no `cost` J(w) increases."""
+        """Return the passes w <- w + s (target - w), from w = 0 and s = 1; a pass that would not decrease the `cost`
+        J(w) leaves w and halves s."""
         n = self.part.dynamics.n
         w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
         begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}

@@ -92,11 +92,11 @@ PUSH = 1e-9  # of the output: an error that opens a dead zone
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """The error equation e' = M e linearised at fixed points of the box: M (k, N, N) at `points` (k, n + m) of the
-    form's state and the input, e the error of the estimator's N fields.
+    """The error equation e' = M e linearised at points of the box, each with its constant M: M (k, N, N) at `points`
+    (k, n + m) of the form's state and the input, e the error of the estimator's N stored variables.
 
-    `core` (N, N) is the part of M that is linear in fields and measurement, 0 where there is none; `blind` (k, N, N) is
-    M without samples, that of the model; `names` are the coordinates of a point.
+    `core` (N, N) is the part of M that is linear in the variables and the measurement, 0 where there is none; `blind`
+    (k, N, N) is M while samples are missing, that of the model; `names` are the coordinates of a point.
     """
 
     M: Array
@@ -124,8 +124,8 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
 
 @lru_cache(maxsize=16)
 def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function of points (k, n + m) of state and input; its value is the pair M, M without samples (k, N, N)
-    of the error equation e' = M e."""
+    """Return a function from points (k, n + m) of state and input to two arrays (k, N, N): M of the error equation e' =
+    M e, and M while samples are missing."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
     values = {field.name: sym("state", field.name, field.size) for field in moving}
     x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
@@ -158,7 +158,8 @@ def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, A
 
 
 def slopes_without_samples(part: Ode, observer: Observer) -> Callable[[Array], Array]:
-    """Return the function of points (k, n + m) to M without samples (k, N, N), see `errors_at`."""
+    """Return a function from points (k, n + m) of state and input to M (k, N, N) while samples are missing, as in
+    `errors_at`."""
     errors = errors_at(part, observer)
     return lambda points: errors(points)[1]
 
@@ -228,7 +229,8 @@ class ErrorMap(Protocol):
 
 def lengths(part: Ode, observer: Observer, dt: float, method: ErrorMap, core: Limit, rule: str = "") -> Lengths:
     """Return the step lengths, advised and refused, of an estimator `part`; `core`: the limit of its linear error core
-    alone, `rule`: a text of `Lengths`. The costly `take` is computed only for a step `dt` that may exceed it."""
+    alone; `rule`: the name of the method, for reports. The advised length is expensive, and computed only if `dt` may
+    exceed it."""
     errors, limits = _judged(part, observer), _limits(part, observer, method)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
@@ -271,8 +273,8 @@ def stable(M: Array) -> Array:
 
 
 def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
-    """Return limits (k): for the M whose T(h) is the first to have an eigenvalue beyond 1 as h increases, that h; inf
-    for all others."""
+    """Return limits (k), inf but for one: the smallest h at which some T(h) gets an eigenvalue outside the unit circle,
+    at the index of that M."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
     if not fastest:
         return limits
@@ -293,8 +295,8 @@ def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
 
 
 def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> float:
-    """Return the largest step `take` up to which errors of the stable, balanced M (k, N, N) grow by at most GROWTH
-    times as much as in continuous time; at least SHARE times DEEPEST of the step `refused`, inf without a limit."""
+    """Return SHARE times the largest step up to which errors of the stable, balanced M (k, N, N) grow by at most GROWTH
+    times as much as in continuous time, at least SHARE times DEEPEST times the step `refused`; inf without a limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
@@ -377,13 +379,14 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Return whether T(h) has no eigenvalue beyond 1 at a point (k), with the steady P and with the capped P."""
+        """Return, for each point (k), whether T(h) has all eigenvalues in the unit circle, both with the steady P and
+        with the capped P."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """Return the largest h up to which no error grows by more than `most`, and P reaches its cap only where it does
-        for h -> 0; inf where that h is beyond `end`."""
+        """Return the largest step h up to which no error grows by more than `most`, and no P reaches its cap that does
+        not do so for h -> 0 as well; inf if h would be beyond `end`."""
         model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
         fastest = max(model, loop)
         if not fastest or FINE / fastest > end:
@@ -403,8 +406,8 @@ class Loops:
         return longest(grows, start, end, coarse_end)
 
     def refused(self, start: float) -> float:
-        """Return the largest h above `start` at which errors decay at one point at least; inf if errors decay for all
-        h, or already not at `start`."""
+        """Return the largest h above `start` up to which errors decay at one point at least; inf if errors decay for
+        all h, or at no point already at `start`."""
         fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
 
         def lost(h: float) -> bool:
@@ -459,7 +462,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
 
 
 def together(every: Sequence[Loops]) -> Loops:
-    """Return several `Loops` of one rho and one cap as one, with all their points."""
+    """Return several `Loops` that have one rho and one cap in common as one, with the points of all."""
     F, N, Q, prior, back, most = (
         np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
     )

@@ -20,9 +20,9 @@ from hgogen.starting import Gains, Scale, rule, two
 
 @dataclass(frozen=True)
 class Synonym:
-    """Another name of an `observer`, whose `fixed` arguments it sets; `sentence`: what it is; `form`: the form that a
-    text model without one takes; `explicit`: whether its noise must be declared as densities or as that of a
-    sample."""
+    """A textbook name of an `observer`, with the arguments that this name fixes, `fixed`; `sentence`: its definition;
+    `form`: the form that a plain-text model uses with this name unless it names one; `explicit`: whether the noise must
+    be declared either as densities or as that of one sample."""
 
     observer: str
     fixed: Mapping[str, Any]
@@ -51,7 +51,8 @@ SYNONYMS = {name: known for name, known in _TEXTBOOK.items() if name not in case
 
 
 def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..., Observer]:
-    """Return the function of the observer that has the other name `name`; `case_called` gives one of `hg.observers`."""
+    """Return the observer function with the textbook name `name`; `case_called` returns a function of `hg.observers` by
+    its name."""
     known = SYNONYMS[name]
     case = case_called(known.observer)
     function = partial(_make, name, case)
@@ -67,8 +68,8 @@ def observer_called(name: str, case_called: Callable[[str], Any]) -> Callable[..
 
 
 def _starting(name: str, case: Callable[..., Observer], numbers: Scale) -> Gains | str:
-    """Return the starting gains of the observer `case` without those that the name fixes: poles times theta, Q and R as
-    densities."""
+    """Return the starting gains of the observer `case` without those that the textbook name fixes: poles are multiplied
+    by theta, and Q and R declared as densities."""
     gains = rule(case).gains(numbers)
     if isinstance(gains, str):
         return gains

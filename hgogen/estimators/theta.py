@@ -302,12 +302,13 @@ class Theta(ABC):
 
     @property
     def late(self) -> float:
-        """The value of theta after a large estimation error has lasted for long."""
+        """The value of theta after a large estimation error has lasted much longer than its time constants."""
         return self.peak
 
     @property
     def error_free(self) -> float | None:
-        """The value that theta tends to without errors, if theta can rise from there to its peak again, else None."""
+        """The value to which theta tends while the estimation error is 0, if theta can rise from there to `peak` again;
+        else None."""
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:

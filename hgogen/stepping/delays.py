@@ -67,9 +67,10 @@ IN_TIME = Hypothesis(
 def delayed(observer: Observer, /, **steps: int) -> Observer:
     """The observer for late samples, with delays up to `steps` periods for the named outputs: `delayed(observer, y=5)`.
 
-    The caller passes with each sample of such an output its age in periods, the signal y_age of the step's samples, 0
-    for a current sample. The step fuses the sample as if it had been available then. It must predict and correct at
-    samples; it stores its memory of `steps` periods and computes at most these again.
+    With each sample of such an output y the caller passes its age in periods, the signal y_age of the step's samples, 0
+    for a current sample. The estimate is then as if the sample had been available at its time. The observer must
+    predict and correct at samples. The step stores its memory of as many periods as the longest delay, and computes at
+    most these again.
 
     Args: `steps` by output, from 1 to 1000; other outputs have no delay.
 
@@ -103,9 +104,9 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
 
 
 def arranged(step: Step) -> Step:
-    """Return the step that accepts late samples of the outputs in its observer's `delays`; `step` itself without
-    delays. Raises: `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a
-    status has."""
+    """Return `step` extended by the memory of past periods, so that it accepts late samples of the outputs in its
+    observer's `delays`; `step` itself if there are none. Raises: `CannotUpdate` for a step that integrates with the
+    measurement, `BadStep` for more bits than a status has."""
     return _Delayed(step).step if step.observer.delays else step
 
 
@@ -166,9 +167,9 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """The sections of the step without delays, with the stored input and samples
-        of a period in place of the caller's. The caller's updates raise the
-        status bits for missing samples; those for a wrong order cannot occur."""
+        """The sections of the step without delays, which read a period's stored input and samples in place of the
+        caller's. The caller's updates raise the status bits for missing samples; those for a wrong order cannot
+        occur."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]

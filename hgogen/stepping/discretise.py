@@ -60,8 +60,8 @@ from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
-    """Return the memory and statements of a part under a method. Raises: the errors of the method for a part that it
-    refuses; `CorrectsAtSamples`."""
+    """Return the memory and statements that integrate a part by a method. Raises: `CorrectsAtSamples`, and the errors
+    of a method that does not apply to the part."""
     match part:
         case Ode():
             return method.ode(part, clock)
@@ -89,7 +89,8 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
 
 @dataclass(eq=False)
 class CorrectsAtSamples(HgogenError):
-    """The error of an integrating method for a filter that predicts and corrects at samples."""
+    """The error for a method that integrates a differential equation, applied to a filter that predicts and corrects at
+    samples."""
 
     text = "{method} integrates, {filter} predicts and corrects: take continuous_discrete or cholesky"
     method: str
@@ -125,7 +126,8 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
 
 
 def tuned(part: Part, clock: Clock) -> Program:
-    """Return the program that computes constants of the differential equation of a part when parameters are tuned."""
+    """Return the program that computes the derived constants of a part's differential equation whenever parameters
+    change."""
     match part:
         case Ode(tune=tune):
             return tune
@@ -136,8 +138,8 @@ def tuned(part: Part, clock: Clock) -> Program:
 
 def lengths(observer: Observer, method: Method, dt: float, advice: bool = True) -> Iterator[Lengths]:
     """Yield the step lengths, advised and refused, of each part that limits them, computed as far as `dt` requires;
-    none of a discrete plant. `advice`: whether also those of the model while samples are missing, which none
-    refuses."""
+    none for a discrete plant. `advice`: whether to include the advised length of the model while samples are missing,
+    which never refuses a step."""
     without_samples = unmeasured if advice else lambda *_: Lengths()
     if observer.form.system.discrete:
         return
@@ -162,8 +164,8 @@ def lengths(observer: Observer, method: Method, dt: float, advice: bool = True) 
 
 
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
-    """Return the step length up to which a Runge-Kutta `tableau` resolves the model, or a `part`, while samples are
-    missing, if `dt` is longer; no limit without a tableau."""
+    """Return the longest step at which a Runge-Kutta `tableau` resolves the model, or a `part`, while samples are
+    missing; no limit if `dt` is not longer, or without a tableau."""
     limits = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
     return limits if dt > limits.take else Lengths()
 
@@ -188,8 +190,8 @@ RESTARTED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Curved(Around):
-    """A Riccati observer at theta = 1 with the term -s D of the outputs' second derivatives in Pi', D = sum_j R_j (y_j
-    - h_j) d2h_j/dz2, s <= 1; `rate` (1/s) limits s D: SX scalar, at most `fastest`."""
+    """A minimum-energy estimator at theta = 1: the Riccati observer `plain` with the additional term -s D in Pi', D =
+    sum_j R_j (y_j - h_j) d2h_j/dz2, s <= 1. `rate` (1/s) limits s D: SX scalar, at most `fastest`."""
 
     rate: Graph
     fastest: float
@@ -214,7 +216,8 @@ class Curved(Around):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """Return memory and statements of a step: by an explicit method in its view, else by Runge-Kutta on (z, P)."""
+    """Return memory and statements of a minimum-energy estimator: an explicit method integrates it in its own
+    variables, another method is replaced by Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     integration = explicit.step(part.equation(explicit.view), clock)
@@ -228,7 +231,8 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Return the step lengths without the outputs' second derivatives, and 1/fastest, the limit due to these."""
+    """Return two step lengths of a minimum-energy estimator: that of the Riccati observer without the outputs' second
+    derivatives, and 1/fastest, the limit due to these."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
@@ -254,8 +258,8 @@ _DIGITS = {"float": 24, "double": 53}  # binary
 
 @dataclass(eq=False)
 class StepTooShort(HgogenError):
-    """A step length at which rounding freezes a state, or a count exceeds its number type; `take` is long enough, and
-    `way` names another remedy."""
+    """The error for a step length at which rounding freezes a state, or a count exceeds its number type; `take` is long
+    enough, and `way` names another remedy."""
 
     dt: float
     why: str
@@ -268,8 +272,8 @@ class StepTooShort(HgogenError):
 
 
 def demand_motion(form: Form, dt: float, real: str) -> None:
-    """Raise `StepTooShort` where rounding in the type `real` certainly freezes a state near the end of its range, which
-    the map of a discrete plant does not."""
+    """Raise `StepTooShort` if rounding in the type `real` certainly freezes a state near the end of its range; never
+    for a discrete plant."""
     if form.system.discrete:
         return
     for name, (low, high), fastest in _fastest(form):

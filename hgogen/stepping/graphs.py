@@ -54,8 +54,8 @@ from hgogen.stepping.times import T
 
 @dataclass(frozen=True)
 class Entry:
-    """A named number in a vector of the model: with its unit and range; `array`: the name of its array, equal to `name`
-    for a scalar, `label`: its name in the array."""
+    """A named number in a `Vector`, with its unit and range; `array`: the name of its array, equal to `name` for a
+    scalar; `label`: its name within the array."""
 
     name: str
     initial: float
@@ -88,8 +88,8 @@ class Vector:
         return np.array([entry.initial for entry in self.entries])
 
     def filled(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Return the initial values (n), with other values for some elements or arrays by name: {"theta": 30, "Q": [1,
-        2]} or, where elements have labels, {"Q": {"q": 1, "w": 2}}.
+        """Return the initial values (n) with replacements by name, of single elements or of arrays: {"theta": 30, "Q":
+        [1, 2]} or, where elements have labels, {"Q": {"q": 1, "w": 2}}.
 
         Raises: `BadNames` for an unknown name; `BadGain` for values that are no real numbers, or for a wrong number of
         them.
@@ -131,7 +131,8 @@ def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
 
 
 def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
-    """Yield the elements of a field, in the unit `unit`; those of an array are `name[0]` and so on."""
+    """Yield the elements of a field, in the unit `unit`; the elements of an array are called `name[0]`, `name[1]`,
+    .."""
     name = name or field.name
     labels = field.labels or tuple(f"row {i}, column {j}" for i, j in field.entries) or ("",) * field.size
     for k, (value, (low, high), label) in enumerate(zip(field.initial, field.box, labels, strict=True)):
@@ -141,7 +142,8 @@ def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
 
 
 def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
-    """Yield the elements of a field of the last of nested groups, `line`, from the outermost on, in memory order."""
+    """Yield the elements, in memory order, of a field of nested groups; `line`: the groups from the outermost to the
+    one with the field."""
     for members in product(*(range(group.count) for group in line)):
         path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
         yield from of_field(field, unit, f"{path}.{field.name}")
@@ -180,12 +182,14 @@ class Symbolic(Reader[Memory]):
     graph: Callable[[Block], ca.Function]
 
     def section(self, program: Program, memory: Memory) -> Memory:
-        """Return the values of all places after a program, from those before, with work values that begin at 0."""
+        """Return the values of all places after a program, as expressions of the values before; work values are 0
+        before."""
         work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
         return self.program(program, {**memory, **work})
 
     def program(self, program: Iterable[Statement], *before: Memory) -> Memory:
-        """Return the values of all places after statements, as expressions of those before, work values included."""
+        """Return the values of all places after statements, as expressions of the values before, those of work places
+        included."""
         (memory,) = before
         for statement in program:
             memory = {**memory, **self.statement(statement, memory)}
@@ -269,7 +273,7 @@ def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memor
 
 
 def _number(place: Graph, total: int) -> Graph:
-    """Return the index of a group's member, 0 if it is not below `total`, as in C."""
+    """Return the index of a group's member, 0 if it is not below `total`, as the emitted C does."""
     return ca.if_else(place < total, place, 0)
 
 
@@ -294,8 +298,9 @@ def _with_column(table: Graph, member: Graph | int, value: Graph) -> Graph:
 
 @dataclass(frozen=True)
 class Flow:
-    """The observer as a differential equation: the function (state, u, y, p) -> rate, the function (state, u, p) -> x,
-    the estimate, the vector `state`, and the names of its constant fields."""
+    """The observer as a differential equation: `derivative`, the function (state, u, y, p) -> rate; `estimate`, the
+    function (state, u, p) -> x; `state`, the vector of stored values; `constant`, the names of fields whose rate is
+    0."""
 
     derivative: ca.Function
     estimate: ca.Function
@@ -305,7 +310,8 @@ class Flow:
 
 @dataclass(frozen=True, eq=False)
 class Graphs:
-    """The CasADi functions of the step `source`: one call, and the differential equation; `graph` returns a block's."""
+    """The CasADi functions of the step `source`: one call, and the differential equation; `graph` returns the function
+    of a block."""
 
     source: Step
     graph: Callable[[Block], ca.Function]
@@ -345,8 +351,8 @@ class Graphs:
         return vectors
 
     def step(self) -> ca.Function:
-        """Return (state, u, y, p) -> next, x, status of one call, and then its reports; the status is a number, or one
-        for each 32 bits."""
+        """Return the function (state, u, y, p) -> next, x, status of one call, with the reports as further results; the
+        status is one number for each 32 bits."""
         step, state, lies = (
             self.source,
             ca.MX.sym("state", len(self.memory)),
@@ -366,7 +372,8 @@ class Graphs:
         return ca.Function(f"{step.name}_step", [state, u, y, p], [*results.values()], arguments, [*results])
 
     def begin(self) -> ca.Function | None:
-        """Return t -> state, the memory before a call at the time t; None for a plant without functions of t."""
+        """Return the function t -> state, the memory before a call at the time t; None for a plant without functions of
+        t."""
         lies, t = shapes(self.source.layout.state, self.source.layout.groups), ca.MX.sym("t")
         memory = {**_parts(ca.MX(self.memory.initial), lies), T: t}
         for section in self.source.code.time:

@@ -141,7 +141,7 @@ def or_lower(observer: Observer) -> str:
 
 def outside(observer: Observer, margin: float = 0.0) -> Graph:
     """Return whether the estimate z, or the plant's state computed from z, is outside its declared range by more than
-    `margin` of its width, so that the model is evaluated at the edge; SX."""
+    `margin` times its width, where the model is evaluated at the edge of the range; SX."""
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
     tests = [leaves(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
@@ -155,7 +155,8 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Return the block that reports a plant's state that cannot be computed from z; empty if it always can."""
+    """Return the block that raises the status bit SINGULAR if the plant's state cannot be computed from z; () if it
+    always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -179,8 +180,8 @@ def _within(value: Graph, limit: float) -> Graph:
 
 
 def guard_inputs(observer: Observer, clock: Clock) -> Block:
-    """Return the block that clamps each input to its range; a value that is not a number or absurd is replaced by the
-    last valid one. Times are those of the counts."""
+    """Return the block that clamps each input to its range; a value that is not a number, or absurdly large, is
+    replaced by the last valid one. Inputs that are times come from the step's own counts."""
     values, writes, names = [], {}, dict[str, Graph]()
     plant = observer.form.system
     last = sym("state", "u", len(plant.inputs))
@@ -211,8 +212,8 @@ def plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float
 
 
 def implausible(signal: Signal, reading: tuple[float, float], form: Form) -> str:
-    """Return the text of which samples are implausible. No estimate in a box is absurdly far from a sample in a
-    range."""
+    """Return the text of a status bit that says which samples of an output are implausible; `reading`: the range of the
+    sensor."""
     low, high = plausible_range(signal, reading)
     place = f"outside {low:g} .. {high:g}" if high - low < INF else f"beyond {HUGE:g}"
     bounded = high - low < INF and all(state.bounded for state in form.states)
@@ -244,8 +245,9 @@ def readings(form: Form) -> list[tuple[float, float]]:
 
 
 def hold(observer: Observer, clock: Clock) -> Program:
-    """Return the block that stores, at the begin of a call, the last finite values of rates and outputs that may have
-    none. It raises the status bits of rates without one at the begin, middle or end of the input's change."""
+    """Return the block that stores, at the start of a call, the latest finite values of those rates and outputs that
+    may have none. It raises the status bit of a rate without a finite value at the start, middle or end of the input's
+    change."""
     dynamics, z = observer.dynamics, observer.z
     named = dynamics.fallback
     writes, bits = {}, {}
@@ -272,7 +274,8 @@ def _bit(observer: Observer, i: int) -> Place:
 
 
 def hold_fields(observer: Observer) -> tuple[Field, ...]:
-    """Return the state's fields of the last finite value of each rate and output that may have none, initially 0."""
+    """Return the state's fields that store the latest finite value, initially 0, of each rate and output that may have
+    none."""
     holding = observer.dynamics.fallback
     meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
     meanings |= {y.name: f"last finite value of {y.name} at the estimate" for y in holding.outputs.values()}
@@ -282,8 +285,8 @@ def hold_fields(observer: Observer) -> tuple[Field, ...]:
 
 
 def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Graph]]:
-    """Return the sample of output j, nan where the output is undefined at the estimate, and the status bits for an
-    output that may be undefined."""
+    """Return the measurement of output j, nan if the output function has no finite value at the estimate, and the
+    status bits for an output that may have none."""
     name = observer.form.system.outputs[j].name
     raw, readable = sym("output", name), observer.dynamics.output_slopes_valid(observer.z, u)
     if j not in readable:
@@ -383,15 +386,15 @@ def guard_state(
 
 
 def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
-    """Return the real fields of the state that a program writes, which are clamped to their boxes after it."""
+    """Return the fields of real numbers of the `state` that a program writes; guards clamp these to their boxes."""
     written = _written(program)
     return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
 
 
 def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """Return the program that clamps `fields` to their boxes; where a value is lost it resets the `state`, by the
-    program `others` what that writes. `each`: each value is tested again for being a number, which an analyser cannot
-    infer from a loop over many."""
+    """Return the program that clamps `fields` to their boxes. If a value is not a number, it resets the whole `state`,
+    by the program `others` for the fields that `others` writes. `each`: each value is tested again for being a number,
+    because a static analyser cannot infer this from a loop over many."""
     values = stacked(fields)
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
@@ -421,8 +424,8 @@ def _written(program: Program) -> dict[Place, set[int]]:
 
 
 def in_its_box(field: Field, each: bool) -> Block:
-    """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED where that is the outer
-    box of an estimate. `each`: an element that is lost takes its initial value."""
+    """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED if the box is the outer
+    box of an estimate. `each`: whether an element that is not a number gets its initial value."""
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
     values = [into(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
     if each:
@@ -503,8 +506,8 @@ def possible_bits(
 
 
 def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Container[str] = ()) -> list[str]:
-    """Return the names of the status bits that every guarded step has for these signals; `dated`: the names of the
-    outputs whose samples have a time stamp."""
+    """Return the names of the status bits of every guarded step with these signals; `dated`: the names of the outputs
+    whose samples have a time stamp."""
     of_outputs = [
         f"{kind}_{each}" for each in outputs for kind in (*CERTAIN_BITS, *(DATED_BITS if each.name in dated else ()))
     ]
@@ -512,7 +515,8 @@ def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Con
 
 
 def shortage(names: Sequence[str]) -> str:
-    """Return the message for too many status bits, `names`, their number by kind and a remedy; "" where they fit."""
+    """Return the error message that a status has too few bits for `names`, with their number by kind and a remedy; ""
+    if they fit."""
     most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *RATE_BITS, *INPUT_BITS)
     if len(names) <= most:
         return ""

@@ -27,9 +27,9 @@ SMALL = 1e-3  # of the radius: a shorter vector has no direction
 
 
 def constrained(observer: Observer, pieces: Pieces) -> Pieces:
-    """Return the pieces with the estimate on the plant's invariants after each prediction and correction; `pieces` for
-    a plant without any. Raises: `BadGain` for a covariance that would become singular and is stored inverted, and for
-    a bank."""
+    """Return the pieces with a projection of the estimate onto the plant's invariants after each prediction and
+    correction; `pieces` itself for a plant without any. Raises: `BadGain` for a covariance that would become singular
+    and is stored inverted, and for a bank."""
     system = observer.form.system
     if not system.invariants:
         return pieces
@@ -58,7 +58,8 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
 
 
 def _projected(observer: Observer, x: Graph, V: Graph) -> tuple[Graph, Graph]:
-    """Return p (n) and N (n, n) as SX of the fields x (n) of the estimate."""
+    """Return the projection p (n) of an estimate onto the invariants and its Jacobian N (n, n), SX of the fields x
+    (n)."""
     dynamics, u = observer.dynamics, sym("state", "u", len(observer.form.system.inputs))
     plain = ca.is_equal(ca.SX(observer.z), x, 1)
     value, N = x, ca.SX.eye(x.numel())
@@ -80,7 +81,8 @@ def _projected(observer: Observer, x: Graph, V: Graph) -> tuple[Graph, Graph]:
 
 
 def sphere(constraint: sp.Expr, states: tuple[sp.Symbol, ...]) -> tuple[tuple[int, ...], sp.Expr]:
-    """Return the indices of v and r^2 of a constraint a (|v|^2 - r^2) = 0; no index for another one."""
+    """Return the indices of the coordinates v and the expression r^2 of a constraint a (|v|^2 - r^2) = 0; () for
+    another constraint."""
     try:
         terms = sp.Poly(constraint, *states).as_dict()
     except sp.PolynomialError:

@@ -77,7 +77,7 @@ class Reading(Reader[Action]):
                 self._rows[place] = np.zeros(field.size, dtype)
 
     def give(self, values: Mapping[Place, Any]) -> None:
-        """Write numbers to the memory, by place; places that occur in no program are skipped."""
+        """Set the values of places in the memory; places that occur in no program are skipped."""
         for place in values.keys() & self.memory.keys():
             self.memory[place][:] = np.ravel(values[place])
 

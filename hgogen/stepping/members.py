@@ -85,7 +85,8 @@ _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
-    """Return `pieces` with the names name(old) for fields and groups; `places`: further substitutions of places."""
+    """Return `pieces` in which a field or group called x is called name(x); `places`: further substitutions of
+    places."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     substituted = Substitution({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
     programs: dict[str, Any] = {name: substituted.program(getattr(pieces, name)) for name in _PROGRAMS}
@@ -126,7 +127,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
 
 def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
     """Return the program that resets `fields` of the struct `group` to their initial values, counters in a separate
-    block; `part`: prefix of the names of the blocks' functions."""
+    block; `part`: prefix of the names of these blocks' functions."""
     programs = list[Block]()
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
         writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
@@ -135,9 +136,9 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
 
 
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that resets the groups nested in the struct `above` with these fields, except lasting fields.
-    Their copies of the estimate become that of `above`; `z` is the observer's estimate, an SX of places of the
-    state."""
+    """Return the program that resets the groups nested in the struct `above`, which has these `fields`, except lasting
+    fields. A copy of the estimate in a nested group is set to the estimate of `above`; `z` is the observer's estimate,
+    an SX of places of the state."""
     loops = []
     for group in groups:
         copied, start = _copied(above, fields, group, z)
@@ -148,8 +149,8 @@ def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z
 
 
 def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """Return the program that only sets the copies of the estimate in the groups nested in `above` to that of `above`;
-    arguments as in `fresh_groups`."""
+    """Return the program that sets each copy of the estimate in the groups nested in `above` to the estimate of
+    `above`, and nothing else; arguments as in `fresh_groups`."""
     loops = []
     for group in groups:
         _, start = _copied(above, fields, group, z)

@@ -36,7 +36,7 @@ SHARE, PREDICTORS = 0.3, 4  # the default window, of the restart period, and its
 
 @dataclass(eq=False)
 class BadPeriod(HgogenError):
-    """A bank's restart period that is no whole number of samples dt."""
+    """The error for a bank's restart period that is no whole number of samples dt."""
 
     period: float
     dt: float
@@ -48,8 +48,8 @@ class BadPeriod(HgogenError):
 
 
 def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
-    """Raise `BadGain`, for the wrapper `name`, unless `observer` is a single one without delays; messages: `bank` for a
-    bank, `late` with delays."""
+    """Raise `BadGain` unless `observer` is a single observer without delays. `name`: the function that wraps it;
+    `bank`, `late`: the messages for a bank and for an observer with delays."""
     if not isinstance(observer, Observer):
         kind = type(observer).__name__
         raise BadGain(name, f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
@@ -175,7 +175,8 @@ def _judge(part: Parallel, dt: float) -> Innovation:
 
 
 def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
-    """Return the step lengths of the predictors by which the copies of a bank are compared; () without predictors."""
+    """Return the step lengths admitted by the predictors whose output errors compare the copies of a bank; () for a
+    bank that compares the newest sample."""
     if part.newest:
         return ()
     judge = _judge(part, dt).part(part.member.dynamics, state_field(part.member.form, None, 1.0))
@@ -201,9 +202,8 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Return the program that selects the copy with the smallest score, if that
-    score is below hysteresis times the selected one's; a restart is due
-    every `period` samples, and the copy that restarts is not selected."""
+    """Return the program that selects the copy with the smallest score, if this score is below hysteresis times the
+    score of the selected copy. A restart is due every `period` samples, and the copy that restarts is not selected."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -240,8 +240,8 @@ def _choose(part: Parallel, period: int) -> Program:
 
 
 def _restart(part: Parallel, alone: Pieces) -> Program:
-    """Return the program that restarts the oldest copy when due: with
-    estimate and score of the selected one, all else reset."""
+    """Return the program that restarts the oldest copy when due: its estimate and score become those of the selected
+    copy, all its other memory is reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
     begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))

@@ -62,9 +62,9 @@ ELSEWHERE = 32  # tried points of the ranges
 def nearest(
     observer: Observer, clock: Clock, fields: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
-    """Return the blocks that set the `fields` x to the point nearest to x_0, their initial values, at which the
+    """Return the blocks that set the `fields` x to the point nearest to their initial values x_0 at which the
     linearised outputs equal the samples: x <- sat(x + V g (y_j - h_j)/(g' V g)), g = dh_j/dx, with the `weights` V.
-    `samples` by output, the most trusted last: the measurement, and whether it is plausible."""
+    `samples`: by output, the measurement and whether it is plausible, the most trusted output last."""
     u = sym("state", "u", len(observer.form.system.inputs))
     x = stacked(fields)
     h = observer.dynamics.output(observer.z, u)
@@ -91,19 +91,19 @@ def nearest(
 
 
 def in_range_or(value: Graph, end: tuple[float, float], period: float | None, other: Graph) -> Graph:
-    """Return a value clamped to a range, or an angle in its turn; `other` where the value is beyond `LOST`. No
-    plausible sample leads there; the test tells a static analyser so."""
+    """Return a value clamped to a range, or an angle wrapped to its turn; `other` if the value is beyond `LOST`. No
+    plausible sample leads there; the test lets a static analyser bound the result."""
     return ca.if_else(ca.fabs(value) <= LOST, into(value, end, period), other)
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
-    """Return the assignments of the SX column `value` to the fields in sequence."""
+    """Return the assignments of the elements of the SX column `value` to the fields, one field after the other."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in fields)]).tolist())
     return {Place("state", field.name): part for field, part in zip(fields, parts, strict=True)}
 
 
 def weights(fields: tuple[Field, ...]) -> Graph:
-    """Return V, the squared widths of the outer boxes of the fields, as a column."""
+    """Return V (k), the squared widths of the fields' outer boxes, as a column."""
     widths = np.array([high - low for field in fields for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     weights = ca.DM(widths)
@@ -129,7 +129,7 @@ def _start_point(
     V: Graph,
     limits: list[tuple[float, float]],
 ) -> np.ndarray:
-    """Return x_0 of a restart: the initial values, or a point of the ranges where more outputs depend on x."""
+    """Return x_0 of a restart: the initial values, or another point of the ranges if more outputs depend on x there."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [Place("state", field.name) for field in fields]
     sizes = np.cumsum([field.size for field in fields])[:-1]
@@ -193,7 +193,8 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
-    """Return the last point from x to `projected` that is in the outer box; a clamp removes rounding errors."""
+    """Return the last point on the segment from x to `projected` that is in the outer box; a clamp removes rounding
+    errors."""
     step, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(step[i] > 0, high - x[i], x[i] - low)

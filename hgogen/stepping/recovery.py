@@ -130,7 +130,7 @@ def _typical(decays: np.ndarray) -> float | None:
 
 
 def rate(observer: Observer, clock: Clock) -> float:
-    """Return the slowest rate mu at which errors of the observer decay; that of ten samples where none is known."""
+    """Return the slowest rate mu at which errors of the observer decay; if none is known, the rate of ten samples."""
     mu = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(mu, default=1 / (SAMPLES * clock.longest))
 
@@ -161,10 +161,10 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign of a fault, counted at samples: a large error of `output` (index), or for None an estimate outside its
-    ranges. `meaning`: the text after "at which"; `time` (the model's unit): the shortest duration of the sign before a
-    restart or projection; as counts, `wait` W, the first limit, `most` M, the largest, and `change` m, the decrease for
-    an error of the other sign."""
+    """The detection of a fault by counting samples: with a large error of `output` (index), or for None with an
+    estimate outside its ranges. `meaning`: the text after "at which"; `time` (the model's unit): the shortest duration
+    of the sign before a restart or projection; as counts, `wait` W, the first limit, `most` M, the largest, and
+    `change` m, the decrease for an error of the other sign."""
 
     name: str
     output: int | None
@@ -215,12 +215,12 @@ class Sign:
 
     @property
     def over(self) -> Graph:
-        """Whether the size |c| of the fault count has reached its limit w, SX."""
+        """Whether the fault count |c| has reached its limit w, SX."""
         return self.size >= sym("state", self.limit)
 
     @property
     def size(self) -> Graph:
-        """The size |c| of the fault count, SX."""
+        """The absolute value |c| of the fault count, SX."""
         count = sym("state", self.count)
         return count if self.output is None else ca.fabs(count)
 
@@ -266,8 +266,8 @@ Samples = Mapping[int, Sampled]  # by output
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The law that counts signs of a fault, and then restarts or projects the estimate, for an observer with the parts
-    `pieces`, evaluated in `sections` sections of its step."""
+    """The law that counts signs of a fault, then restarts the estimate or projects it onto its ranges; `pieces`: the
+    parts of the observer; `sections`: the number of sections of the step that evaluate the law."""
 
     observer: Observer
     clock: Clock
@@ -347,7 +347,8 @@ class Recovery:
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
-        """Sections that others call: one counts estimates outside the ranges, one projects the estimate onto them."""
+        """The sections that others call: one counts estimates outside their ranges, the other one projects the estimate
+        onto the ranges."""
         return (*self._counting, *self._projecting)
 
     @cached_property
@@ -441,8 +442,8 @@ class Recovery:
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return the assignments that change |c| of the fault counter c at
-        these samples, and set a value with the sign of the new c."""
+        """Return the assignments that change |c| of the fault counter c at these samples, and a value with the sign of
+        the new c."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
@@ -471,8 +472,8 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Return whether a sample judges the estimate: a valid
-        one, or one that is absurdly far from the prediction."""
+        """Return whether a sample is used to judge the estimate: it is valid, or it is absurdly far from the
+        prediction."""
         signal = self.observer.form.system.outputs[j]
         return ca.logic_or(sample.valid, plausible(signal, self._readings[j], sample.y))
 

@@ -94,19 +94,20 @@ def age_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
 
 
 def aged(outputs: Iterable[Signal]) -> Block:
-    """Return the block of a predict that makes every sample older."""
+    """Return the block of `predict` that increments the age of the last used sample of each output."""
     ages = {Place("state", _age(y)): sym("state", _age(y)) for y in outputs}
     older = {place: ca.if_else(age >= OLDEST, OLDEST, age + 1) for place, age in ages.items()}
     return Block("samples grow older", older)
 
 
 def renewed(output: Signal) -> Block:
-    """Return the block of an update that has used a sample of the output."""
+    """Return the block of an update that sets the age of the output's last used sample to 0."""
     return Block(f"the newest sample of {output}", {Place("state", _age(output)): ca.SX(0)})
 
 
 def renewed_where(outputs: Sequence[Signal], sampled: ca.SX) -> Program:
-    """Return the statements of a predict that uses samples of the outputs: those that are there, by `sampled` (p)."""
+    """Return the statements of a `predict` that integrates samples: they set to 0 the ages of outputs with a sample, by
+    the flags `sampled` (p)."""
     flags = [Place("work", f"sampled_{y}") for y in outputs]
     there = Block("which samples are there?", {flag: sampled[j] for j, flag in enumerate(flags)})
     return (there, *(When(flag, (renewed(y),)) for flag, y in zip(flags, outputs, strict=True)))
@@ -142,7 +143,8 @@ def innovation_fields(outputs: Sequence[Signal]) -> tuple[Field, ...]:
 
 
 def no_innovation(outputs: int) -> Program:
-    """Return the statements of a predict after which there is no innovation yet; `outputs`: their number."""
+    """Return the statements of `predict` that mark the joint innovations as missing; `outputs`: the number of
+    outputs."""
     none = {Place("state", "innovation_e"): ca.SX.nan(outputs, 1)}
     return (Block("no innovation yet", none), Block("of no sample", {Place("state", "innovation_count"): ca.SX(0)}))
 

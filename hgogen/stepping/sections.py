@@ -89,7 +89,8 @@ AT = Place("argument", "at")  # the number of a sample's measurement period
 
 
 class BadRate(BadArgument):
-    """A sensor's sampling period that is no whole multiple of dt, or for an unknown output."""
+    """The error for a sensor's sampling period that is no whole multiple of dt, or for a period of an unknown
+    output."""
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
@@ -131,7 +132,7 @@ def _used(output: Signal) -> str:
 
 
 def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
-    """Return the block that counts the next period, 0 in the first call, and clears the marks of used samples."""
+    """Return the block that counts the next period, from 0 in the first call, and clears the marks of used samples."""
     now = sym("state", "now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
     fresh = {Place("state", name): ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
@@ -140,8 +141,8 @@ def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
 
 
 def once(output: Signal, correct: Program) -> Program:
-    """Return the update by an output, at most once per period, none before the first; `correct`: the program for a
-    valid sample."""
+    """Return the update by an output with tests, so that it runs at most once per period, and not before the first
+    `predict`; `correct`: the program for a valid sample."""
     used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
     test = {
         Place("work", "fresh"): ca.logic_and(used < 1, begun),
@@ -158,13 +159,15 @@ def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
 
 
 def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
-    """Return the block after a predict that permits one sample of each output again."""
+    """Return the block after a predict that clears the marks of used samples, so that one sample of each output may
+    correct."""
     fresh = {Place("state", _used(output)): ca.SX(0) for output in outputs}
     return (Block("samples may come", fresh),) if fresh else ()
 
 
 def in_order(output: Signal, correct: Program) -> Program:
-    """Return the update by an output, at most once after a predict; `correct`: the program for a valid sample."""
+    """Return the update by an output with a test, so that it runs at most once after each `predict`; `correct`: the
+    program for a valid sample."""
     fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
     raised = Block("there was no predict since the last", {Place("status", "OUT_OF_ORDER"): ca.SX(1)})
     return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
@@ -182,7 +185,8 @@ def verdict_fields(verdicts: Mapping[int, str]) -> tuple[Field, ...]:
 
 
 def if_admitted(name: str, correct: Program) -> Program:
-    """Return the update by an output whose gate has the verdict `name`, only where it admits the sample."""
+    """Return the update by an output with a test, so that it runs only if a gate accepts the sample; `name`: the field
+    of the gate's verdict."""
     verdict = sym("state", name)
     admitted = ca.logic_and(verdict >= 1, verdict <= 1)
     test = {Place("work", "admitted"): admitted, Place("status", "OUT_OF_ORDER"): verdict < 1}
@@ -204,7 +208,8 @@ def once_predicted(program: Program) -> Program:
 
 
 def timed(section: Section, output: Signal) -> Section:
-    """Return the update section of an output with a time stamp, which skips late and early samples."""
+    """Return the update section of an output for samples with a time stamp; a late or an early sample only raises a
+    status bit."""
     now, at = sym("state", "now"), sym(*AT)
     age = ca.if_else(now >= at, now - at, ROUND - 1 - at + now + 1)
     test = {
@@ -225,7 +230,7 @@ def _input_field(inputs: Sequence[Signal], clock: Clock) -> Field:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """The memory and statements `pieces` of an observer's parts, combined into the sections of a step."""
+    """The sections of a step, combined from the memory and statements `pieces` of an observer's parts."""
 
     observer: Observer
     clock: Clock
@@ -243,7 +248,8 @@ class Assembly:
 
     @property
     def correct(self) -> Program:
-        """The program that corrects by all samples together, after the updates of a call; () where each corrects."""
+        """The program that corrects by all samples together, after the updates of a call; () if each update
+        corrects."""
         return self.combined.correct
 
     @cached_property
@@ -258,12 +264,12 @@ class Assembly:
 
     @property
     def rated(self) -> bool:
-        """Whether sensors have periods other than dt."""
+        """Whether a sensor has a sampling period other than dt."""
         return bool(self.clock.every)
 
     @cached_property
     def still(self) -> bool:
-        """Whether the section after the updates leaves the estimate unchanged."""
+        """Whether the section after the updates, `adapt`, leaves the estimate unchanged."""
         read_places = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
         return not any(
             read_places & s.writes.keys() for s in walk((*self.correct, *self.adapt)) if isinstance(s, Block)
@@ -412,7 +418,7 @@ class Assembly:
 
     @property
     def _received(self) -> Iterator[Statement]:
-        """The statements that read the time, the inputs, and the samples that predict needs."""
+        """The statements that read the time, the inputs, and those samples that `predict` needs."""
         observer, clock, plant = self.observer, self.clock, self.observer.form.system
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
         if plant.times:
@@ -464,8 +470,8 @@ class Assembly:
 
     @property
     def _remembered(self) -> list[Statement]:
-        """The blocks that clamp the last input and the last finite values, which no guard of the state tests, in case
-        memory was corrupted. NaN becomes an end of a range, or the initial value where there is no range."""
+        """The blocks that clamp the last input and the last finite values, in case memory was corrupted: no guard of
+        the state tests these. NaN becomes an end of the range, or the initial value if there is no range."""
         names = {"u", *(field.name for field in hold_fields(self.observer))} if self.clock.guarded else ()
         last = (field for field in self.state if field.name in names)
         return [in_its_box(field, each=HUGE in field.high) for field in last]
@@ -498,7 +504,7 @@ class Assembly:
 
     @property
     def completes(self) -> bool:
-        """Whether there is a section after the updates."""
+        """Whether the step has a section after the updates."""
         return bool(self.correct or self.adapt)
 
     @property
@@ -549,7 +555,7 @@ def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
 
 
 def unlimited(field: Field) -> Field:
-    """The field without its box, but for the turns of angles."""
+    """Return the field with an infinite box for every element that is no angle."""
     if not field.periods:
         return replace(field, low=(), high=())
     ends = (end if period else (-INF, INF) for end, period in zip(field.box, field.turns, strict=True))
@@ -558,7 +564,7 @@ def unlimited(field: Field) -> Field:
 
 
 def in_turn(program: Program, state: Iterable[Field]) -> Program:
-    """The angles that a program writes brought back to their turn."""
+    """Return the statements that wrap the angles that a program writes to their turn."""
     written = {place for block in walk(program) if isinstance(block, Block) for place, _ in block.written}
     blocks = []
     for field in (each for each in state if each.periods and Place("state", each.name) in written):
@@ -571,7 +577,7 @@ def in_turn(program: Program, state: Iterable[Field]) -> Program:
 
 
 def silent(program: Sequence[Statement]) -> Program:
-    """Return the program without its writes to the status, and without statements that have no other effect."""
+    """Return the program without assignments to the status, and without statements that then have no effect."""
     return tuple(statement for each in program for statement in _silent(each))
 
 

@@ -94,9 +94,9 @@ def since_last_call(clock: Clock, plant_times: tuple[Time, ...]) -> Program:
 def in_substeps(
     predict: Program, clock: Clock, plant_times: tuple[Time, ...], uses_output: bool, keep: Program
 ) -> Program:
-    """Return the program that runs `predict`, the advance by one step, for each sub-step of a call, or `keep`, which
-    clamps the state to its box, where no time has passed; `uses_output`: whether it integrates with the sample;
-    `plant_times`: those in the plant's equations, the last ones of the inputs."""
+    """Return the program that runs `predict`, the prediction over one step, for each sub-step of a call, or `keep`,
+    which clamps the state to its box, if no time has passed. `uses_output`: whether `predict` integrates with the
+    sample; `plant_times`: the last inputs, the times in the plant's equations."""
     assert clock.varying
     pairs = []
     if clock.inputs and (clock.between == "line" or plant_times):

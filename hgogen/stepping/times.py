@@ -38,7 +38,7 @@ _FINE = 2.0**-10  # of a turn: a time that its precision cannot place so well is
 
 
 class BadTime(BadArgument):
-    """A sampling period at which a function of time cannot be counted."""
+    """The error for a sampling period at which a step cannot count the time of a plant whose equations depend on it."""
 
 
 @lru_cache(maxsize=32)
@@ -58,14 +58,15 @@ def ratio(time: Time, dt: float) -> tuple[Fraction, bool]:
 
 
 def parts(time: Time, dt: float) -> tuple[int, int]:
-    """Return M and N. Raises: `BadTime`."""
+    """Return M and N of dt/T = M/N, T the period of a function of time; N is as large as possible, up to 2^24. Raises:
+    `BadTime`."""
     share, _ = ratio(time, dt)
     finer = LARGEST // share.denominator
     return finer * share.numerator, finer * share.denominator
 
 
 def divisor(time: Time, clock: Clock) -> int:
-    """Return N. Raises: `BadTime`."""
+    """Return N, the number of parts of the period T that a step counts. Raises: `BadTime`."""
     _, fixed = parts(time, clock.longest)
     if not clock.varying:
         return fixed
@@ -73,7 +74,8 @@ def divisor(time: Time, clock: Clock) -> int:
 
 
 def count_fields(times: tuple[Time, ...], clock: Clock) -> tuple[Field, ...]:
-    """Return the state's fields with the count of each time, and its remainder where dt varies. Raises: `BadTime`."""
+    """Return the state's fields that store the count of each time and, where dt varies, the remainder. Raises:
+    `BadTime`."""
     if not times:
         return ()
     counts, meanings, labels = [divisor(time, clock) for time in times], [], tuple(map(str, times))
@@ -103,14 +105,14 @@ def _size(time: Time, dt: float, share: Fraction) -> int:
 
 
 def now(times: tuple[Time, ...], clock: Clock) -> list[Graph]:
-    """Return each time from its count, SX."""
+    """Return each time t = T count/N at this call, SX."""
     count = sym(*COUNT, len(times)) + (sym(*REMAINDER, len(times)) if clock.varying else 0)
     return [count[i] * float(time.turn / divisor(time, clock)) for i, time in enumerate(times)]
 
 
 def counted(times: tuple[Time, ...], clock: Clock) -> Block:
-    """Return the block that counts the time on by dt, not in the first call, where dt is fixed; a count that is none
-    begins anew at 0."""
+    """Return the block that advances each count by a fixed dt, except in the first call; a count out of its range
+    begins again at 0."""
     count, calls = sym(*COUNT, len(times)), sym("state", "calls")
     after, lost = [], []
     for i, time in enumerate(times):
@@ -131,7 +133,7 @@ def _later(k: Graph, M: int, N: int) -> Graph:
 
 
 def passed(times: tuple[Time, ...], clock: Clock, dt: Graph) -> Block:
-    """Return the block that counts the time on by `dt`, of a step in which it varies."""
+    """Return the block that advances each count by the time `dt` since the last call, for a step in which dt varies."""
     counts, remainders = [], []
     for i, time in enumerate(times):
         N = divisor(time, clock)
@@ -175,13 +177,14 @@ def set_time(times: tuple[Time, ...], clock: Clock) -> Section:
 
 
 def next_times(times: tuple[Time, ...], clock: Clock, count: Iterable[float], passed: float) -> tuple[float, ...]:
-    """Return each time at the next call from its present count, and remainder; `passed`: the time until then."""
+    """Return each time at the next call; `count`: the present count, and remainder, of each; `passed`: the time until
+    the next call."""
     pairs = zip(times, count, strict=True)
     return tuple(float(k * w.turn / divisor(w, clock)) + passed for w, k in pairs)
 
 
 def count_at(times: tuple[Time, ...], clock: Clock, t: float) -> list[tuple[float, float]]:
-    """Return the counts of the time t, each the nearest one, and their remainders."""
+    """Return for each time the count and the remainder that are nearest to the time t."""
     counts = []
     for time in times:
         n = divisor(time, clock)
