@@ -35,9 +35,9 @@ from hgogen.run.samples import (
     Sample,
     Take,
     arriving,
-    door,
-    in_time,
+    by_measurement_time,
     numbers,
+    sample_writer,
     table,
     with_elapsed,
 )
@@ -77,7 +77,7 @@ class CallableStep(Step, Displayed):
         signals = (*self.given, *self.samples)
 
         def to(name: str, first: int, last: int) -> Take:
-            return door(name, signals[first:last], memory.signals, first)
+            return sample_writer(name, signals[first:last], memory.signals, first)
 
         states, bits = (tuple(each.name for each in named) for named in (self.states, self.layout.bits))
         vars(self).update(
@@ -330,7 +330,7 @@ class CallableStep(Step, Displayed):
     def in_time(self, y: Any) -> np.ndarray:
         """Return samples as for `run` in the order of time (N, p): each sample in the row of its time, NaN where none
         came in time. Raises: `BadShape`, `BadNames`."""
-        return in_time(self, table("y", y, self.samples, None))
+        return by_measurement_time(self, table("y", y, self.samples, None))
 
     @cached_property
     def undelayed(self) -> "CallableStep":

@@ -49,7 +49,7 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import names_of, requires_any_plant, scalar
 from hgogen.rigor.singular import TINY, limited
 from hgogen.run import native
-from hgogen.run.samples import Engine, at_their_times, with_elapsed
+from hgogen.run.samples import Engine, at_sampling_times, with_elapsed
 from hgogen.signal import Signal, derived, differences, in_turn, plural, resting, times
 from hgogen.signal import t as t
 from hgogen.system import System
@@ -457,7 +457,7 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
     for first in range(0, len(seeds), truth.at_once):
         some = seeds[first : first + truth.at_once]
         for seed, y in zip(some, noisy(system.declared, truth, trial, some), strict=True):
-            yield Feed(trial, seed, truth, u[:, : len(step.inputs)], at_their_times(step, y))
+            yield Feed(trial, seed, truth, u[:, : len(step.inputs)], at_sampling_times(step, y))
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
@@ -535,7 +535,7 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
     truth = simulate(system.declared, nominal, step.dt, sample_times(step, nominal))
     (y,) = noisy(system.declared, truth, nominal, nominal.seeds[:1])
     u, _ = with_elapsed(step, sampled(system, nominal, truth.t), elapsed(step, truth))
-    rows: np.ndarray = np.hstack([u, step.arriving(at_their_times(step, y))])
+    rows: np.ndarray = np.hstack([u, step.arriving(at_sampling_times(step, y))])
     return rows[:count]
 
 

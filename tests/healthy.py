@@ -27,7 +27,7 @@ from recovery import LONGEST, MODELS, calm, model, within
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.errors import HgogenError
-from hgogen.run.samples import at_their_times
+from hgogen.run.samples import at_sampling_times
 from hgogen.step import _assembled
 from hgogen.stepping import recovery
 from hgogen.stepping.guards import readings
@@ -133,7 +133,7 @@ def signals(name: str, step: CallableStep, truth: Truth, mismatch: Mismatch) -> 
     spans = np.where(np.isfinite(spans), spans, np.ptp(truth.y, axis=0))
     y = y + spans * (mismatch.bias + mismatch.noise * rng.standard_normal(y.shape))
     y[np.arange(len(y)) % mismatch.every != 0] = np.nan
-    return sampled(system, trial, truth.t), at_their_times(step, y)
+    return sampled(system, trial, truth.t), at_sampling_times(step, y)
 
 
 def surveyed(name: str, observer: str, mismatches: Iterable[Mismatch]) -> Iterator[Run]:

@@ -30,7 +30,7 @@ from hgogen.emit import layout
 from hgogen.emit.saved import sealed
 from hgogen.errors import HgogenError
 from hgogen.model import Model
-from hgogen.run.samples import at_their_times
+from hgogen.run.samples import at_sampling_times
 from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -260,7 +260,7 @@ def record(name: str, step: CallableStep, truth: Truth) -> tuple[np.ndarray, np.
     plant = system if system.origin is None else system.origin.plant
     y = noisy(plant, truth, trial, trial.seeds[:1])[0]
     assert loaded.plant.outputs
-    return sampled(system, replace(trial, duration=truth.t[-1]), truth.t), at_their_times(step, y)
+    return sampled(system, replace(trial, duration=truth.t[-1]), truth.t), at_sampling_times(step, y)
 
 
 def settled(error: np.ndarray, band: np.ndarray, window: int = 1) -> int:
@@ -487,7 +487,7 @@ def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = Fal
         truth = simulate(plant, trial, step.dt)
         u = sampled(system, trial, truth.t)
         for seed in trial.seeds[:seeds]:
-            y = at_their_times(step, noisy(plant, truth, trial, [seed])[0])
+            y = at_sampling_times(step, noisy(plant, truth, trial, [seed])[0])
             step.reset()
             chunk = max(1, len(y) // 1200)
             for k in range(0, len(y), chunk):

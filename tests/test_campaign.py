@@ -41,11 +41,11 @@ from hgogen.run.campaign import (
     Spread,
     Tally,
     Varied,
-    earlier,
     hypercube,
     outcome,
     results_head,
     results_line,
+    stored_outcomes,
     varied,
 )
 from hgogen.run.metrics import Metrics, Response, metrics
@@ -372,10 +372,10 @@ def test_an_outcome_is_read_as_it_was_written() -> None:
 
 def test_a_file_of_another_campaign_is_refused() -> None:
     first, second = hg.campaign(step(), TRIAL, 3, "x1=20%"), hg.campaign(step(), TRIAL, 3, "x1=21%")
-    assert list(earlier(first, [results_head(first)], "file")) == []
+    assert list(stored_outcomes(first, [results_head(first)], "file")) == []
     for text in (results_head(second), "something else\n", "\n"):
         with pytest.raises(BadCampaign, match="file holds the results of another campaign"):
-            list(earlier(first, [text], "file"))
+            list(stored_outcomes(first, [text], "file"))
 
 
 def test_the_digest_is_of_what_the_numbers_depend_on() -> None:
@@ -491,7 +491,7 @@ def test_of_noise_alone_a_file_may_hold_more_runs() -> None:
     many, few = (hg.campaign(step(), TRIAL, runs) for runs in (5, 2))
     (one,) = many.run([4], jobs=1)
     lines = [results_head(many), results_line(one), "torn", results_line(one)]
-    assert list(earlier(few, lines, "file")) == [one, None, one]
+    assert list(stored_outcomes(few, lines, "file")) == [one, None, one]
 
 
 # --- what it says -----------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
 from hgogen.run import figures as figure
-from hgogen.run.comparison import measured, rises
+from hgogen.run.comparison import error_rises, measured
 from hgogen.run.metrics import SHARE, criterion
 from hgogen.step import Step
 from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
@@ -126,7 +126,7 @@ def test_peaking_is_a_rise_after_an_event_not_the_event_itself() -> None:
     truth = Truth(t, np.zeros((5, 1)), np.zeros((5, 0)), np.zeros((5, 1)))
     trial = Trial("two", 2.0, {"x": 0}, jumps=jumps)
     one = Trajectory(trial, 0, truth, truth.y, error, {}, np.zeros(5), "python")
-    assert rises(one).tolist() == [2.0]
+    assert error_rises(one).tolist() == [2.0]
 
 
 @pytest.mark.full

@@ -10,7 +10,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.run import consistency as consistency_module
-from hgogen.run.consistency import no_better, quantile, whiteness
+from hgogen.run.consistency import prediction_warnings, quantile, whiteness
 from hgogen.run.prediction import Prediction
 from hgogen.run.samples import BadShape
 
@@ -292,10 +292,10 @@ def test_worse_than_copying_is_a_sentence() -> None:
         Prediction("y", None, 9.0, None, 9, 0),
     ]
     still = [Prediction("y", 1, 0.1, 0.0, 9, 0), Prediction("y", None, 9.0, None, 9, 0)]
-    assert list(no_better(still)) == [
+    assert list(prediction_warnings(still)) == [
         "y stands still in the whole record, so that copying it errs by 0: give a record that moves"
     ]
-    (said,) = no_better(rows)
+    (said,) = prediction_warnings(rows)
     assert said.startswith("y: worse than copying at 5 steps ahead, by RMS errors of 0.4 for 0.3; if it is only until")
     assert "give --initial or --burn-in, else fit" in said
 
@@ -343,7 +343,7 @@ def test_whiteness_is_that_of_innovations_over_their_deviations() -> None:
 
 
 def test_errors_are_as_many_times_too_large_as_a_state_s_share_of_nees() -> None:
-    states = consistency_module.OfStates(("a", "b"), 100, 1.0, 8.0, (1.0, 3.0))
+    states = consistency_module.StateConsistency(("a", "b"), 100, 1.0, 8.0, (1.0, 3.0))
     (sentence,) = consistency_module.Consistency((), states).sentences()
     assert "errors of a, b are 2 times as large" in sentence
 
@@ -379,7 +379,7 @@ def test_nis_of_several_outputs_is_by_their_joint_covariance() -> None:
 
 
 def test_a_wrong_correlation_is_a_sentence() -> None:
-    joint = consistency_module.OfOutputs(("a", "b"), 100, 4.0, (0.8, 1.2))
+    joint = consistency_module.JointConsistency(("a", "b"), 100, 4.0, (0.8, 1.2))
     (sentence,) = consistency_module.Consistency((), None, joint).sentences()
     assert "innovations of a, b together are 2 times as large" in sentence
     assert not consistency_module.Consistency((), None, replace(joint, nis=1.1)).sentences()

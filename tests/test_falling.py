@@ -8,7 +8,7 @@ import sympy as sp
 from scipy.linalg import eigvalsh
 
 import hgogen as hg
-from hgogen.run.comparison import SMALL, falling
+from hgogen.run.comparison import SMALL, lyapunov_decay
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, simulate
 
 
@@ -29,7 +29,7 @@ def step_of(theta: object = 1.0, form: hg.Form | None = None) -> hg.Step:
 @pytest.mark.parametrize(("theta", "g"), [(1.0, 0), (4.0, 0), (hg.theta.decaying(5.0, rate=1.0), 1)])
 def test_it_is_what_the_definitions_give(theta: object, g: int) -> None:
     step = step_of(theta)
-    known = falling(step, TRIAL)
+    known = lyapunov_decay(step, TRIAL)
     assert known is not None
     truth = simulate(plant(), TRIAL, 5e-3)
     step.reset()
@@ -51,8 +51,8 @@ def test_it_is_what_the_definitions_give(theta: object, g: int) -> None:
 def test_noise_and_jumps_are_not_in_it() -> None:
     """Across a jump V rises a thousandfold, and noise makes it rise at many calls."""
     quiet, still = replace(TRIAL, noise={}), replace(TRIAL, jumps=())
-    assert falling(step_of(), quiet) == falling(step_of(), TRIAL)
-    assert falling(step_of(), still).ratio < 1
+    assert lyapunov_decay(step_of(), quiet) == lyapunov_decay(step_of(), TRIAL)
+    assert lyapunov_decay(step_of(), still).ratio < 1
 
 
 def test_other_coordinates_have_the_same_v() -> None:
@@ -60,21 +60,21 @@ def test_other_coordinates_have_the_same_v() -> None:
     form = hg.forms.phase(plant())
     assert form.to_form[1] != form.system.states[1]
     start = {"Q": (0.1, 4), "R": 0.1, "covariance": (1, 4)}
-    moved = falling(hg.sample(hg.observers.riccati(form, **start), dt=5e-3), TRIAL)
-    known = falling(step_of(), TRIAL)
+    moved = lyapunov_decay(hg.sample(hg.observers.riccati(form, **start), dt=5e-3), TRIAL)
+    known = lyapunov_decay(step_of(), TRIAL)
     assert moved.ratio == pytest.approx(known.ratio, rel=1e-2)
     assert moved.eigenvalues != pytest.approx(known.eigenvalues, rel=0.1)
 
 
 def test_of_a_gain_there_is_none() -> None:
     observer = hg.observers.high_gain(hg.forms.triangular(plant()), theta=4, poles=(-1, -1))
-    assert falling(hg.sample(observer, dt=5e-3), TRIAL) is None
+    assert lyapunov_decay(hg.sample(observer, dt=5e-3), TRIAL) is None
 
 
 def test_it_says_that_it_proves_nothing() -> None:
-    known = falling(step_of(), TRIAL)
+    known = lyapunov_decay(step_of(), TRIAL)
     said = known.sentence("s")
     assert said.startswith("shown in trials, not proved: without noise V = e' S e becomes at most 0.9")
     assert "scaled S has eigenvalues from" in said
     exact = replace(TRIAL, start={"x1": 0.0, "x2": 0.0}, jumps=())  # no error at all
-    assert falling(step_of(), exact).sentence("s").startswith("shown in trials, not proved: scaled S has")
+    assert lyapunov_decay(step_of(), exact).sentence("s").startswith("shown in trials, not proved: scaled S has")

@@ -26,7 +26,7 @@ from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
 from hgogen.run import consistency as whiteness_module
-from hgogen.run.consistency import alike
+from hgogen.run.consistency import integrated_autocorrelation_time
 from hgogen.run.prediction import predictions
 from hgogen.system import BadValue, valued
 
@@ -107,7 +107,7 @@ def test_a_short_record_tells_by_the_residuals_that_are_left() -> None:
     y = 1.5 * t + 0.05 * np.random.default_rng(0).normal(size=10)
     fit = hg.fit(plant, hg.Log(np.zeros((10, 0)), y, 0.2), free=["g"], starts=1)
     e = y - np.polyval(np.polyfit(t, y, 1), t)
-    said = np.sqrt(e @ e / 8 * alike(e) / np.sum((t - t.mean()) ** 2))
+    said = np.sqrt(e @ e / 8 * integrated_autocorrelation_time(e) / np.sum((t - t.mean()) ** 2))
     assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
 
 
@@ -456,9 +456,9 @@ def test_white_residuals_count_each_and_others_less() -> None:
     walk = white[:300].cumsum()
     away = walk - walk.mean()
     r = np.correlate(away, away, "full")[299:] / (away @ away)
-    assert alike(walk) == pytest.approx(1 + 2 * r[1 : np.argmax(r <= 0)].sum())
-    assert alike(white) == pytest.approx(1, abs=0.1)
-    assert alike(follow) == pytest.approx(9, rel=0.25)
+    assert integrated_autocorrelation_time(walk) == pytest.approx(1 + 2 * r[1 : np.argmax(r <= 0)].sum())
+    assert integrated_autocorrelation_time(white) == pytest.approx(1, abs=0.1)
+    assert integrated_autocorrelation_time(follow) == pytest.approx(9, rel=0.25)
 
 
 def test_a_state_that_no_output_shows_is_somewhere_in_its_range() -> None:
@@ -926,7 +926,7 @@ def test_each_record_takes_residuals_for_a_first_state_of_its_own() -> None:
     away = t - t.mean()
     slope = sum(away @ y for y in both) / (2 * away @ away)
     e = np.concatenate([y - y.mean() - slope * away for y in both])
-    said = np.sqrt(e @ e / 17 * alike(e) / (2 * away @ away))
+    said = np.sqrt(e @ e / 17 * integrated_autocorrelation_time(e) / (2 * away @ away))
     assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
 
 

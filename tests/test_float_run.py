@@ -9,7 +9,7 @@ from test_cli import hgogen
 from test_mapped import RUN, record
 
 import hgogen as hg
-from hgogen.run.comparison import coarse, differences
+from hgogen.run.comparison import differences, precision_warnings
 from hgogen.run.samples import Run
 
 STATES = (hg.Signal("p", low=0, high=4), hg.Signal("v", "m/s"))
@@ -26,7 +26,7 @@ def test_a_difference_is_a_share_of_the_range_or_of_the_peak() -> None:
     p, v = differences(STATES, run(single, np.array([0, 0, 1], np.uint32)), run(double))
     assert (p.largest, p.t, p.share, p.of) == (pytest.approx(0.01), pytest.approx(0.2), pytest.approx(0.0025), "range")
     assert (v.largest, v.t, v.share, v.of) == (pytest.approx(0.004), pytest.approx(0.1), pytest.approx(0.0005), "peak")
-    said = list(coarse((p, v), "s"))
+    said = list(precision_warnings((p, v), "s"))
     assert said[0].startswith("in float, p is 0.0025 of its range from double at 0.2 s")
     assert said[1] == "in float, samples whose status is another than in double: 1"
     assert len(said) == 2

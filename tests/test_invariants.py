@@ -22,7 +22,7 @@ from hgogen.reading.text_model import BadModelFile, from_table, to_text
 from hgogen.rigor.invariant import Division, divided, rate, restricted
 from hgogen.rigor.series import Undecided
 from hgogen.rigor.zero_point import zero_near
-from hgogen.run.gramian import sight
+from hgogen.run.gramian import observability_measure
 from hgogen.stepping.invariants import sphere
 from hgogen.system import BadSystem, valued
 from hgogen.trial import BadTrial, Trial, proposed_trial, simulate
@@ -495,7 +495,7 @@ def test_a_zero_of_a_function_that_is_known_less_well_is_not_proved() -> None:
 
 
 def test_the_measure_is_taken_along_them() -> None:
-    measure = sight(attitude())
+    measure = observability_measure(attitude())
     point = [measure.where[f"q{i}"] for i in range(4)]
     assert np.linalg.norm(point) == pytest.approx(1, abs=1e-9)
     assert measure.least > 0.05

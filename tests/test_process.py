@@ -19,7 +19,7 @@ from hgogen.commands import output, trial_runs
 from hgogen.commands.output import json_text
 from hgogen.reading.files import Unread, content_of
 from hgogen.recheck import verification as recheck
-from hgogen.run.consistency import OfOutput, Whiteness
+from hgogen.run.consistency import OutputConsistency, Whiteness
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
 PENDULUM, NEURON = (
@@ -141,7 +141,7 @@ def test_json_has_no_number_that_is_not_finite() -> None:
 
 def test_json_of_a_value_is_of_its_fields_or_what_it_says_of_itself() -> None:
     test = Whiteness(statistic=1.0, limit=2.0, lags=3)
-    rows = [OfOutput("y", 5, 0.1, None, None, float("nan"), test)]
+    rows = [OutputConsistency("y", 5, 0.1, None, None, float("nan"), test)]
     (row,) = json.loads(json_text({"rows": rows}))["rows"]
     assert row["output"] == "y"
     assert row["outside"] is None

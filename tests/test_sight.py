@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 import hgogen as hg
 from hgogen.analysis.linearised import NoLinearisation
 from hgogen.model import load
-from hgogen.run.gramian import RESOLVED, Sight, sight
+from hgogen.run.gramian import RESOLVED, ObservabilityMeasure, observability_measure
 from hgogen.trial import BadTrial, Jump, Trial, t
 
 
@@ -40,14 +40,14 @@ def by_hand(d: float, rate: float, samples: int) -> float:
 @pytest.mark.parametrize("rate", [2.0, 0.01])
 def test_a_chain_by_hand(rate: float) -> None:
     """x1 crosses its range of 2 in 2/rate at the highest speed, x2 never moves: the same at every point."""
-    visibility = sight(integrator(rate))
+    visibility = observability_measure(integrator(rate))
     assert 2 / rate <= visibility.window <= 2.2 / rate
     assert visibility.least == pytest.approx(by_hand(visibility.window, rate, 20), rel=1e-12)
     assert visibility.median == pytest.approx(visibility.least, rel=1e-12)
 
 
 def test_along_a_trial_by_hand() -> None:
-    visibility = sight(integrator(), Trial("rest", 5.0, start={"x1": 0, "x2": 0}, inputs={}))
+    visibility = observability_measure(integrator(), Trial("rest", 5.0, start={"x1": 0, "x2": 0}, inputs={}))
     assert visibility.window == 0.5
     assert visibility.least == pytest.approx(by_hand(0.5, 2.0, 20), rel=1e-12)
     assert next(iter(visibility.direction)) == "x2"
@@ -55,11 +55,11 @@ def test_along_a_trial_by_hand() -> None:
 
 
 def test_a_car_that_goes_straight_shows_exactly_nothing_of_its_steering() -> None:
-    visibility = sight(*car(still=True))
+    visibility = observability_measure(*car(still=True))
     assert visibility.least == visibility.median == 0.0
     assert visibility.below_resolution
     assert abs(visibility.direction["k"]) == 1.0
-    assert not sight(*car(still=False)).below_resolution
+    assert not observability_measure(*car(still=False)).below_resolution
 
 
 def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
@@ -77,12 +77,12 @@ def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
     ]
     states, outputs = (ia, ib, fa, fb, w, load), (hg.Signal("ya"), hg.Signal("yb"))
     motor = hg.System("motor", states=states, inputs=(ua, ub), outputs=outputs, flow=flow, output=[ia, ib])
-    frozen = sight(motor)
+    frozen = observability_measure(motor)
     assert frozen.by_motion
     assert not frozen.below_resolution
     assert str(frozen).startswith("frozen at points of the box, the plant does not show ")
     turning = {"ua": 100 * sp.cos(60 * t), "ub": 100 * sp.sin(60 * t)}
-    moving = sight(motor, Trial("turning", 2, start=dict.fromkeys(names, 0), inputs=turning))
+    moving = observability_measure(motor, Trial("turning", 2, start=dict.fromkeys(names, 0), inputs=turning))
     assert not moving.by_motion
     assert moving.median > 1e-4
 
@@ -91,7 +91,9 @@ def test_where_the_rank_of_a_frozen_plant_is_not_known_it_is_as_measured() -> No
     """Frozen, x' = u k + w + sign(x) tells k from w nowhere; the slope of its sign is beyond algebra."""
     x, k, w, u = (hg.Signal(name, low=-1, high=1) for name in ("x", "k", "w", "u"))
     flow = [u * k + w + sp.sign(x), 0, 0]
-    frozen = sight(hg.System("step", states=(x, k, w), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x]))
+    frozen = observability_measure(
+        hg.System("step", states=(x, k, w), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x])
+    )
     assert frozen.by_motion
     assert not frozen.below_resolution
 
@@ -100,7 +102,7 @@ def test_the_end_of_a_long_chain_is_practically_unobservable_frozen_too() -> Non
     """Cells of a rod at rest: the rank of the frozen plant is full, its smallest singular value below what rounds."""
     T = [hg.Signal(f"T{i}", low=-1, high=1) for i in range(20)]
     flow = [T[max(i - 1, 0)] - 2 * T[i] + T[min(i + 1, 19)] - T[i] ** 3 / 10 for i in range(20)]
-    frozen = sight(hg.System("rod", states=T, outputs=(hg.Signal("y"),), flow=flow, output=[T[0]]))
+    frozen = observability_measure(hg.System("rod", states=T, outputs=(hg.Signal("y"),), flow=flow, output=[T[0]]))
     assert 0 < frozen.median < 1e-12
     assert not frozen.by_motion
     assert frozen.below_resolution
@@ -111,14 +113,14 @@ def test_where_it_is_least() -> None:
     """Steering stops for good at 2: from there on nothing is shown, before something is."""
     plant, trial = car(still=False)
     stopped = Trial("stop", 4, start=trial.start, inputs={"u": sp.Piecewise((sp.cos(t), t < 2), (0, True))})
-    visibility = sight(plant, stopped)
+    visibility = observability_measure(plant, stopped)
     assert visibility.least == 0.0 < visibility.median
     assert visibility.where["t"] == pytest.approx(2, abs=4 / 100 + 1e-9)
 
 
 def test_a_singular_input_is_among_the_points() -> None:
     """The middle of the box has u = 0; the lorenz system is blind on x = 0, the middle of its box."""
-    visibility = sight(load(MODELS / "lorenz.toml").plant)
+    visibility = observability_measure(load(MODELS / "lorenz.toml").plant)
     assert visibility.least == 0.0
     assert visibility.where["x"] == 0.0
     assert visibility.median > RESOLVED
@@ -135,7 +137,7 @@ def test_it_is_the_root_mean_square_of_the_integral() -> None:
         flow=list(sp.Matrix(A) * sp.Matrix(x)),
         output=[x[0]],
     )
-    visibility = sight(plant, Trial("free", 30, start={"x1": 1, "x2": 0, "x3": 0}, inputs={}))
+    visibility = observability_measure(plant, Trial("free", 30, start={"x1": 1, "x2": 0, "x3": 0}, inputs={}))
     forever = solve_continuous_lyapunov(A.T, -np.outer(*2 * [np.eye(3)[0]]))  # A'X + XA = -C'C
     end = expm(A * visibility.window)
     W = (forever - end.T @ forever @ end) / visibility.window
@@ -149,8 +151,8 @@ def test_units_change_nothing() -> None:
     plant = hg.System(
         "mm", states=(x1, x2), outputs=(hg.Signal("y", low=-1000, high=1000),), flow=[x2, 0], output=[x1], time="ms"
     )
-    assert sight(plant).least == pytest.approx(sight(integrator()).least, rel=1e-12)
-    assert sight(plant).window == pytest.approx(1000 * sight(integrator()).window)
+    assert observability_measure(plant).least == pytest.approx(observability_measure(integrator()).least, rel=1e-12)
+    assert observability_measure(plant).window == pytest.approx(1000 * observability_measure(integrator()).window)
 
 
 def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
@@ -159,28 +161,30 @@ def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
     plant = hg.System(
         "stiff", states=(x1, x2), outputs=(hg.Signal("y", low=-1, high=1),), flow=[x2 - x1, -1e4 * x2], output=[x1]
     )
-    visibility = sight(plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),)))
+    visibility = observability_measure(
+        plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),))
+    )
     assert 0 < visibility.least < 1e-4
     assert visibility.below_resolution
-    assert math.isfinite(sight(plant).least)
+    assert math.isfinite(observability_measure(plant).least)
 
 
 def test_what_cannot_be_measured_says_why() -> None:
     free = hg.System("free", states=(hg.Signal("x"),), outputs=(hg.Signal("y"),), flow=[0], output=[hg.Signal("x")])
     with pytest.raises(NoLinearisation, match="no range is declared for x"):
-        sight(free)
+        observability_measure(free)
     x = hg.Signal("x", low=-2, high=-1)
     nowhere = hg.System("nowhere", states=(x,), outputs=(hg.Signal("y"),), flow=[sp.log(x)], output=[x])
     with pytest.raises(NoLinearisation, match="no value at any of"):
-        sight(nowhere)
+        observability_measure(nowhere)
     with pytest.raises(BadTrial):
-        sight(integrator(), Trial("late", 5.0, start={"x1": 0}, inputs={}))
+        observability_measure(integrator(), Trial("late", 5.0, start={"x1": 0}, inputs={}))
 
 
 def test_a_system_without_an_end_is_finite() -> None:
     """x' = x^2 leaves its box in finite time; what grows is cut."""
     x = hg.Signal("x", low=-100, high=100)
     plant = hg.System("escape", states=(x,), outputs=(hg.Signal("y"),), flow=[x**2], output=[x**3])
-    visibility: Sight = sight(plant)
+    visibility: ObservabilityMeasure = observability_measure(plant)
     assert 0 <= visibility.least <= visibility.median < math.inf
     assert visibility.as_dict()["where"] == {"x": 0.0}

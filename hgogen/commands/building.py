@@ -61,7 +61,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_k
 from hgogen.reading.files import BYTES, Unread, content_of, name_key
 from hgogen.reading.given import field_text, gains_by_name
 from hgogen.run import native
-from hgogen.run.comparison import Agreement, BoundedError, Disagree, Falling, bounded_errors, falling
+from hgogen.run.comparison import Agreement, BoundedError, Disagree, LyapunovDecay, bounded_errors, lyapunov_decay
 from hgogen.run.samples import Engine
 from hgogen.sentence import encoded
 from hgogen.step import Step
@@ -447,7 +447,9 @@ class SimulatedTrial:
 
     row: TrialRow
     bounds: Annotated[tuple[BoundedError, ...], "each state's error beside what is proved of it"]
-    falling: Annotated[Falling | None, "how e' S e falls without noise; null for an observer without a covariance"]
+    falling: Annotated[
+        LyapunovDecay | None, "how e' S e falls without noise; null for an observer without a covariance"
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -518,6 +520,6 @@ def simulate_(
     summed = map(TrialRow, summaries(step, done, engine, note), done)
     known = proved_bound(step, loaded, note)
     errors = [bounded_errors(step.states, one.first, known) if known else () for one in done]
-    falls = [falling(step, one, engine) for one in chosen]
+    falls = [lyapunov_decay(step, one, engine) for one in chosen]
     paths = [] if out is None else Folder(out).write(rendered(trial_figures(step, done, known)))
     return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, errors, falls)), tuple(paths))

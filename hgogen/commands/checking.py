@@ -34,7 +34,7 @@ from hgogen.form import Form
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
-from hgogen.run.gramian import Sight, as_share, sight
+from hgogen.run.gramian import ObservabilityMeasure, as_share, observability_measure
 from hgogen.sentence import NONE, Reason, Sentence, because, down, point, up
 from hgogen.target import demand as demand_place
 from hgogen.theorem import Convergence, convergence
@@ -78,7 +78,9 @@ class ObservedPlant:
     json_keys = "*observability least_seen=weakest"
 
     observability: Observability
-    weakest: Annotated[Sight | None, "the direction that the outputs show least; null where it is not measured"]
+    weakest: Annotated[
+        ObservabilityMeasure | None, "the direction that the outputs show least; null where it is not measured"
+    ]
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class CheckReport(ModelReport):
         return hg.observability(self.loaded.plant)
 
     @cached_property
-    def weakest(self) -> Sight | None:
+    def weakest(self) -> ObservabilityMeasure | None:
         """The direction that the outputs show least; None where it is not measured."""
         model, known = self.loaded, self.observability
         if known.rank < known.n or model.plant.discrete:
@@ -128,7 +130,7 @@ class CheckReport(ModelReport):
             note(str(error))
         for trial in trials:
             try:
-                return sight(model.plant, trial)
+                return observability_measure(model.plant, trial)
             except HgogenError as error:
                 note(str(error))
         return None
@@ -473,7 +475,7 @@ def in_forms(observability: Observability, forms: Survey) -> str:
     return f"{take}{why} {where}"
 
 
-def weakest(least: Sight) -> str:
+def weakest(least: ObservabilityMeasure) -> str:
     """Return by how much the state that the outputs show least moves them."""
     weak = next(iter(least.direction))
     if least.by_motion:
@@ -575,7 +577,9 @@ _WHERE = {  # keys: whether the gains are proposed, and whether the model is pla
 }
 
 
-def headline(observability: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
+def headline(
+    observability: Observability, survey: Survey, claims: Checked, least: ObservabilityMeasure | None = None
+) -> str:
     """Return the result of a check in one line: observability, forms of the plant, convergence of the observer.
 
     As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown".
@@ -591,7 +595,7 @@ def headline(observability: Observability, survey: Survey, claims: Checked, leas
     return f"{claims.plant}: " + "; ".join(parts)
 
 
-def _observed(observability: Observability, least: Sight | None) -> str:
+def _observed(observability: Observability, least: ObservabilityMeasure | None) -> str:
     known = observability.known
     locally = ", ".join(filter(None, ("locally observable", observability.system.modulo)))
     if known.rank.unobservable:
@@ -651,7 +655,7 @@ def undefined_list(checks: Iterable[Check]) -> RenderableType:
     return Group(*lines)
 
 
-def observability_table(observability: Observability, least: Sight | None = None) -> RenderableType:
+def observability_table(observability: Observability, least: ObservabilityMeasure | None = None) -> RenderableType:
     """Return the table of the observable states and ranged parameters, with the observability measure `least`."""
     title = f"{observability.system.name}: observability, at almost every state, parameter value and input"
     loose = few(s for s in observability.system.parameters if s.bounded)

@@ -56,7 +56,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import WINDOWS
 from hgogen.reading.text_model import OTHER_KEYS, read, to_text
 from hgogen.run.backends import quickest_engine
-from hgogen.run.consistency import WORSE, alike
+from hgogen.run.consistency import WORSE, integrated_autocorrelation_time
 from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the progress of an unfinished fit
@@ -420,7 +420,7 @@ def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Ite
         e = e[np.isfinite(e)]
         if y.name in fitted or not e.std() > FINE * result.spread[y.name]:
             continue
-        error = e.std() * math.sqrt(min(alike(e - e.mean()), len(e)) / len(e))
+        error = e.std() * math.sqrt(min(integrated_autocorrelation_time(e - e.mean()), len(e)) / len(e))
         if abs(e.mean()) > max(STEADY * error, SIZE * e.std()):
             yield f"residuals of {y.name} have a mean of {e.mean():.3g}: an unknown offset, --offset {y.name}"
 

@@ -62,8 +62,8 @@ from hgogen.reading.cells import BadRecord
 from hgogen.reading.files import file_name_fault
 from hgogen.reading.log import mapping, quotient, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
-from hgogen.run.comparison import Difference, coarse, differences
-from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
+from hgogen.run.comparison import Difference, differences, precision_warnings
+from hgogen.run.consistency import Consistency, Suggestion, consistency, prediction_warnings, suggest
 from hgogen.run.gates import GateShare
 from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
@@ -145,10 +145,10 @@ class RecordRun(ModelReport):
     def remarks(self) -> tuple[str, ...]:
         """The doubts about the run."""
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
-        differing = coarse(self.from_double, self.step.time)
+        differing = precision_warnings(self.from_double, self.step.time)
         known, more = self.doubts
         explained = bool(self.findings)  # by a cause with its fix, in whose place symptoms would name another
-        doubtful = *(() if explained else no_better(self.predictions)), *self.sure.sentences(explained)
+        doubtful = *(() if explained else prediction_warnings(self.predictions)), *self.sure.sentences(explained)
         return (*known, *doubtful, *differing, *acted, *self.acted.excessive, *more)
 
     @property

@@ -24,9 +24,9 @@ from hgogen.run.campaign import (
     Spread,
     Tally,
     campaign,
-    earlier,
     results_head,
     results_line,
+    stored_outcomes,
 )
 from hgogen.run.comparison import Agreement, BoundedError, agreement
 from hgogen.run.metrics import (
@@ -379,7 +379,7 @@ def _results(
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
     dropped = list[int]()
-    for number, outcome in enumerate(earlier(one, lines, file), 2):
+    for number, outcome in enumerate(stored_outcomes(one, lines, file), 2):
         if outcome is None:
             dropped.append(number)
         else:

@@ -142,4 +142,4 @@ def response_plot(step: CallableStep, omega: Any) -> Sequence[Axes]:
 
 def observability_plot(plant: System, trial: Trial | None) -> Sequence[Axes]:
     """Return the axes of `Form.plot_observability`."""
-    return figures.plotted(figures.least_direction(gramian.sight(plant, trial)))
+    return figures.plotted(figures.least_direction(gramian.observability_measure(plant, trial)))

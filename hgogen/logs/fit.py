@@ -34,7 +34,7 @@ from hgogen.registry import Displayed
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.campaign import Workers
-from hgogen.run.consistency import WRONG, Whiteness, alike, corner, deviation, whiteness
+from hgogen.run.consistency import WRONG, Whiteness, corner, deviation, integrated_autocorrelation_time, whiteness
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, in_turn, resting
 from hgogen.system import System, valued
@@ -446,7 +446,7 @@ class Task:
         starts."""
         known = self.problem.information(best.unknowns, self.solver.unit)
         count, inner = len(self.free), len(self.chosen)
-        follow = [alike(e) for e in known.tell]
+        follow = [integrated_autocorrelation_time(e) for e in known.tell]
         deviations, untold, joint = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))

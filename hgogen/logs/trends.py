@@ -18,7 +18,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.logs.finding import Finding
-from hgogen.run.consistency import alike
+from hgogen.run.consistency import integrated_autocorrelation_time
 from hgogen.run.prediction import rms
 from hgogen.run.samples import Engine
 from hgogen.signal import Signal, derived
@@ -67,7 +67,7 @@ def coefficient(n: Array, begin: int, ramp: bool) -> Coefficient | None:
     columns = np.column_stack([place, np.ones(len(at))]) if ramp else np.ones((len(at), 1))
     solution = np.linalg.lstsq(columns, values, rcond=None)[0]
     residual = values - columns @ solution
-    spread, tau = float(residual.std()), min(alike(residual), len(values) / 4)
+    spread, tau = float(residual.std()), min(integrated_autocorrelation_time(residual), len(values) / 4)
     inverse = float(np.linalg.inv(columns.T @ columns)[0, 0])
     return Coefficient(float(solution[0]), spread * math.sqrt(tau * inverse), spread)
 

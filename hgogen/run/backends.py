@@ -32,7 +32,7 @@ from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Place
 from hgogen.reading.given import BadGain, among, count, requires_switches, unmasked
 from hgogen.run import native
-from hgogen.run.samples import BadShape, Engine, listed, reals, table, with_elapsed
+from hgogen.run.samples import BadShape, Engine, reals, signal_order, table, with_elapsed
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import UNINITIALISED
@@ -42,17 +42,19 @@ FUNCTION = 40  # operations in Python that take as long as a sine
 
 
 def quickest_engine(step: Step, samples: int) -> Engine:
-    """Return the engine that runs a step over a log of so many samples soonest: Python for a short log, else the
-    compiled step where there is a compiler. Both compute the same bits."""
+    """Return the engine that is fastest for a log of this many samples: Python for a short log, else the compiled step
+    if there is a compiler. Both compute the same bits."""
     each = cost(step)
     short = samples * (each.operations + FUNCTION * each.functions) < COMPILED
     return "python" if short else native.engine()
 
 
 class StepMemory:
-    """The memory of a step in the precision `real`, its `places` by name, and the functions that can be called on it.
+    """The memory of a step in the precision `real`, its `places` (arrays by struct and field), and the step's functions
+    that work on it.
 
-    `signals`: the numbers u, then y, of a sample in that precision; `outputs`: the estimate, then the traces.
+    `signals`: the inputs u, then the outputs y, of one sample in that precision; `outputs`: the estimate, then the
+    traces.
     """
 
     def __init__(self, step: Step, real: Real) -> None:
@@ -66,19 +68,19 @@ class StepMemory:
         self._new = bytes(self.state)
 
     def reset(self) -> None:
-        """Set the state to that before the first call."""
+        """Set the state to its value before the first call."""
         self.state[:] = self._new
 
     def saved(self, state: Any) -> bytes:
-        """Return the bytes of a state saved by a step. Raises: `BadShape`; `NotSaved` for a damaged state or one of
-        another program."""
+        """Return the bytes of the state in a saved state. Raises: `BadShape` for an argument that is no bytes;
+        `NotSaved` for a damaged state, or one of another program."""
         if not isinstance(state, bytes | bytearray | memoryview):
             raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
         return opened(self.step, self.real, bytes(state), len(self.state))
 
     def ready(self, engine: Engine | None, default: Engine | None) -> Engine:
-        """Return the engine for a log, with the memory tuned: the requested `engine`, else the step's `default`, else C
-        where there is a compiler.
+        """Return the engine for a log, after running `tune` on the memory: the requested `engine`, else the step's
+        `default`, else C if there is a compiler, else Python.
 
         Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
         """
@@ -92,8 +94,8 @@ class StepMemory:
         return engine
 
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
-        """Return the functions of a step (init, step, tune ..) by name, in C or Python as `engine` says, built at the
-        first call.
+        """Return the functions of a step (step, estimate, tune ..) by name, in C or Python as `engine` says; they are
+        built at the first call.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """
@@ -128,7 +130,7 @@ class StepMemory:
         return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
-        """Return the C functions of the step by name, bound to this memory. They hold Python's GIL."""
+        """Return the C functions of the step by name, bound to this memory. Calls of them hold Python's GIL."""
         step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -177,8 +179,8 @@ Started = Callable[[Mapping[str, float]], bytes]  # from the plant's state by na
 @dataclass(frozen=True, eq=False)
 class Records:
     """The data of `count` logs (B) for a step: inputs `u` (B, N, m), or (N, m) for all; measurements `y` (B, N, p), or
-    (N, p); `parameters` by their places, (B, size) or (size) for all; and initial `states`, one for all or one for
-    each, none to continue from the state of the step."""
+    (N, p) for all; `parameters` by place of memory, (B, size), or (size) for all; initial `states`, one for all or one
+    for each log, none to continue from the step's present state."""
 
     u: Array
     y: Array
@@ -190,8 +192,9 @@ class Records:
     def of(
         cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started, dt: Any
     ) -> "Records":
-        """Return the logs from a caller's arguments; `starts`: initial states, saved or not. Raises: `BadShape`,
-        `BadNames`; `NotSaved`; errors of `started`."""
+        """Return the logs from a caller's arguments. `starts`: initial values of the plant's states by name, or saved
+        states; `started` converts the former into a state of the step. Raises: `BadShape`, `BadNames`; `NotSaved`;
+        errors of `started`."""
         step = memory.step
         y = _signals("y", y, step.samples, None)
         u, _ = with_elapsed(step, _signals("u", u, step.inputs, y.shape[-2]), dt)
@@ -217,7 +220,8 @@ class Records:
         return cls(u, y, number, varied, [states[row] for row in rows])
 
     def prepare(self, k: int, memory: "StepMemory", base: bytes, engine: Engine) -> int:
-        """Set `memory` to that with which log number `k` starts, from the memory `base`; return `tune`'s status."""
+        """Set `memory` to the initial memory of log number `k`: `base` (bytes) with that log's state and parameters.
+        Return the status of `tune`, 0 without parameters."""
         memory.whole[:] = base
         if self.states:
             memory.state[:] = self.states[k % len(self.states)]
@@ -253,7 +257,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
     count, length, last = np.shape(array)
     if last != width or rows not in (None, length):
         wanted = f"must have shape (B, {'N' if rows is None else rows}, {width}), or that without B for all records"
-        raise BadShape(f"{name} of shape {(count, length, last)}", f"{wanted}{listed(signals)}")
+        raise BadShape(f"{name} of shape {(count, length, last)}", f"{wanted}{signal_order(signals)}")
     return table(name, np.reshape(array, (count * length, width)), signals, None).reshape(count, length, width)
 
 
@@ -276,9 +280,10 @@ Each = Callable[[int, int], object]  # called with the number of finished logs a
 
 @dataclass(frozen=True)
 class Batch:
-    """The results of many logs: estimates `x` (B, N, n) of the states `names`, `status` (B, N), requested `traces`
-    (B, N) by name; `engine`: "lanes", or the engine that ran them one by one; `memory` (B, bytes): the final states,
-    which `seal` turns into saved states; `tuned` (B): the status of `tune` for each log's parameters, 0 for ok."""
+    """The results of B logs: estimates `x` (B, N, n) of the states `names`, `status` (B, N), requested `traces` (B, N)
+    by name; `engine`: "lanes" (SIMD), or the engine that ran the logs one by one; `memory` (B, bytes): the final
+    states, which `seal` turns into saved states; `tuned` (B): the status of `tune` for each log's parameters, 0 for
+    ok."""
 
     x: Array
     names: tuple[str, ...]
@@ -291,13 +296,14 @@ class Batch:
 
     @property
     def states(self) -> tuple[bytes, ...]:
-        """The final state of each log as a saved state, for `starts` of the next logs."""
+        """The final state of each log as a saved state, from which a next log can start (`starts`)."""
         return tuple(map(self.seal, map(bytes, self.memory)))
 
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """A step in the precision `real`, run over many logs, in lanes (a log in each vector element) or one by one."""
+    """A runner of a step over many logs in the precision `real`: in SIMD lanes (a log in each vector element), or one
+    log after the other."""
 
     step: Step
     real: Real
@@ -306,9 +312,9 @@ class Many:
     def run(
         self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """Return the results of many logs from the memory `base` (bytes); `each` is called with the number finished;
-        `jobs`: threads. Raises: `BadGain` for jobs that are no number, and for `each` that cannot be called;
-        `Misfit`."""
+        """Return the results of all logs, each started from the memory `base` (bytes). `jobs`: threads; `each(done,
+        count)` is called with the number of finished logs and of all. Raises: `BadGain` for jobs that are no number,
+        and for `each` that cannot be called; `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
         number, spare, word = records.count, self.spare, self.step.layout.word
@@ -351,13 +357,13 @@ class Many:
 
     @cached_property
     def spare(self) -> StepMemory:
-        """Return a memory of the step that no caller can see."""
+        """A memory of the step for internal runs, separate from the caller's."""
         return StepMemory(self.step, self.real)
 
     @cached_property
     def lanes(self) -> "_Lanes | None":
-        """The step compiled for lanes (a log in each vector element); None where it has no such code, or the compiler
-        does not support vectors."""
+        """The step compiled to SIMD code, with a log in each vector element; None where the step has no such code, or
+        the compiler does not support vectors."""
         try:
             files = targets.lanes(self.step, real=self.real)
             return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.machine_flags())))

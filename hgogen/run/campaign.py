@@ -66,8 +66,9 @@ class NoScheduler(BadArgument):
 
 @dataclass(frozen=True, eq=False)
 class Workers(Generic[Shared]):
-    """Processes for parallel work: `jobs` of this machine, None for one on each core, 1 for this process alone; or
-    those of the cluster with the address `scheduler`. `shared`: data that every piece of work reads.
+    """The processes that compute pieces of work in parallel: `jobs` on this machine (None: one for each core, 1: this
+    process alone), or a Dask cluster whose scheduler has the address `scheduler`. `shared`: the data that every piece
+    reads.
 
     Raises: `BadGain` for jobs that are no number.
     """
@@ -81,8 +82,8 @@ class Workers(Generic[Shared]):
             count("jobs", self.jobs, 1, MOST_JOBS)
 
     def results(self, work: Callable[[Shared, Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
-        """Yield the results of `work(shared, piece)` in the order of completion; `work`: a function of a module.
-        Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; errors of `work`."""
+        """Yield `work(shared, piece)` for each piece, in the order of completion; `work`: a top-level function, which
+        can be pickled. Raises: `NoScheduler`; `NotInstalled` without the package for clusters; errors of `work`."""
         if self.jobs == 1 and self.scheduler is None:
             yield from (work(self.shared, piece) for piece in pieces)
             return
@@ -127,7 +128,7 @@ _USE = "write NAME, NAME=10%, NAME=0.2 or NAME=0.8..1.2, with commas between the
 
 
 class BadCampaign(BadArgument):
-    """A campaign, or a file of one, that cannot be run."""
+    """The error for a campaign, or a file of its results, that cannot be run."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity that varies between the runs of a campaign (first state, parameter, noise), and its interval."""
+    """A quantity that varies between the runs of a campaign (initial state, parameter or noise), with its interval."""
 
     name: Annotated[str, "what varies"]
     what: Annotated[Literal["start", "parameter", "noise"], "what it is; noise: a factor of each output's"]
@@ -166,11 +167,11 @@ class Draws:
         return any(each.what != "noise" for each in self.varied)
 
     def named(self, row: int) -> dict[str, float]:
-        """Return the values of run number `row` by the names of the quantities."""
+        """Return the drawn values of run number `row` by the name of the quantity."""
         return dict(zip((each.name for each in self.varied), map(float, self.values[row]), strict=True))
 
     def trial(self, trial: Trial, row: int) -> Trial:
-        """Return the trial with the initial states and the noise of run number `row`."""
+        """Return the `trial` with the drawn initial states and noise of run number `row`."""
         pairs = list(zip(self.varied, map(float, self.values[row]), strict=True))
         start = {each.name: value for each, value in pairs if each.what == "start"}
         factor = math.prod(value for each, value in pairs if each.what == "noise")
@@ -183,7 +184,7 @@ class Draws:
         return replace(trial, start={**trial.start, **start}, noise=noise)
 
     def parameters(self, row: int) -> list[float]:
-        """Return the values of the plant's parameters in run number `row`, in the order of `free`."""
+        """Return the drawn values of the plant's parameters in run number `row`, in the order of `free`."""
         pairs = zip(self.varied, map(float, self.values[row]), strict=True)
         return [value for each, value in pairs if each.what == "parameter"]
 
@@ -204,13 +205,13 @@ class Campaign:
 
     @property
     def plant(self) -> System:
-        """The plant as first declared."""
+        """The plant as the user declared it, before any form changes its states."""
         return self.step.observer.form.system.declared
 
     @property
     def digest(self) -> str:
-        """A digest of everything on which the numbers of a run depend (the program of the step as C), which identifies
-        the campaign of a file of results. Where only the seed varies it does not depend on the number of runs."""
+        """A digest of everything that determines the numbers of a run (such as the step's C), by which a file of
+        results belongs to this campaign. If only the noise varies, it does not depend on the number of runs."""
         step, plant = self.step, self.plant
         scenario = {name: value for name, value in vars(self.trial).items() if name != "seeds"}
         scenario |= {"inputs": {name: sp.srepr(sp.sympify(one)) for name, one in self.trial.inputs.items()}}
@@ -221,9 +222,10 @@ class Campaign:
     def run(
         self, numbers: Sequence[int] | None = None, jobs: int | None = None, scheduler: str | None = None
     ) -> Iterator[Outcome]:
-        """Yield the outcomes of the runs with these numbers, by default of all, in the order of completion.
+        """Yield the outcomes of the runs with these `numbers`, by default of all runs, in the order of completion.
 
-        `jobs`: processes, by default one for each core, 1 for this one; `scheduler`: the address of a Dask cluster.
+        `jobs`: processes, by default one for each core, 1 for this process alone; `scheduler`: the address of a Dask
+        cluster.
 
         Raises: `BadGain` for a number of no run; `BadTrial` for a trial that does not fit its plant; `NoScheduler` for
         a scheduler that does not answer; `NotInstalled` without the package of a cluster.
@@ -246,10 +248,11 @@ def campaign(
     seed: int = 0,
     engine: Engine | None = None,
 ) -> Campaign:
-    """Return a campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000, vary="x0").run())`.
+    """Return a Monte Carlo campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000,
+    vary="x0").run())`.
 
-    Args: `runs` their number, 1 to 10^7; `vary` as in `varied`, None for noise alone; `seed` of the draws; `engine` as
-    in `Step.run`.
+    Args: `runs` the number of runs, 1 to 10^7; `vary` the quantities that vary, as in `varied`, None for noise alone;
+    `seed` of the draws; `engine` as in `Step.run`.
 
     Raises: `Misfit`; `BadVariation`; `BadCampaign`.
     """
@@ -264,20 +267,20 @@ def campaign(
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
     # raises errors of the trial, and compiles once for all processes
-    ready = Ready(replace(each, draws=each.drawn(())), len(each.draws))
+    ready = PreparedCampaign(replace(each, draws=each.drawn(())), len(each.draws))
     size = ALONE if each.draws.truth_varies else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
-    for outcomes in Workers(ready, jobs, scheduler).results(Ready.outcomes, pieces):
+    for outcomes in Workers(ready, jobs, scheduler).results(PreparedCampaign.outcomes, pieces):
         yield from outcomes
 
 
-class Ready:
-    """A campaign with the data that its runs share: the plant's equations, the step's initial memory, and the simulated
-    truth where it is the same for all runs.
+class PreparedCampaign:
+    """A campaign with the data that all its runs share: the plant's equations, the step's initial memory, and the
+    simulated truth if it is the same for all runs.
 
-    `runs`: their number, which decides whether compiling saves time. Raises: `BadTrial` for a trial that does not fit
-    its plant.
+    `runs`: the number of runs, which decides whether compiling saves time. Raises: `BadTrial` for a trial that does not
+    fit its plant.
     """
 
     def __init__(self, campaign: Campaign, runs: int) -> None:
@@ -302,10 +305,11 @@ class Ready:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The arguments to build it again, since a pickle has no graphs."""
-        return Ready, (self.campaign, self.runs)
+        return PreparedCampaign, (self.campaign, self.runs)
 
     def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
-        """Return the outcomes of runs; `piece`: their numbers and draws. Runs of equal draws draw noise together."""
+        """Return the outcomes of some runs; `piece`: their numbers and their draws. If no quantity varies, the noise of
+        several runs is drawn at once."""
         numbers, draws = piece
         step, engine, outcomes = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
@@ -313,7 +317,7 @@ class Ready:
         else:
             runs, size = self._varied(numbers, draws, outcomes), len(numbers)
         memory = self._memory
-        each = together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
+        each = run_together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
         for one in each:
             outcomes[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
         return [outcomes[number] for number in numbers]
@@ -329,9 +333,9 @@ class Ready:
                 yield from feeds(self.campaign.step, trial, truth, [number])
 
 
-def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
-    """Yield the trajectories of the compiled step on runs with equal inputs, `size` at once, from the memory
-    `start`."""
+def run_together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
+    """Yield the trajectories of runs with equal inputs, computed by the compiled step, `size` runs at a time; each run
+    starts from the saved state `start`."""
     runs = iter(runs)
     for first in runs:
         some = [first, *islice(runs, size - 1)]
@@ -351,7 +355,7 @@ class BadVariation(BadArgument):
 
 
 def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
-    """Return `count` draws of the quantities by a Latin hypercube, reproducible by the `seed`."""
+    """Return `count` draws of the quantities `varied` by Latin hypercube sampling; equal seeds give equal draws."""
     rng = np.random.default_rng([seed, count])
     shares = [(rng.permutation(count) + rng.random(count)) / count for _ in varied]
     columns = [each.low + share * (each.high - each.low) for each, share in zip(varied, shares, strict=True)]
@@ -453,13 +457,14 @@ def results_head(each: Campaign) -> str:
 
 
 def results_line(one: Outcome) -> str:
-    """Return the line of an outcome in a file of results, with infinite numbers as Python's JSON writes them."""
+    """Return the line of an outcome in a campaign's file of results, as JSON with Python's words for infinite numbers
+    and NaN."""
     return json.dumps(asdict(one)) + "\n"
 
 
-def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:
-    """Yield for each line of a file of results after the first its outcome, None for a line without an outcome of this
-    campaign. Raises: `BadCampaign` for a file `name` of another campaign."""
+def stored_outcomes(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:
+    """Yield the outcome in each line of a campaign's file of results but the first, None for a line that holds no
+    outcome of this campaign. Raises: `BadCampaign` if the first line of the file `name` is that of another campaign."""
     for number, one in enumerate(lines):
         if number:
             yield outcome(each, one)
@@ -468,7 +473,8 @@ def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome
 
 
 def outcome(each: Campaign, text: str) -> Outcome | None:
-    """Return the outcome in a line `text` of a campaign's file of results; None for a line without one."""
+    """Return the outcome in a line `text` of a campaign's file of results; None if the line holds no outcome of this
+    campaign."""
     try:
         row = json.loads(text)
         values = row["metrics"]
@@ -519,8 +525,8 @@ def _is_number(value: Any, low: float, high: float, nan: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Spread:
-    """Quantiles of a quantity over a campaign's runs; None, which counts as the worst, for an event that never
-    happened."""
+    """Quantiles over a campaign's runs of a quantity, such as a settling time; None (counted as infinite) where the
+    event never happened."""
 
     name: Annotated[str, "the quantity"]
     low: Annotated[float | None, "5 % quantile; null: never"]
@@ -531,10 +537,11 @@ class Spread:
 
 
 class Tally:
-    """Statistics of the outcomes of runs, added one by one: times to settle after each event, steady errors by state,
-    and the largest theta where it adapts; `unit`: that of the plant's time.
+    """The statistics of a campaign's outcomes, which are added one by one: settling times after each event, steady
+    errors by state, and the largest theta if theta is adaptive; `unit`: that of the plant's time.
 
-    `failed`: the number of runs whose plant cannot be simulated, `failure` the first; `last`: the last outcome.
+    `failed`: the number of runs whose plant cannot be simulated, `failure` the first of them; `last`: the outcome added
+    last.
     """
 
     def __init__(self, runs: int, unit: str = "s") -> None:
@@ -551,7 +558,7 @@ class Tally:
         return bool(self._added[run])
 
     def add(self, one: Outcome) -> None:
-        """Add the outcome of a run; each run is added once."""
+        """Add the outcome of a run; a run that was added before is ignored."""
         if one.run in self:
             return
         self._added[one.run], self.last = 1, one
@@ -577,8 +584,8 @@ class Tally:
 
 
 def _spread_of(name: str, values: np.ndarray, runs: np.ndarray) -> Spread:
-    """Return the quantiles of `values` in the runs `runs`, infinite if an event
-    never happened. The method "inverted_cdf" gives a value of some run."""
+    """Return the quantiles of `values` (N,) over the runs with the numbers `runs` (N,), infinite if an event never
+    happened. By the method "inverted_cdf" each quantile is the value of some run."""
     quantiles = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf")
     worst = int(np.argmax(values))
     low, middle, high, most = (float(value) if np.isfinite(value) else None for value in (*quantiles, values[worst]))

@@ -25,9 +25,9 @@ For an observer with a covariance, V should decrease from call to call, and S st
     V_k = e' S e,   S = P^-1, e = z - z(x) after the sample k;   scaled S = theta^g Delta^-1 S Delta^-1
 
 Theorems on such observers have V' <= -alpha V and alpha_1 <= scaled S <= alpha_2 with unknown constants (Boizot,
-Busvelle, Gauthier, Automatica 46 (2010)); g is 1 where theta scales Q alone, else 0 (`scaling`). `falling` measures
-these constants on one trajectory of a trial without noise, which proves nothing. Once V has fallen to a millionth since
-an event, rounding and the step's truncation error dominate, and the later samples are omitted.
+Busvelle, Gauthier, Automatica 46 (2010)); g is 1 where theta scales Q alone, else 0 (`scaling`). `lyapunov_decay`
+measures these constants on one trajectory of a trial without noise, which proves nothing. Once V has fallen to a
+millionth since an event, rounding and the step's truncation error dominate, and the later samples are omitted.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -88,15 +88,15 @@ def measured(
     tick: Callable[[], None],
     known: ErrorBound | None = None,
 ) -> Measured:
-    """Return the results over the seeds of `step`, the step of the tuning `name`; `tick` is called after each seed;
-    `known`: the proved error bound."""
+    """Return the results of a step over several seeds; `name`: that of its tuning; `tick` is called after each seed;
+    `known`: the proved error bounds of the step."""
     each = []
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
         tick()
     per_seed = [metrics(step, one) for one in each]
     names, events = [s.name for s in step.states], zip(*(one.responses for one in per_seed), strict=True)
-    peak = np.max([rises(one) for one in each], axis=0) / ranges(step, each[0])
+    peak = np.max([error_rises(one) for one in each], axis=0) / ranges(step, each[0])
     return Measured(
         name=name,
         observer=step.observer.name,
@@ -110,13 +110,14 @@ def measured(
         first=each[0],
         acted=sum((interventions(step, one.status, one.truth.t) for one in each), Interventions(runs=0)),
         proved=known.bounds if known else {},
-        worst=largest(step.states, each, known) if known else {},
+        worst=largest_errors(step.states, each, known) if known else {},
         unproved=str(known.missing) if known else "",
     )
 
 
-def rises(trajectory: Trajectory) -> np.ndarray:
-    """Return the largest rise of each state's |error| (n) above its value at an event, over all events."""
+def error_rises(trajectory: Trajectory) -> np.ndarray:
+    """Return the peaking of each state (n): the largest rise of |error| above its value at an event, over all
+    events."""
     error, t = np.abs(trajectory.error), trajectory.truth.t
     begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
     largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
@@ -125,7 +126,8 @@ def rises(trajectory: Trajectory) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BoundedError:
-    """The largest error of a state in a trial, and its proved bound, valid from the time `after` on."""
+    """The largest error of a state in a trial, and the proved error bound, which holds from the time `after` an event
+    on."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -135,8 +137,8 @@ class BoundedError:
 
 
 def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[BoundedError, ...]:
-    """Return the largest error and the proved bound of each state that has a bound; none where the time from which
-    bounds hold is unknown. `known`: the proved bounds."""
+    """Return the largest error and the proved bound of each state that has a bound (`known`); none if the time from
+    which bounds hold is unknown."""
     if known.settles is None:
         return ()
     t, events = trajectory.truth.t, np.asarray(trajectory.trial.events)
@@ -150,7 +152,9 @@ def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: Erro
     return tuple(rows)
 
 
-def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
+def largest_errors(
+    states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound
+) -> Mapping[str, float | None]:
     """Return by name the largest error over all trajectories of each state with a proved bound; None where all
     trajectories end before the bound holds."""
     rows = [one for trajectory in each for one in bounded_errors(states, trajectory, known) if one.worst is not None]
@@ -180,13 +184,14 @@ class Agreement(Encoded):
 
     @property
     def agreed(self) -> bool:
-        """Whether C and Python say the same."""
+        """Whether the differences between C and Python are due to rounding alone."""
         c, python = np.array(self.settled, dtype=float).reshape(-1, 2).T  # NaN where never
         return self.before <= ROUNDING and np.allclose(c, python, rtol=0, atol=1.5 * self.dt, equal_nan=True)
 
 
 def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
-    """Return the difference between C and Python, from trajectory and metrics on a trial and seed; `dt`: the period."""
+    """Return the difference between C and Python, each given by its trajectory and metrics on the same trial and seed;
+    `dt`: the period."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
     difference = (np.abs(short_way(mine.truth.states, mine.x, other.x)) / peak).max(axis=1)
@@ -205,7 +210,7 @@ def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics],
 
 @dataclass(eq=False)
 class Disagree(HgogenError):
-    """An error: C and Python differ by more than rounding."""
+    """The error for results in C and in Python that differ by more than rounding."""
 
     status: ClassVar[int] = 1
     failed: tuple[Agreement, ...]
@@ -220,7 +225,7 @@ class Disagree(HgogenError):
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference between a state's estimates in float and in double over the same samples."""
+    """The difference between the estimates of a state in float and in double, over the same samples."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -233,7 +238,8 @@ class Difference:
 
 
 def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Difference, ...]:
-    """Return the difference of each state of two runs over the same samples, in float and in double."""
+    """Return the difference of each state between two runs over the same samples: `single` in float, `double` in double
+    precision."""
     status = int(np.count_nonzero(single.status != double.status))
     each = []
     for signal in states:
@@ -250,9 +256,9 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
     return tuple(each)
 
 
-def coarse(each: Sequence[Difference], unit: str) -> Iterator[str]:
-    """Yield a sentence for each state whose estimate in float differs from double by more than rounding, and one for
-    statuses that differ; `unit`: of time."""
+def precision_warnings(each: Sequence[Difference], unit: str) -> Iterator[str]:
+    """Yield a sentence for each state whose estimate in float differs from that in double by more than rounding, and
+    one for statuses that differ; `unit`: that of time."""
     for one in each:
         if one.share > COARSE:
             yield (
@@ -267,7 +273,7 @@ SMALL = 1e-6  # share of the largest V since an event, below which samples are o
 
 
 @dataclass(frozen=True)
-class Falling:
+class LyapunovDecay:
     """The decay of the Lyapunov function V = e' S e, S the inverse of the covariance, on a trial without noise."""
 
     trial: Annotated[str, "name of the trial"]
@@ -288,7 +294,7 @@ class Falling:
         return f"shown in trials, not proved: without noise {most}; {bounds}"
 
 
-def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> Falling | None:
+def lyapunov_decay(step: CallableStep, trial: Trial, engine: Engine | None = None) -> LyapunovDecay | None:
     """Return the decay of V = e' S e, S = P^-1, on a trial without noise, for a step whose covariance P is that of its
     estimate; None for others. Raises: as `hgogen.trial.try_out`."""
     known = uncertainty(step)
@@ -312,7 +318,7 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     V = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])
     pairs = list(_ratios(truth.t[there], V, trial))
     ratio, time = max(pairs) if pairs else (None, None)
-    return Falling(trial.name, ratio, time, len(pairs), (float(1 / spread.max()), float(1 / spread.min())))
+    return LyapunovDecay(trial.name, ratio, time, len(pairs), (float(1 / spread.max()), float(1 / spread.min())))
 
 
 def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

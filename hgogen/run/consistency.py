@@ -62,8 +62,8 @@ WRONG = 5.0  # in units of sigma: larger residuals are outliers
 
 @dataclass(frozen=True)
 class Whiteness(Encoded):
-    """The result of Ljung and Box's test whether a sequence is white noise: its `statistic`, the `limit` for white
-    noise, the number of `lags`."""
+    """The result of the Ljung-Box test for white noise: its `statistic`, the `limit` that white noise exceeds in one of
+    20 cases, and the number of `lags`."""
 
     json_keys = "test statistic limit lags white"
 
@@ -78,12 +78,12 @@ class Whiteness(Encoded):
 
     @property
     def white(self) -> bool:
-        """Whether the limit is kept."""
+        """Whether the statistic is within the limit for white noise."""
         return self.statistic <= self.limit
 
 
 def whiteness(e: Array) -> Whiteness | None:
-    """Return Ljung and Box's test whether e (N,) is white noise; None for a short or constant sequence."""
+    """Return the Ljung-Box test of a sequence e (N,) for white noise; None for a short or constant sequence."""
     N = len(e)
     lags = min(LAGS, N // LEAST)
     r = correlations(e, lags)
@@ -94,7 +94,8 @@ def whiteness(e: Array) -> Whiteness | None:
 
 
 def correlations(e: Array, lags: int) -> Array | None:
-    """Return the first `lags` autocorrelations of a sequence (N,), N - 1 at most; None if constant."""
+    """Return the autocorrelations at the lags 1 to `lags` (at most N - 1) of a sequence e (N,); None for a constant
+    sequence."""
     e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # scaled by a power of two, so that no square overflows
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
@@ -110,24 +111,26 @@ def quantile(p: float, freedom: float) -> float:
     return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
 
 
-def alike(residuals: Array) -> float:
-    """Return the number tau of residuals (N,) in a row with the information of one independent residual."""
+def integrated_autocorrelation_time(residuals: Array) -> float:
+    """Return the integrated autocorrelation time tau = 1 + 2 sum_k r_k of residuals (N,), in samples: N correlated
+    residuals have the information of N/tau independent ones. The sum ends before the first r_k <= 0."""
     r = correlations(residuals, len(residuals))
     return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
 
 
 def deviation(residuals: Array) -> float:
-    """Return a robust standard deviation sigma of residuals (N), in units of their output's scale."""
+    """Return the robust standard deviation 1.4826 median |e| of residuals e (N,), in units of their output's scale."""
     return max(OF_MEDIAN * float(np.median(np.abs(residuals))), ROUNDING)
 
 
 def corner(residuals: Array) -> float:
-    """Return the corner c of the pseudo-Huber loss rho(e) = c^2 (sqrt(1 + (e/c)^2) - 1) for residuals (N)."""
+    """Return the corner c = 1.345 sigma of the pseudo-Huber loss rho(e) = c^2 (sqrt(1 + (e/c)^2) - 1) for residuals
+    (N,)."""
     return CORNER * deviation(residuals)
 
 
 def influence(residuals: Array, c: float) -> Array:
-    """Return psi(e)/E psi' (N) of residuals e (N), psi = rho' of the pseudo-Huber loss with corner `c`."""
+    """Return psi(e)/E psi' (N,) for residuals e (N,): psi = rho' with rho the pseudo-Huber loss of the corner `c`."""
     growth = 1 + (residuals / c) ** 2
     share = float(np.mean(growth**-1.5))
     return np.asarray(residuals / np.sqrt(growth) / share)
@@ -141,8 +144,9 @@ WORSE = 1.05  # times the error of another prediction: worse
 
 
 @dataclass(frozen=True)
-class OfOutput:
-    """Statistics of the innovations e of one output: RMS, mean of e^2/s with its 95 % band, whiteness."""
+class OutputConsistency:
+    """Statistics of the innovations e of one output, with variance s by the observer: RMS, mean of e^2/s with its 95 %
+    band, whiteness."""
 
     output: Annotated[str, "the output"]
     count: Annotated[int, "number of innovations"]
@@ -161,7 +165,7 @@ class OfOutput:
 
     @property
     def cause(self) -> str:
-        """The cause of a NIS outside of its band."""
+        """The likely cause of a NIS outside of its 95 % band, in words."""
         if self.nis is None or self.nis <= 1:
             return "R or Q is too large"
         if self.median is None or self.nis <= FEW * self.median:
@@ -173,9 +177,9 @@ class OfOutput:
 
 
 @dataclass(frozen=True)
-class OfOutputs:
-    """The innovations e of all outputs together, by their covariance S: the sum of e' S^-1 e over the samples that are
-    there, for each of their number, with its 95 % band."""
+class JointConsistency:
+    """The statistic of the innovations e of all outputs together, with covariance S by the observer: the sum of e' S^-1
+    e, divided by the number of samples of all outputs, with its 95 % band."""
 
     outputs: Annotated[tuple[str, ...], "the outputs"]
     freedom: Annotated[int, "degrees of freedom, the number of samples of all outputs"]
@@ -184,8 +188,9 @@ class OfOutputs:
 
 
 @dataclass(frozen=True)
-class OfStates:
-    """Statistics of the estimation errors of states whose truth is known: the mean of e' P^-1 e with its 95 % band."""
+class StateConsistency:
+    """Statistics of the estimation errors e of the states whose truth is known, with covariance P by the observer: the
+    mean of e' P^-1 e with its 95 % band."""
 
     states: Annotated[tuple[str, ...], "the states"]
     count: Annotated[int, "number of samples"]
@@ -196,18 +201,21 @@ class OfStates:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Statistics of a run's innovations, by output, and errors, relative to the observer's covariance."""
+    """Statistics that compare a run's innovations (by output) and estimation errors with the covariance of the
+    observer."""
 
-    outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
-    states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
-    joint: Annotated[OfOutputs | None, "those of several outputs together; null without a covariance"] = None
+    outputs: Annotated[tuple[OutputConsistency, ...], "the innovations of each output"]
+    states: Annotated[
+        StateConsistency | None, "the errors of states whose truth is known; null without truth or covariance"
+    ]
+    joint: Annotated[JointConsistency | None, "those of several outputs together; null without a covariance"] = None
 
     def __str__(self) -> str:
         return "\n".join((*map(str, self.outputs), *self.sentences()))
 
     def sentences(self, explained: bool = False) -> tuple[str, ...]:
-        """Return a sentence for each statistic that contradicts the observer's covariance; of the errors alone where
-        the innovations are `explained` by a fault of the log."""
+        """Return a sentence for each statistic that contradicts the observer's covariance; without those on innovations
+        if a fault of the log has `explained` them."""
         sentences = []
         for one in () if explained else self.outputs:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
@@ -240,8 +248,8 @@ class Consistency:
 
 @requires(Run, "a run, as step.run gives it")
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
-    """Return the consistency of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises:
-    `BadShape`, `Misfit`."""
+    """Return whether the innovations and errors of a run agree with the observer's covariance; `truth`: (N,) by state,
+    NaN where it is unknown. Raises: `BadShape`, `Misfit`."""
     if truth is not None and not isinstance(truth, Mapping):
         raise Misfit("consistency, truth=", truth, "a mapping from states to arrays")
     e, variances = run.innovations, run.variances
@@ -252,21 +260,21 @@ def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consisten
     return Consistency(each, _states_consistency(run, truth or {}), _joint_consistency(run.outputs, e, run.joint))
 
 
-def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
+def _output_consistency(name: str, e: Array, s: Array | None) -> OutputConsistency:
     there = np.isfinite(e) & ((s > 0) if s is not None else True)
     e, count = e[there], int(there.sum())
     size = rms(e)
     if s is None or not count:
-        return OfOutput(name, count, size, None, None, None, whiteness(e))
+        return OutputConsistency(name, count, size, None, None, None, whiteness(e))
     normed = e / np.sqrt(s[there])
     band = (quantile(0.025, count) / count, quantile(0.975, count) / count)
     root = rms(normed)
     nis = root * root  # infinite, and not an error, on overflow
     outside, middle = float(np.mean(abs(normed) > 2)), float(np.median(abs(normed))) * OF_MEDIAN
-    return OfOutput(name, count, size, nis, band, outside, whiteness(normed), middle * middle)
+    return OutputConsistency(name, count, size, nis, band, outside, whiteness(normed), middle * middle)
 
 
-def _joint_consistency(outputs: tuple[str, ...], e: Array, S: Array | None) -> OfOutputs | None:
+def _joint_consistency(outputs: tuple[str, ...], e: Array, S: Array | None) -> JointConsistency | None:
     if S is None or len(outputs) < 2:
         return None
     there = np.isfinite(e) & (np.diagonal(S, axis1=1, axis2=2) > 0)
@@ -278,10 +286,10 @@ def _joint_consistency(outputs: tuple[str, ...], e: Array, S: Array | None) -> O
         return None
     values = np.einsum("ki,kij,kj->k", normed, np.linalg.pinv(correlation, hermitian=True), normed)
     low, high = (quantile(p, freedom) / freedom for p in (0.025, 0.975))
-    return OfOutputs(outputs, freedom, float(values.sum()) / freedom, (low, high))
+    return JointConsistency(outputs, freedom, float(values.sum()) / freedom, (low, high))
 
 
-def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
+def _states_consistency(run: Run, truth: Mapping[str, Array]) -> StateConsistency | None:
     names, P = tuple(truth), run.covariance
     for name, values in truth.items():
         if np.shape(values) != run[name].shape:
@@ -298,14 +306,14 @@ def _states_consistency(run: Run, truth: Mapping[str, Array]) -> OfStates | None
     scaled, scale = errors[there] / sigma[there], sigma[there, :, None] * sigma[there, None, :]
     inverse = np.linalg.pinv(P[there] / scale, hermitian=True)
     values, n = np.einsum("ki,kij,kj->k", scaled, inverse, scaled), len(names)
-    tau = min(alike(values), float(len(values)))
+    tau = min(integrated_autocorrelation_time(values), float(len(values)))
     freedom = n * len(values) / tau
     low, high = (n * quantile(p, freedom) / freedom for p in (0.025, 0.975))
-    return OfStates(names, len(values), tau, float(values.mean()), (low, high))
+    return StateConsistency(names, len(values), tau, float(values.mean()), (low, high))
 
 
-def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
-    """Yield a sentence for each output that a model predicts worse than its last measured value does."""
+def prediction_warnings(predictions: Sequence[Prediction]) -> Iterator[str]:
+    """Yield a sentence for each output that the model predicts worse than copying the last measured value does."""
     for output in dict.fromkeys(one.output for one in predictions):
         rows = [one for one in predictions if one.output == output and one.copying is not None]
         if rows and not any(one.copying for one in rows):
@@ -323,17 +331,18 @@ LEAST_SAMPLES = 100  # fewest samples for a standard deviation and a correlation
 
 
 class TooLittle(BadArgument):
-    """A log that is too short, or has no noise, for an estimate of noise."""
+    """The error for a log that is too short, or has no noise, to estimate the noise."""
 
 
 class BadWindow(BadArgument):
-    """A window shorter than the sampling period or longer than the part without excitation."""
+    """The error for a window shorter than the sampling period, or longer than the part of the log without
+    excitation."""
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The noise and the thresholds of an adaptive theta that a log without excitation suggests: deviation sigma,
-    correlation time tau, window d, gamma_0, gamma_1, R."""
+    """The sensor noise and the thresholds of an adaptive theta by a log without excitation: standard deviation sigma,
+    correlation time tau, window d, thresholds gamma_0 and gamma_1, noise density R."""
 
     output: Annotated[str, "the output"]
     samples: Annotated[int, "number of samples"]
@@ -348,8 +357,9 @@ class Suggestion:
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
-    """Return sensor noise and thresholds of an adaptive theta from y (N,), sampled every `dt` without excitation, NaN
-    where missing; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises: `TooLittle`, `BadWindow`."""
+    """Return the sensor noise and the thresholds of an adaptive theta, estimated from y (N,), NaN where missing,
+    sampled every `dt` without excitation; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises:
+    `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST_SAMPLES:
         least = f"give at least {LEAST_SAMPLES} from a quiet part of the record"
@@ -407,8 +417,8 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
 
 
 def spread(window: int, dt: float, tau: float) -> float:
-    """Return the ratio of standard deviation to mean of the innovation I_d of pure noise over `window` samples, `dt`
-    apart, with correlation time `tau`."""
+    """Return standard deviation over mean of the innovation I_d of pure noise: the integral of |y - yhat|^2 over
+    `window` samples, `dt` (s) apart, for noise with correlation time `tau` (s)."""
     if tau == 0:
         return math.sqrt(2 / window)
     k = np.arange(1, window)

@@ -56,7 +56,7 @@ OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
 
 
 class CannotIntegrate(BadArgument):
-    """A continuous observer that CVODES cannot integrate between two samples."""
+    """The error for a continuous observer that CVODES cannot integrate between two samples."""
 
     text = "the continuous equations of {what} cannot be integrated over a sample of {reason}"
 
@@ -234,16 +234,16 @@ def response(source: Observer | Step, omega: Any) -> Response:
 
 
 def pace(observer: Observer) -> tuple[float, float]:
-    """Return the least and the largest |eigenvalue| (rad/s) of the matrix N of the observer's linear error core e' = N
-    e. Raises: `NoResponse`."""
+    """Return the smallest and the largest |eigenvalue| (rad/s) of N in the observer's linear error dynamics e' = N e.
+    Raises: `NoResponse`."""
     _, line = _linear_core(observer)
     sizes = np.abs(np.linalg.eigvals(numbers(line.M, nominal(observer))))
     return float(sizes.min()), float(sizes.max())
 
 
 def around_poles(observer: Observer, count: int = 200) -> np.ndarray:
-    """Return `count` frequencies (rad/s), from a tenth of the slowest pole of the observer's linear error core to ten
-    times the fastest. Raises: `NoResponse`."""
+    """Return `count` frequencies (rad/s) on a logarithmic scale, from a tenth of the slowest pole of the observer's
+    linear error dynamics to ten times the fastest. Raises: `NoResponse`."""
     slow, fast = pace(observer)
     return np.geomspace(max(slow, fast / 1e4) / 10, 10 * fast, count)
 

@@ -28,11 +28,11 @@ HIDDEN = 1e-12  # of the largest eigenvalue: smaller ones are rounding
 
 
 def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
-    """Return the observability Gramians W of every window of `d` (s) along a log, for a form `forms.state_affine` (x' =
-    A(u, y) x + b(u, y)).
+    """Return the observability Gramians W of all windows of length `d` (s) along a log, for a plant in the form
+    `forms.state_affine` (x' = A(u, y) x + b(u, y)).
 
-    Args: `R` (p) as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p), all finite, `dt` (s) apart; t is 0
-    at the first.
+    Args: `R` (p) the noise densities of the outputs, as for the observer, also by name, y^2 s; `u` (N, m), `y` (N, p),
+    all finite, `dt` (s) apart; t is 0 at the first sample.
 
     Raises: `BadGain`; `Misfit` for an argument that is no form.
     """
@@ -62,8 +62,8 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """Return the check `id`, refuted or unknown, that every window of a log makes every state observable. Raises:
-    `Misfit`."""
+    """Return the check with the name `id` that every window of a log makes every state observable: refuted, or unknown
+    since a log proves nothing about others. Raises: `Misfit`."""
     if not isinstance(id, str):
         raise Misfit("excitation.shown, id=", id, "the name of the claim")
     if not isinstance(gramian, Gramian):

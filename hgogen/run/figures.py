@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from hgogen.run.continuous import Response
-from hgogen.run.gramian import Sight, as_share
+from hgogen.run.gramian import ObservabilityMeasure, as_share
 from hgogen.run.samples import Run
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -73,9 +73,9 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
         j, course = measured_as(step, signal), signal.unwrapped(true[:, i])
         if j is not None:
             y = step.outputs[j].nearest(trajectory.y[:, j], course)
-            axis.plot(*thin(t, y), color=MEASURED, linewidth=0.6, label="measured")
-        axis.plot(*thin(t, course), color=TRUTH, label="truth")
-        axis.plot(*thin(t, signal.nearest(trajectory.x[:, i], course)), color=ESTIMATE, label="estimate")
+            axis.plot(*thinned(t, y), color=MEASURED, linewidth=0.6, label="measured")
+        axis.plot(*thinned(t, course), color=TRUTH, label="truth")
+        axis.plot(*thinned(t, signal.nearest(trajectory.x[:, i], course)), color=ESTIMATE, label="estimate")
         caption(axis, signal.name, signal.unit, signal.meaning)
     legend(figure, axes)
     return figure
@@ -88,8 +88,8 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
     figure, axes = panels(len(plant.outputs), t, plant.time)
     for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
         course = signal.unwrapped(y)
-        axis.plot(*thin(t, course), color=MEASURED, linewidth=3, label="measured")
-        axis.plot(*thin(t, signal.nearest(z, course)), color=ESTIMATE, label="fitted")
+        axis.plot(*thinned(t, course), color=MEASURED, linewidth=3, label="measured")
+        axis.plot(*thinned(t, signal.nearest(z, course)), color=ESTIMATE, label="fitted")
         caption(axis, signal.name, signal.unit, signal.meaning)
     legend(figure, axes, ("measured", "fitted"))
     return figure
@@ -97,7 +97,8 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
-    """Return a figure with a panel for each of the `traces` (N,) by name, with thresholds, and theta from 0 on."""
+    """Return a figure with a panel for each of the `traces` (N,), by name, over t (N,): an innovation with its
+    thresholds, and theta from 0 on."""
     own = [name for name in step.observer.traces if name in traces]  # those of reports are in no panel
     names = sorted(own, key=lambda name: ("innovation", "theta", name).index(name))
     fields = {field.name: field for field in step.layout.state}
@@ -107,7 +108,7 @@ def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
         if name == "innovation":
             _innovation(axis, step, t, values)
             continue
-        axis.plot(*thin(t, values), color=TRUTH)
+        axis.plot(*thinned(t, values), color=TRUTH)
         if name == "theta":
             axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
             axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
@@ -144,7 +145,7 @@ def errors(
         for k, (name, error) in enumerate(of.items()):
             size = np.maximum.reduceat(np.abs(error[:, i]), first)
             positive = np.where(size > 0, size, np.nan)  # 0 has no logarithm
-            axis.plot(t[first], positive, label=name, drawstyle="steps-post", **look(k))
+            axis.plot(t[first], positive, label=name, drawstyle="steps-post", **line_style(k))
         if signal.name in bounds:
             axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
         caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
@@ -154,8 +155,8 @@ def errors(
 
 @rc_context(STYLE)
 def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
-    """Return a figure of two panels over theta: the time to settle, and the largest noise of an estimate over its
-    state's range, with a line for each observer. `settled`, `noise`: pairs (theta, value) by observer."""
+    """Return a figure of two panels over theta: the settling time, and the largest noise of an estimate relative to its
+    state's range. `settled`, `noise`: pairs (theta, value) by observer, one line each."""
     margin = HANDLE + LETTER * max(map(len, noise))
     figure, axes = panels(
         2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), margin=margin
@@ -163,7 +164,7 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
     every = sorted({theta for points in noise.values() for theta, _ in points})
     for k, name in enumerate(noise):
         for axis, points in zip(axes, (settled[name], noise[name]), strict=True):
-            axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **look(k))
+            axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **line_style(k))
     axes[0].set_xlim(every[0], every[-1] if len(every) > 1 else every[0] + 1)
     axes[0].set_title("time to settle", loc="left", pad=3)
     axes[0].set_ylabel(unit)
@@ -173,9 +174,9 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
 
 
 @rc_context(STYLE)
-def least_direction(measure: Sight) -> Figure:
-    """Return a figure of the least observable direction: a bar for each state, in half its range, under the
-    observability measure there."""
+def least_direction(measure: ObservabilityMeasure) -> Figure:
+    """Return a bar chart of the least observable direction: the |component| of each state, in units of half its range,
+    with the observability measure as the title."""
     names, shares = list(measure.direction), list(map(abs, measure.direction.values()))
     height = BOTTOM + 0.3 + 0.25 * len(names)
     figure = Figure(figsize=(WIDTH, height))
@@ -198,8 +199,8 @@ def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[st
 
 @rc_context(STYLE)
 def response(continuous: Response, sampled: Response, unit: str) -> Figure:
-    """Return a figure with a panel for each state, |H| over omega: of the linear error core in continuous time and,
-    dashed, of its step; `unit`: of time."""
+    """Return a figure with a panel for each state: the gain |H| over the frequency omega, of the observer in continuous
+    time and, dashed, of its step; `unit`: that of time."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     figure, axes = panels(len(continuous.states), continuous.omega, unit)
@@ -216,8 +217,8 @@ def response(continuous: Response, sampled: Response, unit: str) -> Figure:
     return figure
 
 
-def look(k: int) -> Any:
-    """Return the colour and the dashes of line number `k` of many in a figure."""
+def line_style(k: int) -> Any:
+    """Return the colour and the dashes of line number `k` in a figure with many lines."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
 
 
@@ -230,7 +231,7 @@ def measured_as(step: Step, state: Signal) -> int | None:
 def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
     """Draw the innovation on a logarithmic axis, since it varies by orders of magnitude."""
     axis.set_yscale("log")
-    at, drawn = thin(t, np.where(values > 0, values, np.nan))
+    at, drawn = thinned(t, np.where(values > 0, values, np.nan))
     axis.plot(at, drawn, color=TRUTH)
     if (values > 0).any():
         axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # the innovation may be close to 0
@@ -263,8 +264,8 @@ def _symbol(name: str) -> str:
 
 
 def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
-    """Return a figure with `panels` axes below one another over the times t; `top`, `margin`: inches above them and on
-    the right; `unit`: of time."""
+    """Return a figure with `panels` axes, one below the other, over the times t; `top`, `margin`: inches above and to
+    the right of the axes; `unit`: that of time."""
     height, width = PANEL * panels + top + BOTTOM, WIDTH + margin
     figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
@@ -300,8 +301,8 @@ def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth"
     )
 
 
-def thin(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return samples (t, values) with which a line looks unchanged: each bin's extremes, gaps for NaN and beyond
+def thinned(t: Array, values: Array) -> tuple[Array, Array]:
+    """Return fewer samples (t, values) that draw the same line: the extremes in each bin, with gaps at NaN and beyond
     `FAR`."""
     values = np.where(np.abs(values) < FAR, values, np.nan)
     if len(t) <= 2 * BINS:
@@ -334,14 +335,14 @@ def png(figure: Figure) -> bytes:
 
 
 def make_room(figure: Figure) -> None:
-    """Move the panels of a figure to the right where a label would be cut off."""
+    """Move the panels of a figure to the right if a label would be cut off."""
     beyond = -float(figure.get_tightbbox().x0)
     if beyond > 0:
         figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
 
 
 def plotted(figure: Figure) -> Sequence[Axes]:
-    """Return the axes of a figure after handing it to pyplot, as a notebook and `pyplot.show` need it."""
+    """Return the axes of a figure after registering it with pyplot, which notebooks and `pyplot.show` require."""
     from matplotlib import pyplot  # it chooses a backend
 
     make_room(figure)
@@ -365,7 +366,7 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
         j, x = measured_as(step, signal), signal.unwrapped(run.x[:, i])
         if j is not None:
             _measured(axis, t, step.outputs[j].nearest(y[:, j], x), "measured", MEASURED, 3.0)
-        axis.plot(*thin(t, x), color=ESTIMATE, linewidth=1.6, label="estimate")
+        axis.plot(*thinned(t, x), color=ESTIMATE, linewidth=1.6, label="estimate")
         if signal.name in truth:
             _measured(axis, t, signal.nearest(truth[signal.name], x), "truth", TRUTH, 0.6)
         if run.covariance is not None:
@@ -377,7 +378,8 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
 
 @rc_context(STYLE)
 def record_innovations(step: Step, t: Array, run: Run) -> Figure:
-    """Return a figure with a panel for each output: its innovations in a run, and their 2 sigma by the observer."""
+    """Return a figure with a panel for each output: the innovations in a run, with the band of 2 sigma by the
+    observer."""
     assert run.innovations is not None  # of a step
     figure, axes = panels(len(step.outputs), t, step.time)
     for j, (axis, signal) in enumerate(zip(axes, step.outputs, strict=True)):
@@ -395,8 +397,8 @@ def record_innovations(step: Step, t: Array, run: Run) -> Figure:
 def log_faults(
     signals: Sequence[Signal], t: Array, values: Array, faults: Mapping[str, Sequence[tuple[int, int]]], unit: str
 ) -> Figure:
-    """Return a figure with a panel for each of the `signals`, its `values` (N, k) at times t (N,), and the stretches of
-    samples, first and last, of its `faults` shaded; `unit`: of time."""
+    """Return a figure with a panel for each of the `signals`: its `values` (N, k) at the times t (N,), with the
+    stretches of samples (first, last) of its `faults` shaded; `unit`: that of time."""
     figure, axes = panels(len(signals), t, unit)
     half = float(np.median(np.diff(t))) / 2
     for axis, signal, column in zip(axes, signals, values.T, strict=True):
@@ -412,9 +414,9 @@ def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, widt
     there = np.isfinite(values)
     if there.mean() < SLOW:
         dark = MARKED if colour == MEASURED else colour  # marks are above the lines, since they are small
-        axis.plot(*thin(t[there], values[there]), ".", markersize=4, color=dark, zorder=3, label=label)
+        axis.plot(*thinned(t[there], values[there]), ".", markersize=4, color=dark, zorder=3, label=label)
     else:
-        axis.plot(*thin(t, values), color=colour, linewidth=width, label=label)
+        axis.plot(*thinned(t, values), color=colour, linewidth=width, label=label)
 
 
 def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
@@ -432,19 +434,20 @@ def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
 
 @rc_context(STYLE)
 def curve(points: Sequence["Point"], step: Step) -> Figure:
-    """Return a figure with a panel for each state of the form, with the bound of the error by noise of each output over
-    the rate of decay, and a panel for the longest dt. The first point, the tuning, is a cross next to the lines."""
+    """Return a figure of designed gains over the rate of decay: a panel for each state of the form with the bounds of
+    its error by the noise of each output, and a panel with the longest dt. The first of the `points` is the present
+    tuning, drawn as a cross."""
     form, time = step.observer.form, step.observer.form.system.time
     tuning, gains = points[0], sorted(points[1:], key=lambda one: one.about)
     rates = [one.about for one in points]
     figure, axes = panels(form.n + 1, np.array([min(rates) / 1.2, max(rates) * 1.2]), time)
     for axis, state in zip(axes, form.names, strict=False):
         for k, output in enumerate(y.name for y in form.system.outputs):
-            for label, look in _LOOKS.items():
+            for label, style in _LOOKS.items():
                 place = state, output
                 bounds: list[float] = [getattr(one, label).get(place, np.nan) for one in (*gains, tuning)]
-                axis.loglog([one.about for one in gains], bounds[:-1], label=label, alpha=0.7**k, **look)
-                axis.loglog([tuning.about], bounds[-1:], "x", color=look["color"], label="_")
+                axis.loglog([one.about for one in gains], bounds[:-1], label=label, alpha=0.7**k, **style)
+                axis.loglog([tuning.about], bounds[-1:], "x", color=style["color"], label="_")
         axis.set_ylabel(f"error of {state}")
     dts = [np.nan if one.longest is None else one.longest for one in (*gains, tuning)]
     axes[-1].loglog([one.about for one in gains], dts[:-1], marker=".", color=TRUTH)

@@ -25,12 +25,12 @@ UNUSED = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")  # bits
 
 
 class RejectsMany(ReportedWarning):
-    """A gate that rejects far more samples than its probability says."""
+    """The warning about a gate that rejects far more samples than its probability says."""
 
 
 @dataclass(frozen=True)
 class GateShare:
-    """The samples of the outputs of one gate in a run."""
+    """The numbers of samples within and beyond one innovation gate in a run."""
 
     outputs: Annotated[tuple[str, ...], "the outputs that pass together"]
     count: Annotated[int, "number of calls with a sample of them"]
@@ -45,7 +45,8 @@ class GateShare:
 
     @property
     def excessive(self) -> bool:
-        """Whether the share is far above the expected one: by more than this one and a tenth of the samples."""
+        """Whether the share beyond the gate is far above the expected one: above twice the expected share plus a
+        tenth."""
         return self.beyond >= FEWEST and self.share > 2 * self.expected + MUCH
 
     def __add__(self, other: "GateShare") -> "GateShare":
@@ -59,7 +60,7 @@ class GateShare:
 
     @property
     def sentence(self) -> str:
-        """An excessive share, with the action."""
+        """The sentence on an excessive share, with the recommended action."""
         return (
             f"{self}: check the NIS first, by hg.consistency of a run without the gate over a part without outliers; "
             "above 1, raise Q and R or correct the model, else check the sensor"
@@ -93,8 +94,8 @@ def gate_shares(step: Step, status: np.ndarray) -> tuple[GateShare, ...]:
 
 
 def raised(step: Step, status: np.ndarray, bits: Sequence[str], names: Sequence[str]) -> np.ndarray:
-    """Return the mask (N, k) of the calls whose status has one of the bits `bits` of each of k names, such as MISSING
-    of y, whose name is MISSING_y."""
+    """Return the mask (N, k) of the calls whose `status` (N) has a bit such as MISSING_y: one of the `bits` (MISSING
+    ..) of each of the k `names` (y ..)."""
     known = [bit.place.name for bit in step.layout.bits]
     wanted = [[f"{bit}_{name}" for bit in bits] for name in names]
     masks = [sum(1 << k for k, bit in enumerate(known) if bit in each) for each in wanted]

@@ -54,7 +54,7 @@ _PIECES = 10  # starts of windows within the shortest one
 
 
 class BadWindows(BadArgument):
-    """Windows that are no lengths of time within the trial."""
+    """The error for windows that are no lengths of time within the trial."""
 
     text = "windows {what}: {reason}"
 
@@ -79,12 +79,12 @@ class Gramian(Encoded):
 
     @property
     def range(self) -> tuple[float, float]:
-        """(least, most) of the smallest eigenvalue along the trajectory."""
+        """The smallest and the largest value, along the trajectory, of the Gramian's smallest eigenvalue."""
         return float(self.smallest.min()), float(self.smallest.max())
 
     @property
     def median(self) -> float:
-        """The median of the smallest eigenvalue along the trajectory."""
+        """The median, along the trajectory, of the Gramian's smallest eigenvalue."""
         return float(np.median(self.smallest))
 
     @property
@@ -148,8 +148,8 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
 
 def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: float, pieces: int) -> Gramian:
     """Return the Gramians of all windows of `pieces` consecutive steps of length `grid` (s); `steps`: the transition
-    matrices and the Gramians W_k (N, n, n) of the steps. That of a window is the sum of Phi' W_k Phi, Phi the product
-    of the transitions before step k."""
+    matrices (N, n, n) and the Gramians W_k (N, n, n) of the steps. A window's Gramian is the sum of Phi' W_k Phi, with
+    Phi the product of the transition matrices before step k."""
     (transitions, gramians), n = steps, len(states)
     count = len(transitions) - pieces + 1
     sums = np.empty((count, n, n))
@@ -170,8 +170,9 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 
 
 @dataclass(frozen=True)
-class Sight(Encoded):
-    """The observability measure sigma of a plant, and the least observable direction v of its state."""
+class ObservabilityMeasure(Encoded):
+    """The observability measure sigma of a plant (the smallest singular value of the map from the state to a window of
+    outputs, scaled by their ranges), and the least observable direction v of the state."""
 
     json_keys = "least median window unit trial by_motion below_resolution where direction"
 
@@ -186,7 +187,7 @@ class Sight(Encoded):
 
     @property
     def below_resolution(self) -> bool:
-        """Whether half of all windows or points show less than any usual sensor resolves."""
+        """Whether in half of all windows or points sigma is below the resolution of any usual sensor."""
         return self.median < RESOLVED and not self.by_motion
 
     def __str__(self) -> str:
@@ -206,11 +207,11 @@ class Sight(Encoded):
 
 
 def as_share(value: float, digits: int = 2) -> str:
-    """Return a share as text with `digits` digits; for one below the rounding errors the text of a bound."""
+    """Return a share as text with `digits` digits; a share below the rounding errors as "less than" their bound."""
     return f"{value:.{digits}g}" if value == 0 or value >= _NOTHING else f"less than {_NOTHING:g}"
 
 
-def sight(plant: System, trial: Trial | None = None) -> Sight:
+def observability_measure(plant: System, trial: Trial | None = None) -> ObservabilityMeasure:
     """Return the observability measure of a plant along a trial without noise, or at fixed points of the declared
     ranges; parameters are nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no
     range, or the model no value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
@@ -229,7 +230,7 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
         return replace(measure, by_motion=measure.median < _NOTHING and not _observable_frozen(plant))
 
 
-def _along(plant: System, trial: Trial) -> Sight:
+def _along(plant: System, trial: Trial) -> ObservabilityMeasure:
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
@@ -281,14 +282,16 @@ def _weakest(transitions: np.ndarray, C: np.ndarray, along: np.ndarray) -> tuple
     return (float(values[-1]) if len(values) == n else 0.0), along @ directions[-1]
 
 
-def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[str, float]]) -> Sight:
+def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[str, float]]) -> ObservabilityMeasure:
     known = [(value, v, where) for (value, v), where in zip(each, at, strict=True) if math.isfinite(value)]
     if not known:
         raise NoLinearisation("the linearised model has no finite values")
     least, v, where = min(known, key=lambda one: one[0])
     shares = {s.name: float(share) for s, share in zip(plant.states, v, strict=True)}
     direction = dict(sorted(shares.items(), key=lambda pair: -abs(pair[1])))
-    return Sight(least, float(np.median([one[0] for one in known])), 0.0, plant.time, "", where, direction)
+    return ObservabilityMeasure(
+        least, float(np.median([one[0] for one in known])), 0.0, plant.time, "", where, direction
+    )
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 
 @dataclass(frozen=True)
 class Response:
-    """The response to an event of a trial (start, jump): times to settle, and the course of theta; None for what did
-    not happen or does not apply."""
+    """The response to an event of a trial (start, jump): settling times, and the course of theta; None for an event
+    that never happened or a quantity that does not apply."""
 
     time: Annotated[float, "time of the event (s)"]
     settled: Annotated[float | None, "time to settle (s); null: never"]
@@ -81,14 +81,15 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """Return in words when a trial counts as settled, such as the band of the error; `unit`: of time."""
+    """Return in words when a trial counts as settled, such as the error band; `unit`: that of time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
 
 
 def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
-    """Return the width (n) of each state's declared range, or of its course along the trajectory without one."""
+    """Return the width (n) of each state's declared range; without a declared range, the width of its course along the
+    trajectory."""
     spans = np.ptp(trajectory.truth.x, axis=0)
     widths = [s.interval[1] - s.interval[0] if s.bounded else spans[i] or 1.0 for i, s in enumerate(step.states)]
     return np.array(widths, dtype=float)
@@ -139,8 +140,8 @@ def crossings(theta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Summary:
-    """The metrics of several seeds of one trial: medians and worst values; of a quantity that some seed lacks, the
-    worst is None (it never happened)."""
+    """The metrics of several seeds of one trial: medians and worst values; the worst is None if the event never
+    happened in some seed."""
 
     trial: Annotated[str, "name of the trial"]
     criterion: Annotated[str, "what settled means"]
@@ -223,7 +224,7 @@ def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequenc
 
 
 def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
-    """Yield a sentence for every trial in which an adaptive theta does not recover from an alarm."""
+    """Yield a sentence for every trial in which an adaptive theta does not return to 1 after an alarm."""
     for one in each:
         if one.latched and one.alarm_ratio is not None:
             fed = one.alarm_ratio > ITSELF
@@ -255,7 +256,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Interventions:
-    """The times at which guards acted on an estimate, restarts and projections onto ranges, and the samples beyond
+    """The times at which guards changed an estimate (restarts, projections onto the ranges), and the samples beyond
     innovation gates, in `runs` runs."""
 
     restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
@@ -302,8 +303,9 @@ def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Intervention
 
 
 def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool, unit: str) -> Iterator[str]:
-    """Yield a sentence for a trial with restarts or projections of the estimate, as a warning if the trial has no
-    disturbance, and one for each gate that rejects too many. `trial`, `observer`: names; `unit`: of time."""
+    """Yield a sentence for a trial with restarts or projections of the estimate (a warning unless the trial is
+    `disturbed`), and one for each gate that rejects too many samples. `trial`, `observer`: names; `unit`: that of
+    time."""
     yield from (f"trial {trial}, {observer}: {sentence}" for sentence in each.excessive)
     if each and disturbed:
         yield f"trial {trial}, {observer}: {each.sentence(unit)}"
@@ -316,7 +318,7 @@ def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool,
 
 @dataclass(frozen=True)
 class Leaving:
-    """A state or an input of the plant that leaves its range."""
+    """A state or an input of the plant that leaves its declared range along a trial."""
 
     signal: Annotated[str, "the state or input"]
     low: Annotated[float, "lower end of its range"]
@@ -334,7 +336,7 @@ class Leaving:
 
 
 def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ...]:
-    """Return the states and inputs of the plant as first declared that leave their ranges along the true trajectory."""
+    """Return the states and inputs of the declared plant that leave their ranges along the true trajectory."""
     plant, truth = system.declared, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
     leaving = []
@@ -359,14 +361,14 @@ def leaving_notes(trial: str, each: Iterable[Leaving], unit: str) -> Iterator[st
 
 
 def before_loss(run: Run) -> int:
-    """Return the number of samples before the first estimate that is not finite."""
+    """Return the number of samples before the first estimate that is infinite or NaN."""
     finite = np.isfinite(run.x).all(axis=1)
     return len(finite) if finite.all() else int(np.argmin(finite))
 
 
 def loss(step: Step, run: Run, t: Array, u: Array, y: Array) -> Iterator[str]:
-    """Yield a sentence on the loss of an estimate (not finite), if it is lost, over inputs u (N, m) and samples y (N,
-    p) at times t (N,): the time, the cause and the remedy."""
+    """Yield a sentence if a run lost its estimate (infinite or NaN): the time, the cause and the remedy; over inputs u
+    (N, m) and samples y (N, p) at times t (N,)."""
     first = before_loss(run)
     if first == len(t):
         return

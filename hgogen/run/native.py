@@ -44,7 +44,7 @@ class NoCompilerWarning(UserWarning):
 
 @dataclass(eq=False)
 class NoCompiler(HgogenError):
-    """An error: C was requested and there is no compiler."""
+    """The error for a step that is to run in C where there is no compiler."""
 
     text = (
         "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
@@ -54,7 +54,7 @@ class NoCompiler(HgogenError):
 
 @dataclass(eq=False)
 class NoTool(HgogenError):
-    """A program that a self-check needs and that is not installed."""
+    """The error for a program that a self-check needs and that is not installed."""
 
     name: str
 
@@ -64,7 +64,7 @@ class NoTool(HgogenError):
 
 @dataclass(eq=False)
 class CompilerFailed(HgogenError):
-    """An error of a compiler on emitted code; `fix`: the remedy."""
+    """The error for a compiler that fails on emitted code; `fix`: the remedy."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -77,7 +77,7 @@ class CompilerFailed(HgogenError):
 
 @dataclass(eq=False)
 class CheckFailed(HgogenError):
-    """A self-check that ended with another status than 0."""
+    """The error for a self-check that ends with another exit status than 0."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -112,13 +112,13 @@ def _compiler() -> tuple[str, ...] | None:
 
 
 def engine() -> Literal["c", "python"]:
-    """Return the engine of this machine: the compiled step where there is a compiler, else Python."""
+    """Return the default engine of this machine: C if there is a compiler, else Python."""
     return "c" if compiler() else "python"
 
 
 def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
-    """Return the C files (text by name) compiled into a shared library and loaded; a library of equal text is used
-    again.
+    """Return the shared library of C files (text by name), compiled and loaded; a library that was compiled from the
+    same text is used again.
 
     `flags`: further flags of the compiler, after those of every library. The default is -O1: up to some 100,000 samples
     -O2 takes more time to compile than it saves.
@@ -139,7 +139,8 @@ def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDL
 
 
 def machine_flags() -> tuple[str, ...]:
-    """Return the compiler's flags for code of this machine's processor; none where the compiler has no such flag."""
+    """Return the compiler's flags that generate code for this machine's processor; none where the compiler has no such
+    flags."""
     command = _compiler()
     flags = ("-march=native",)
     return flags if command and _macros(command, flags) else ()
@@ -202,8 +203,8 @@ def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable
 def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
     """Run a command in a folder and return its output.
 
-    Raises: the error `failed(command, output)` where the command cannot be started, does not end with 0, or not within
-    `limit` seconds; the processes that it started are then ended, too.
+    Raises: the error `failed(command, output)` if the command cannot be started, ends with an exit status other than 0,
+    or exceeds `limit` seconds; the processes that it started are then ended, too.
     """
     group = 0 if os.name == "posix" else -1
     try:
@@ -258,12 +259,12 @@ def _program(name: str, folder: str) -> str:
 
 
 def variable(name: str) -> str:
-    """Return the name of the environment variable that replaces a program: RUSTC for rustc, CXX for c++."""
+    """Return the name of the environment variable that selects a program: RUSTC for rustc, CXX for c++."""
     return name.upper().translate({ord("+"): "X"})
 
 
 def tool(name: str) -> str:
-    """Return the path of a program: the one in its environment variable, else the one in the search path.
+    """Return the path of a program, from its environment variable, else from the search path.
 
     Raises: `NoTool`.
     """
@@ -274,12 +275,13 @@ def tool(name: str) -> str:
 
 
 def with_main(files: Iterable[str]) -> list[str]:
-    """Return the flags that enable the main of self-checks among C files: NAME_CHECK_MAIN for NAME_check.c."""
+    """Return the compiler flags that enable the main functions of self-checks: -DNAME_CHECK_MAIN for each file
+    NAME_check.c."""
     return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
 
 
 def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
-    """Compile C files with every warning an error, run the self-check, and return its output.
+    """Compile C files, with every warning an error, run their self-check, and return its output.
 
     Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
     """
@@ -334,12 +336,13 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 
 
 def keep(library: Path, content: bytes) -> None:
-    """Write a library and its digest. Raises: `CannotWrite`."""
+    """Write a compiled library and its digest to disk. Raises: `CannotWrite`."""
     write({library.name: content, _digest_file(library).name: _digest(library, content)}, library.parent, private=True)
 
 
 def is_kept(library: Path) -> bool:
-    """Return whether a library is as `keep` wrote it: owned by this user, writable by no other, and with its digest."""
+    """Return whether a library is unchanged since `keep` wrote it: owned by this user, writable by no other, with the
+    same digest."""
     try:
         known = _trusted_content(_digest_file(library)).decode(errors="replace")
         return known == _digest(library, _trusted_content(library))

@@ -37,7 +37,8 @@ MOST = 100_000  # predictions of each horizon, for an RMS error accurate to half
 
 @dataclass(frozen=True)
 class Prediction:
-    """RMS errors of predicting an output `ahead` samples ahead: by the `model`, by `copying` the last value."""
+    """RMS errors of the prediction of an output `ahead` samples ahead: by the `model`, and by `copying` the last
+    value."""
 
     output: Annotated[str, "the output"]
     ahead: Annotated[int | None, "samples ahead; null for open loop over the whole record"]
@@ -61,8 +62,9 @@ class Forecast:
 def predictions(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> tuple[Prediction, ...]:
-    """Return the RMS errors of predictions of y (N, p) from the estimates of a run with inputs u (N, m): for each
-    number of samples in `ahead`, then in open loop. `tick` is called after each sample up to the longest horizon."""
+    """Return the RMS errors of predictions of y (N, p) that start from the estimates of a run with inputs u (N, m): for
+    each horizon in `ahead` (samples), then in open loop. `tick` is called after each sample up to the longest
+    horizon."""
     lost = rejected(step, run, y).sum(axis=0).tolist()
     return tuple(
         Prediction(
@@ -82,8 +84,8 @@ def predictions(
 def forecasts(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> Iterator[Forecast]:
-    """Yield the errors (N, p) of predictions of y (N, p) from the estimates of a run with inputs u (N, m), for each
-    number of samples in `ahead`, then in open loop."""
+    """Yield the errors (N, p) of predictions of y (N, p) that start from the estimates of a run with inputs u (N, m):
+    for each horizon in `ahead` (samples), then in open loop."""
     y = np.where(rejected(step, run, y), np.nan, y)
     holding, limits = bool(step.observer.form.fallback), step.clock.varying
     spent = np.diff(run.t, append=run.t[-1:]) if limits else np.zeros(0)  # to the next sample
@@ -148,12 +150,12 @@ def _compared(
 
 
 def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
-    """Return the mask (N, p) of the samples of y that the step rejected though they are not missing."""
+    """Return the mask (N, p) of the samples of y that are there, but were rejected by the step."""
     return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), names_of(step.outputs)))
 
 
 def rms(error: np.ndarray) -> float:
-    """Return the root mean square of an error, without overflow of squares."""
+    """Return the root mean square of an error; large values do not overflow when squared."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
@@ -185,9 +187,9 @@ TEMPERATURES = ("K", "degC", "°C", "C")
 
 @dataclass(frozen=True)
 class Map:
-    """A map y -> scale y + shift of an output, such as a change of unit; `text`: the map as expression of a column {},
-    `mends`: the cause that it repairs, `units`: the units of outputs to which it applies, any if empty; `declared`:
-    whether it does not apply to an output without a unit."""
+    """A map y -> scale y + shift of an output, such as a change of unit. `text`: the map as an expression of a column
+    {}; `mends`: the cause that the map corrects; `units`: the units of outputs to which the map applies, any if empty;
+    `declared`: whether it applies only to outputs with a declared unit."""
 
     text: str
     scale: float
@@ -202,7 +204,8 @@ class Map:
         return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
 
     def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
-        """Return whether the map applies to an output in this unit and brings its values into the range `ends`."""
+        """Return whether the map applies to an output with this `unit` and brings nine in ten of the `values` into the
+        range `ends`."""
         return (not self.units or unit in self.units or not (unit or self.declared)) and self.inside(
             values, ends
         ) >= FITS
@@ -227,7 +230,8 @@ MAPS = (
 
 @dataclass(frozen=True)
 class Rejection:
-    """An output most of whose samples the step rejected, and the map (change of unit, offset) that mends it."""
+    """An output of which the step rejected most samples, and the map (change of unit, offset) that corrects the
+    samples."""
 
     output: Annotated[str, "the output"]
     count: Annotated[int, "number of its samples"]
@@ -242,12 +246,12 @@ class Rejection:
 
     @property
     def signal(self) -> str:
-        """The output."""
+        """The name of the output."""
         return self.output
 
     @property
     def finding(self) -> str:
-        """A clause on what is wrong."""
+        """A clause on the rejected samples: their share and values, and the range of the model."""
         (low, high), (least, most) = self.values, self.range
         return (
             f"{100 * self.share:.3g} % of the samples of {self.output} were rejected: they lie about "
@@ -256,7 +260,7 @@ class Rejection:
 
     @property
     def fix(self) -> str:
-        """The option that mends it."""
+        """The command-line option that corrects the samples, or other advice."""
         if not self.map:
             return f"no usual map makes it fit: check column, unit and sign, or widen the range of {self.output}"
         return f'it looks like {self.mends}: say --map {self.output}="{self.map}"'
@@ -264,7 +268,7 @@ class Rejection:
 
 @dataclass(eq=False)
 class MostlyRejected(HgogenError):
-    """An error: the step rejected most samples of a log."""
+    """The error for a log of which the step rejected most samples of an output."""
 
     status: ClassVar[int] = 1
     rejections: tuple[Rejection, ...]
@@ -282,8 +286,8 @@ def rejections(
     engine: Engine | None,
     dt: Array | None = None,
 ) -> tuple[Rejection, ...]:
-    """Return a `Rejection` for each output most of whose samples a run over u (N, m), y (N, p) rejected; `columns`: the
-    operand of --map for each output, ready for an expression; `dt` as for `step.run`."""
+    """Return a `Rejection` for each output of which a run over u (N, m), y (N, p) rejected most samples; `columns`: the
+    column of each output, as written in the option --map; `dt` as for `step.run`."""
     lost, there = rejected(step, run, y), np.isfinite(y)
     ranges = readings(step.observer.form)
     each = []
@@ -301,8 +305,8 @@ def rejections(
 
 @dataclass(frozen=True)
 class Clamped:
-    """An input that is outside of its declared range in most samples: the samples, their share, a clause, what mends
-    it."""
+    """An input that is outside of its declared range in most samples: the number of these samples, their share, a
+    clause on the cause, and the correction."""
 
     signal: str
     count: int
@@ -315,8 +319,8 @@ class Clamped:
 
 
 def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[Clamped]:
-    """Yield each input of u (N, m) that is outside its range, where guards clamp it, in most samples that are not 0,
-    which it is in any unit; `columns`: the column of each input."""
+    """Yield each input of u (N, m) that is outside of its declared range in most samples; samples of 0, which are 0 in
+    any unit, are not counted. `columns`: the column of each input."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values) & (values != 0)], signal.limits
         beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0

@@ -36,7 +36,8 @@ def _position(name: str, names: tuple[str, ...]) -> int:
 
 
 class Legend(NamedTuple):
-    """The names of a sample's states, status bits and traces; `kind` of numbers: "d" for doubles, "f" for floats."""
+    """The names of a step's states, status bits and traces; `kind`: the type of its numbers, "d" for double, "f" for
+    float."""
 
     names: tuple[str, ...]
     bits: tuple[str, ...]
@@ -50,7 +51,8 @@ class Legend(NamedTuple):
 
 
 class Sample:
-    """The result of a call: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces.
+    """The result of a call of a step: the estimate `x` (n) of the states `names`, the status with the names of its
+    bits, and the traces.
 
     It stores the bytes of a call, and converts them to arrays and names on access.
     """
@@ -105,7 +107,7 @@ class Sample:
 
 
 class Replayed(Protocol):
-    """A second pass over the samples of a run that computes innovations."""
+    """The interface of a second pass over the samples of a run, which computes the innovations."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -114,7 +116,7 @@ class Replayed(Protocol):
 
     @property
     def innovations(self) -> Any:
-        """The innovations of the whole run: `e`, `variances`, `joint` and `covariance`."""
+        """The innovations of the whole run, an object with `e`, `variances`, `joint` and `covariance`."""
         ...
 
     @property
@@ -135,10 +137,11 @@ class Replayed(Protocol):
 @dataclass(frozen=True)
 class Run(Displayed):
     """The results of a step over a log: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and
-    the engine, "c", "python" or another.
+    the engine: "c", "python" or another.
 
-    `replay` computes `innovations`, `variances`, `joint` and `covariance` on access; this run has its samples from
-    number `first` on. `times`: those at the first sample of all that functions of time were computed from.
+    `replay` computes `innovations`, `variances`, `joint` and `covariance` on access; this run has the samples from
+    number `first` on of the replayed run. `times`: the times at the first sample from which the plant's functions of
+    time are computed.
     """
 
     t: np.ndarray
@@ -223,7 +226,9 @@ class Run(Displayed):
             _position(name, self.names)
             if values.shape != self.t.shape:
                 raise BadShape(f"truth of {name} of shape {values.shape}", f"must have shape {self.t.shape}")
-        axes: Sequence[Any] = display("run_plot")(self, in_time(self.replay.step, self.replay.y)[self.first :], courses)
+        axes: Sequence[Any] = display("run_plot")(
+            self, by_measurement_time(self.replay.step, self.replay.y)[self.first :], courses
+        )
         return axes
 
     def frame(self) -> Any:
@@ -246,7 +251,8 @@ class Run(Displayed):
         return np.asarray(self.x[:, _position(name, self.names)])
 
     def off(self, name: str, reference: Any) -> np.ndarray:
-        """How far the estimate (N) of a state is off a reference (N), of a periodic one the short way round."""
+        """Return the difference (N) of a state's estimate and a reference (N); for a periodic state within half a
+        period."""
         signal = next((each for each in self.states if each.name == name), None)
         reference = np.asarray(reference, dtype=float)
         return np.asarray(self[name] - reference if signal is None else signal.difference(self[name], reference))
@@ -264,8 +270,8 @@ class Run(Displayed):
 # --- conversion of arguments
 
 
-def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
-    """Return a function that writes one sample of the signals into an array, from index `at` on; `name`: the argument
+def sample_writer(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
+    """Return a function that writes one sample of the `signals` into `array`, from index `at` on; `name`: the argument
     in error messages.
 
     The function accepts floats, a mapping by the signals' names, and whatever numpy converts. It raises `BadShape` or
@@ -275,7 +281,7 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
     def convert(value: Any) -> None:
         demand_given(name, value, signals)
-        array[at : at + size] = numbers(name, in_order(name, value, names_of(signals)), size, listed(signals))
+        array[at : at + size] = numbers(name, in_order(name, value, names_of(signals)), size, signal_order(signals))
 
     def none(value: Any) -> None:
         if type(value) is not tuple or value:
@@ -298,8 +304,8 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
 
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
-    """Return the given value as an array (size), NaN where an entry is masked; `name`, `order`: the argument and the
-    order of its elements in the message. Raises: `BadShape`."""
+    """Return the value of an argument as an array (size), NaN for masked entries; `name`, `order`: the argument and the
+    order of its elements, for the message. Raises: `BadShape`."""
     array = reals(name, value, with_value=True).reshape(-1)
     if array.shape != (size,):
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{order}")
@@ -333,13 +339,13 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     if array.ndim != 2 or array.shape[1] != width or (rows is not None and len(array) != rows):
         length = "N" if rows is None else rows
         wanted = f"({length}, {width})" + f" or ({length},)" * (width == 1)
-        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{signal_order(signals)}")
     return np.ascontiguousarray(array)
 
 
 def with_elapsed(step: Step, u: np.ndarray, dt: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inputs u (.., N, m) with a last column of the time since the row before, where it varies, and that
-    time (.., N) as it passes, without those that are negative or not numbers; `dt`: a number, or (N) or (.., N).
+    """Return the inputs u (.., N, m), and the elapsed time (.., N) of each sample, in which negative and NaN values
+    count as 0. For a step with varying dt, u has the given times `dt` (a number, (N) or (.., N)) as its last column.
 
     Raises: `BadShape`.
     """
@@ -360,9 +366,9 @@ def with_elapsed(step: Step, u: np.ndarray, dt: Any) -> tuple[np.ndarray, np.nda
 
 
 def reals(name: str, value: Any, *, with_value: bool = False) -> np.ndarray:
-    """Return the given values as doubles, NaN where an entry is masked; `name`: the argument in messages. Raises:
-    `BadShape` for text, dates and complex numbers, whose imaginary parts would be lost; `with_value`: the message has
-    the value."""
+    """Return values as an array of doubles, NaN for masked entries. `name`: the argument in messages; `with_value`:
+    whether the message has the value. Raises: `BadShape` for text, dates and complex numbers, whose imaginary parts
+    would be lost."""
     try:
         array = np.asarray(unmasked(value))
         objects = array.flat if array.dtype.kind == "O" else ()
@@ -390,13 +396,14 @@ def last_values(values: np.ndarray) -> np.ndarray:
 
 
 def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
-    """Raise `BadShape` for an argument `name` that is an empty tuple, the default, where there are signals."""
+    """Raise `BadShape` if the argument `name` is missing (the empty tuple, its default) although there are signals."""
     if isinstance(value, tuple) and not value and signals:
         raise BadShape(name, f"is missing; give {name}=, the values of {', '.join(s.name for s in signals)}")
 
 
-def listed(signals: Sequence[Signal]) -> str:
-    """Return the end of an error message: the order of several signals, with inputs' derivatives that a form needs."""
+def signal_order(signals: Sequence[Signal]) -> str:
+    """Return the end of an error message that lists several signals in order, with the derivatives of inputs that a
+    form needs."""
     return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""
 
 
@@ -404,8 +411,8 @@ Array = np.ndarray
 
 
 def arriving(step: Step, y: Array) -> Array:
-    """Return the samples y (N, p), given in the order of measurement, in the order in which they arrive with the step's
-    longest delays; unchanged for a step without delays."""
+    """Return the samples y (N, p), given at the rows of their measurement, at the rows in which they arrive with the
+    step's longest delays, followed by a column of ages for each late output; unchanged for a step without delays."""
     if not step.ages:
         return y
     columns = [y[:, j] for j in range(len(step.outputs))]
@@ -416,15 +423,15 @@ def arriving(step: Step, y: Array) -> Array:
     return np.column_stack(columns)
 
 
-def at_their_times(step: Step, y: Array) -> Array:
-    """Return the samples y (N, p) with NaN at the rows in which a slower sensor has no sample."""
+def at_sampling_times(step: Step, y: Array) -> Array:
+    """Return the samples y (N, p) with NaN in the rows in which a slower sensor has no sample."""
     every = step.clock.every or (1,) * len(step.outputs)
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 
-def in_time(step: Step, samples: Array) -> Array:
-    """Return samples (N, p), sorted by the rows of their measurement, from `samples` (N, p + ages) in the order of
-    arrival; the first of several for one row, NaN where none arrived in time."""
+def by_measurement_time(step: Step, samples: Array) -> Array:
+    """Return samples (N, p) at the rows of their measurement, from `samples` (N, p + ages) at the rows of their
+    arrival: the first of several for one row, NaN if none arrived in time."""
     y = samples[:, : len(step.outputs)].copy()
     for column, (output, age) in enumerate(zip(step.late, step.ages, strict=True), len(step.outputs)):
         j, ages = step.outputs.index(output), samples[:, column]
@@ -438,9 +445,9 @@ def in_time(step: Step, samples: Array) -> Array:
     return y
 
 
-def remembered(step: Step, records: Array, j: int) -> Array:
-    """Return the records (N) of a step's memory as they were after the prediction of the period in which the sample of
-    output `j` was measured; unchanged for a step without delays."""
+def at_measurement_time(step: Step, records: Array, j: int) -> Array:
+    """Return the records (N) of a step's memory, set back to the period in which the sample of output `j` was measured,
+    after its prediction; unchanged for a step without delays."""
     if not step.ages:
         return records
     state, output, rows = records["state"], step.outputs[j], np.arange(len(records))

@@ -29,7 +29,7 @@ from hgogen.program import Field, Group, Place, address, sym
 from hgogen.reading.given import names_of
 from hgogen.run.backends import StepMemory
 from hgogen.run.gates import UNUSED, GateShare, gate_shares, gated, raised
-from hgogen.run.samples import Engine, remembered
+from hgogen.run.samples import Engine, at_measurement_time
 from hgogen.signal import differences
 from hgogen.step import Step
 from hgogen.stepping.parallel import Parallel
@@ -41,14 +41,14 @@ PREDICTED = Place("work", "predicted")
 
 @dataclass(frozen=True)
 class Evaluated:
-    """An SX matrix that depends on places of a step's memory, to be evaluated at records of the memory."""
+    """An SX matrix that depends on places of a step's memory; a call evaluates it at records of the memory."""
 
     step: Step
     matrix: Graph
 
     def __call__(self, records: Array, signals: dict[Place, Array] | None = None) -> Array:
-        """Return the values (N, rows, columns) of the matrix at records (N) of a step's memory; `signals` (N, size):
-        values of places that no record has."""
+        """Return the values (N, rows, columns) of the matrix at records (N) of a step's memory; `signals`: (N, size) by
+        place, for places that the records do not have."""
         values = [
             signals[place] if signals and place in signals else values_at(self.step, records, place)
             for place, _ in self._reads
@@ -70,7 +70,7 @@ class Evaluated:
 
 
 def values_at(step: Step, records: Array, place: Place) -> Array:
-    """Return the numbers (N, size) of a place of the state or the parameters in records (N) of a step's memory."""
+    """Return the values (N, size) of a place of the state or the parameters in records (N) of a step's memory."""
     if place.struct in ("plant", "gain", "derived"):
         return _columns(records["params"][place.struct][place.name])
     state = records["state"]
@@ -116,22 +116,24 @@ class Uncertainty:
 
     @cached_property
     def rows(self) -> Evaluated:
-        """The output Jacobian dh/dz (N, p, n), to be evaluated at records (N) of the step's memory."""
+        """The output Jacobian dh/dz as a matrix (N, p, n) to be evaluated at records (N) of the step's memory."""
         return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self.step.clock.u_now))
 
     @cached_property
     def noise(self) -> Evaluated:
-        """The covariance R (N, p, p) of the noise of a sample, to be evaluated at records (N) of the step's memory."""
+        """The covariance R of the noise of a sample as a matrix (N, p, p) to be evaluated at records (N) of the step's
+        memory."""
         filter_step = FilterStep(self.part, self.step.clock)
         return Evaluated(self.step, filter_step.sample_noise(range(len(self.step.outputs))))
 
     def innovation(self, C: Array, P: Array, records: Array) -> Array:
-        """Return C P C' + R (N, p, p), of the rows C (N, p, n) and the covariance P (N, n, n) at the prediction."""
+        """Return the innovation covariance C P C' + R (N, p, p), with the output Jacobian C (N, p, n) and the predicted
+        covariance P (N, n, n), at records (N) of the step's memory."""
         return np.asarray(C @ P @ C.swapaxes(1, 2) + self.noise(records))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
-        """Return the predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), h the period, rho the rate of
-        forgetting; `signals`: values of places of memory that no record has."""
+        """Return the predicted covariance exp(rho h) Phi P Phi' + h Q_theta (N, n, n), with h the period, rho the
+        forgetting rate; `signals`: values by place, for places that the records do not have."""
         transition, noise, rho = self._motion
         Phi = transition(records, signals)
         growth = np.exp(self.step.dt * rho(records))
@@ -194,8 +196,8 @@ class Innovations:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A replay of the samples u (N, m), y (N, p) of a run with the results `status` (N), from the `memory` before the
-    first; y also has the ages of samples that may be late."""
+    """A replay of the samples u (N, m), y (N, p) of a run, which had the statuses `status` (N), from the `memory`
+    before the first sample; y also has the columns of ages for outputs that may be late."""
 
     step: Step
     memory: bytes
@@ -273,7 +275,7 @@ class Replay:
         return uncertainty(self.step)
 
     def _by_sections(self, y: Array, before: Array, after: Array) -> Innovations:
-        each, late = [remembered(self.step, before, j) for j in range(y.shape[1])], bool(self.step.ages)
+        each, late = [at_measurement_time(self.step, before, j) for j in range(y.shape[1])], bool(self.step.ages)
         predicted = np.column_stack([self._read(records)[:, j, 0] for j, records in enumerate(each)])
         e = differences(self.step.outputs, y, predicted)
         if (known := self._uncertainty) is None:
