@@ -82,7 +82,7 @@ def when(observer: str) -> list[str]:
     """Return the lines that say when to take an observer, from its row in the page of the observers."""
     text = (ROOT / "docs" / "observers.md").read_text(encoding="utf-8")
     cells = next(line for line in text.splitlines() if line.startswith(f"| `{observer}` |")).split(" | ")
-    return [f"**Take it where** {cells[1]}.", "", f"**It asks for, or leaves open:** {cells[2]}."]
+    return [f"**Use it if** {cells[1]}.", "", f"**What it requires, and what is proved:** {cells[2]}."]
 
 
 def docstring(value: Any) -> str:

@@ -69,7 +69,7 @@ def _observers(old: Words) -> str:
     order = [*(name for name in old if name in cases), *(name for name in cases if name not in old)]
     said = {name: rule(getattr(hg.observers, name)) for name in cases}
     rows = ((f"`{name}`", said[name].where, said[name].asks, said[name].state, counted(name)) for name in order)
-    return table(("observer", "take it where", "what it asks for, or leaves open", "state", "cost"), rows)
+    return table(("observer", "use it if", "what it requires, and what is proved", "state", "cost"), rows)
 
 
 def _cases(kind: str) -> Callable[[Words], str]:

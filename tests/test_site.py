@@ -48,8 +48,8 @@ def test_equations_are_numbered(site: ModuleType) -> None:
 @pytest.mark.parametrize("name", hg.observers.__all__)
 def test_each_observer_says_when_to_take_it(site: ModuleType, name: str) -> None:
     first, _, second = site.when(name)
-    assert len(first) > len("**Take it where** .")
-    assert len(second) > len("**It asks for, or leaves open:** .")
+    assert len(first) > len("**Use it if** .")
+    assert len(second) > len("**What it requires, and what is proved:** .")
 
 
 @pytest.mark.full

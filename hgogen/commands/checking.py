@@ -690,7 +690,7 @@ def advice_tables(advice: Advice) -> RenderableType:
     head = Text(f"{advice.plant}: what to take, {subtitle}", style="bold")
     parts: list[RenderableType] = [head]
     if advice.admitted:
-        table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)
+        table = Table(*("observer", "form", "convergence", "cost", "use it if"), **_PLAIN)
         for one in advice.admitted:
             count = f"{one.cost.operations} + {one.cost.functions}"
             table.add_row(*map(Text, (one.observer, one.form, one.known, count, one.where.replace("`", ""))))

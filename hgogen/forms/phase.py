@@ -1,4 +1,4 @@
-"""The phase form for one output: its derivatives as coordinates, those of the inputs as known signals.
+"""The phase form for one output: coordinates y, y', y'', ..; derivatives of inputs are known signals.
 
     z = Phi(x, u, u', ..) = (y, y', .., y^(n-1)),   z_i' = z_{i+1},   z_n' = phi(z, u, u', ..),   y = z_1
 

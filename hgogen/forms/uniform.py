@@ -1,4 +1,4 @@
-"""The uniform form for one output: each row reads one new state, with any partial derivative that does not vanish.
+"""The uniform form for one output: z_i' reads z_1..z_(i+1), with a partial derivative by z_(i+1) that is never 0.
 
     z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = h(z_1, u),
     dh/dz_1 and dF_i/dz_{i+1} bounded away from zero on the box of states, inputs and parameters.

@@ -1,4 +1,4 @@
-"""The linear error core by the bilinear rule s = (2/h) (z - 1)/(z + 1), which is stable at every step length h.
+"""Bilinear rule s = (2/h) (z - 1)/(z + 1) for the linear error core, stable at every step length h.
 
     (1 - h M/2) x+ = (1 + h M/2) x + (h/2) B (v_0 + v_1) + (h/2) (r_0 + r_1)
 

@@ -1,4 +1,4 @@
-"""Predict between samples, correct at a sample, covariance as P = S S' with S lower triangular.
+"""Prediction between samples, correction at a sample, with the covariance P = S S', S lower triangular.
 
     z  <- one classical Runge-Kutta step of z' = f(z, u)
     P  <- Phi P Phi' + h Q_theta,  Phi = I + hF + (hF)^2/2       (Gram-Schmidt on [Phi S, sqrt(h) W], W W' = Q_theta)

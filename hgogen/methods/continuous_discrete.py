@@ -1,4 +1,4 @@
-"""The default for firmware: predict between samples, correct at a sample, covariance as P = L D L'.
+"""The default for firmware: prediction between samples, correction at a sample, with the covariance P = L D L'.
 
     z  <- one classical Runge-Kutta step of z' = f(z, u)
     P  <- Phi P Phi' + h Q_theta,  Phi = I + h F + (h F)^2/2,  F at the step's midpoint      (Thornton)

@@ -1,4 +1,4 @@
-"""The linear error core exactly, by the matrix exponential; the nonlinear part by exponential time differencing.
+"""Exact matrix exponential for the linear error core, exponential time differencing for the nonlinear part.
 
     x+ = phi_0(h M) x + h (phi_1 - phi_2)(h M) B v_0 + h phi_2(h M) B v_1 + h phi_1(h M) r_0 + h phi_2(h M) (r_1 - r_0)
     phi_0(X) = exp X,  phi_1(X) = (phi_0 - 1)/X,  phi_2(X) = (phi_1 - 1)/X

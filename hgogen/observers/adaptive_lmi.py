@@ -107,8 +107,8 @@ def _starting(scale: Scale) -> Gains | str:
 
 
 @starts(
-    "the gain should rise with the error, and fall again",
-    "K, P from `hgogen.design`, verified in rationals",
+    "the gain should rise with the output error, and fall again",
+    "K and P from `hg.design`, verified in rational arithmetic",
     "n + 1",
     _starting,
     quick=0,

@@ -47,8 +47,8 @@ _RESTARTS = Nothing(because("a member that restarts keeps its estimate alone, an
 
 
 @starts(
-    "jumps come and no threshold for them is known",
-    "N times the cost of its member, in a loop",
+    "the state jumps and no threshold to detect jumps is known",
+    "N copies of another observer, at N times its cost",
     "N members",
     lambda s: _NONE,
 )

@@ -54,8 +54,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "there is no model of the last row",
-    "practical convergence: an error O(1/theta) remains",
+    "there is no model of the last row z_n'",
+    "practical convergence only: an error O(1/theta) remains",
     "2n-2",
     lambda s: {"theta": s.theta},
     quick=math.inf,

@@ -49,8 +49,8 @@ _FAR = 1e15  # an entry this large overflows with powers of theta and in single 
 
 
 @starts(
-    "the model is steep in the measured state, or its designed gain passes less noise",
-    "constant a_i; a bound on theta is proved; noise enters b as well",
+    "b varies strongly with the measured state, or a designed gain should pass less noise",
+    "constant a_i; convergence is proved above a bound on theta; measurement noise also enters b",
     "n",
     lambda s: s.high,
 )

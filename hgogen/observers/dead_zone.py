@@ -35,7 +35,7 @@ THEOREM = Theorem(
 
 
 @starts(
-    "small noise should not be injected at all",
+    "small noise should have no effect on the estimate",
     "how fast the dead zone adapts",
     "n + 1",
     lambda s: s.high | {"decay": 1, "r": 0.3},

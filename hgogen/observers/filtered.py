@@ -60,8 +60,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "the noise is at high frequency: it rolls off faster",
-    "a theta some times higher; poles inside a parabola",
+    "the noise has high frequencies, which it attenuates more than `high_gain`",
+    "a theta several times that of `high_gain`; poles inside a parabola",
     "2n",
     lambda s: s.high | {"alpha": s.corner, "beta": whole(two(s.corner / 3))},
 )

@@ -63,7 +63,10 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "you have a filter of your own for the injection", "F, G, H, N; its core must be Hurwitz", "n + filter", _starting
+    "you have a filter of your own for the output error",
+    "the filter's matrices F, G, H, N; the linear error core must be Hurwitz",
+    "n + filter",
+    _starting,
 )
 def filtered_injection(
     form: Form,

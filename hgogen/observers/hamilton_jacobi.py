@@ -63,7 +63,10 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "you think in weights of a cost", "as `riccati`, with the output's curvature if you want it", "n(n+3)/2", _starting
+    "you prefer to choose the weights of a cost function",
+    "as `riccati`; the curvature of the output is optional",
+    "n(n+3)/2",
+    _starting,
 )
 @declares_weights
 def hamilton_jacobi(

@@ -62,7 +62,7 @@ INSIDE = Hypothesis(
 
 @starts(
     "the model is known and the noise is small: the first choice",
-    "constant a_i, or `hg.forms.phase`; a bound on theta is proved",
+    "constant a_i, or `hg.forms.phase`; convergence is proved above a bound on theta",
     "n",
     lambda s: s.high,
 )

@@ -97,8 +97,8 @@ LIMITED = Bit(
 
 
 @starts(
-    "a_i(u) vanishes at times and the plant is state-affine",
-    "an input that is regularly persistent, which is checked",
+    "a_i(u) is 0 at times and the plant is state-affine",
+    "a regularly persistent input, which is checked",
     "n(n+3)/2",
     lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.start()},
 )

@@ -133,8 +133,8 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "there is no model of phi and no idea of a gain",
-    "practical convergence: an error within a strip remains; the gain falls only after a fault",
+    "there is no model of the last row z_n' and no guess of a gain",
+    "practical convergence only: an output error within a strip remains; the gain falls only after a fault",
     "n + 1",
     _starting,
 )

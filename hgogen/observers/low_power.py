@@ -53,8 +53,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "n is 4 or more: no power of theta above 2",
-    "as `high_gain`; quieter for n > 2",
+    "n is 4 or more: its gains have no power of theta above 2",
+    "as `high_gain`; less noise in the estimate for n > 2",
     "2n-2",
     lambda s: {"theta": s.theta},
 )

@@ -68,8 +68,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "as `low_power`, and nothing may peak before it settles",
-    "ranges of the states, which saturate it",
+    "as `low_power`, and the estimate must not peak before it settles",
+    "declared ranges of the states, to which internal estimates are clamped",
     "2n-2",
     lambda s: {"theta": s.theta},
     quick=0,

@@ -44,7 +44,7 @@ EQUATIONS = (
 
 @starts(
     "the noise is known (theta = 1 is the Kalman filter), there are several outputs, or a_i varies with u",
-    "converges from nearby; for jumps an adaptive theta",
+    "converges from small initial errors; for jumps, use an adaptive theta",
     "n(n+3)/2",
     lambda scale: scale.kalman,
     quick=math.inf,

@@ -34,7 +34,12 @@ THEOREM = Theorem(
 )
 
 
-@starts("the sensor has outliers", "how fast the saturation opens", "n + 1", lambda s: s.high | {"decay": 0.5, "r": 3})
+@starts(
+    "the sensor has outliers",
+    "how fast the saturation of the output error opens",
+    "n + 1",
+    lambda s: s.high | {"decay": 0.5, "r": 3},
+)
 def stubborn(
     form: Form,
     *,

@@ -78,7 +78,12 @@ def _starting(scale: Scale) -> Gains:
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
 
 
-@starts("it should settle fast and then be quiet", "a threshold above the noise", "n + 1", _starting)
+@starts(
+    "the estimate should settle fast and then have little noise",
+    "a threshold of the output error, above the noise",
+    "n + 1",
+    _starting,
+)
 def switched_gain(
     form: Form,
     *,

@@ -63,7 +63,7 @@ THEOREM = Theorem(
 
 @starts(
     "the noise is known and the model is strongly nonlinear over one standard deviation of the estimate",
-    "as `riccati`; the spread of the sigma points",
+    "as `riccati`; a spread of the sigma points",
     "n(n+3)/2",
     lambda scale: scale.kalman,
     quick=LARGEST,

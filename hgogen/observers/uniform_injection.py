@@ -54,8 +54,8 @@ THEOREM = Theorem(
 
 
 @starts(
-    "the partial derivative of a row by its next state varies, and stays away from zero",
-    "`hg.forms.uniform`; proved where these derivatives vary little, as 1 to 5.8 for n = 2",
+    "the partial derivative of z_i' by z_(i+1) varies with the state, and is never 0",
+    "`hg.forms.uniform`; proved if these derivatives vary little, for n = 2 by a factor below 5.8",
     "n",
     lambda s: s.high,
     quick=3,

@@ -106,7 +106,9 @@ def _starting(scale: Scale) -> Gains:
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 
 
-@starts("the model is steep in places only", "three numbers, and their inequality", "n + 1", _starting)
+@starts(
+    "b varies strongly in a part of the ranges only", "three numbers that satisfy an inequality", "n + 1", _starting
+)
 def updated_gain(
     form: Form,
     *,
