@@ -49,9 +49,12 @@ _POLES = 200  # b is large, and often has poles in the box of z: more boxes do n
 
 @dataclass(frozen=True)
 class Carried:
-    """A plant transformed by z = Phi(x, u, u', ..) to z_i' = z_(i+1) + b_i, y = z_1 + offset. `Phi` (n) and `rows`,
-    which are b (n), are expressions of the states and inputs of `plant` and of the inputs' derivatives up to the order
-    `orders`. `before`: the user's plant; `kind` and `reference`: name and paper of the form that results."""
+    """A plant transformed to a chain of integrators by z = Phi(x, u, u', ..): z_i' = z_(i+1) + b_i, y = z_1 + offset.
+
+    `Phi` (n) and `rows`, the b_i (n), are expressions of the states and inputs of `plant`, and of the inputs'
+    derivatives up to the order `orders`. `before`: the user's plant; `kind`, `reference`: the name and the paper of the
+    resulting form.
+    """
 
     kind: str
     reference: str
@@ -63,7 +66,7 @@ class Carried:
 
     @cached_property
     def known(self) -> tuple[Signal, ...]:
-        """The derivatives of inputs that Phi and b depend on, which the user supplies as further inputs."""
+        """The derivatives of inputs that Phi and b depend on; the user supplies them as further inputs."""
         return input_derivatives((*self.Phi, *self.rows), self.before, self.orders)
 
     @cached_property
@@ -78,13 +81,13 @@ class Carried:
 
     @property
     def images(self) -> dict[Signal, sp.Expr]:
-        """Phi as a mapping from each new state z_i, still without a range, to the expression Phi_i."""
+        """The map from each new state z_i, a signal still without a range, to the expression Phi_i."""
         return dict(zip(coordinates(self.plant).states, self.Phi, strict=True))
 
     def supplied(self, names: Sequence[str | Reason], missing: str, fix: str) -> Check:
-        """Return the check `KIND.inputs`: the derivatives of inputs that Phi and b depend on, called `names` in its
-        text, have ranges. `missing`: the pattern of the reason for derivatives without one, in which they are `loose`;
-        `fix`: the remedy."""
+        """Return the check `KIND.inputs`, that the derivatives of inputs on which Phi and b depend have declared
+        ranges. `names`: these derivatives in its text; `missing`: the pattern of the reason where some have no range,
+        with the fields {names} and {loose}; `fix`: the remedy."""
         id, claim = ClaimId(self.kind, "inputs"), "the derivatives of inputs that enter have ranges"
         unbounded = [u.name for u in self.known if not u.bounded]
         if unbounded:
@@ -93,14 +96,15 @@ class Carried:
         return Check(id, claim, Verdict.PROVED, listed if names else because("none enters"))
 
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
-        """Return Psi, the inverse of z = Phi(x, u, ..), as {x_i: expression of z}, or None where none is found."""
+        """Return the inverse x = Psi(z, u, ..) of z = Phi(x, u, ..), by state as expressions of z; None where the
+        solver has no result."""
         plant = self.plant
         return inverse(self.images, plant.states, (*plant.inputs, *plant.parameters), plant.constants)
 
     def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
-        """Return the form with the states z, each with the range of Phi_i on the plant's box, and `checks`. `back`: the
-        inverse x = Psi(z) by state; `recovered`: whether observers evaluate b at x = Psi(z), because b(z) may have
-        poles in the box of z."""
+        """Return the form with the states z, each with the range of Phi_i on the plant's box, and the `checks`. `back`:
+        the inverse x = Psi(z) by state; `recovered`: whether observers evaluate b at x = Psi(z); they do so as well
+        where b(z) may have poles in the box of z."""
         plant, n, box_x = self.plant, len(self.Phi), self.plant.box
         (y,) = plant.outputs
         states = []
@@ -143,9 +147,9 @@ class Carried:
 
 
 def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:
-    """Return the proved check `id` that the rate z_i' of each new coordinate z_i = Phi_i(x) is its derivative along the
-    plant, with the text `claim`. It is unknown where a coordinate in `moving` has a jump or a kink, at which it has no
-    derivative."""
+    """Return the check `id`, with the text `claim`, that the rate z_i' of each new coordinate z_i = Phi_i(x) is its
+    derivative along the plant. It is proved unless an expression in `moving`, which is differentiated, has a jump or a
+    kink; then it is unknown."""
     rough = without_derivative(moving)
     if rough:
         fix = "Write jumps and kinks as smooth functions, or use another form."
@@ -156,10 +160,10 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
 def on_image(
     maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, obstacle: Reason, reason: Reason
 ) -> Check:
-    """Return the check `MAKER.lipschitz`: functions of z = Phi(x) are Lipschitz on the image of the plant's box, since
-    a one to one map of full rank on a compact box has a smooth inverse. `rows`: these functions as expressions of x,
-    called `name` in reports; `obstacle`: why Phi is not known to be one to one of full rank, or `NONE`; `reason`: why
-    the claim holds."""
+    """Return the check `MAKER.lipschitz`, that functions of z = Phi(x) are Lipschitz on the image of the plant's box,
+    because a one to one map of full rank on a compact box has a smooth inverse. `rows`: these functions as expressions
+    of x; `name`: their name in reports; `obstacle`: the reason why Phi is not known to be one to one of full rank, or
+    `NONE`; `claim`, `reason`: the texts of the check."""
     unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     unbounded = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
     if unbounded:
@@ -180,7 +184,8 @@ def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:
 
 
 def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
-    """Return the first expression that is not proved to be finite and real on the plant's whole box, or None."""
+    """Return the first of the expressions that is not proved to be finite and real on the whole box of the plant; None
+    where all are."""
     box_x = plant.box
     doubtful = (e for e in dict.fromkeys(expressions) if not (e.is_number or e.is_polynomial()))
     return next((e for e in doubtful if not _defined(e, box_x, BOXES)), None)
@@ -190,8 +195,8 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 
 
 def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
-    """Return the check `KIND.rank`: `det`, the determinant of dPhi/dx, has no zero on the box. The verdict is generic
-    where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed."""
+    """Return the check `KIND.rank`, that `det`, the determinant of dPhi/dx, has no zero on the box. The verdict is
+    generic where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed."""
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
     # sign(0) is 0 in the plant's own rows; where SymPy differentiated a kink it stands for all values in [-1, 1]
     reads_signs = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
@@ -228,9 +233,9 @@ def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) 
 
 
 def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
-    """Return the check `KIND.inverse`: Phi is one to one on the box. It is proved by `back`, the inverse by state, if
-    that is defined on the image; by components Phi_i that each depend on one more state, with a slope of one sign; or
-    by positive principal minors of dPhi/dx. `rank`: the check of full rank."""
+    """Return the check `KIND.inverse`, that Phi is one to one on the box. It is proved by `back`, the inverse by state,
+    if this is defined on the image; without an inverse by components Phi_i that each depend on one more state, with a
+    partial derivative of one sign, or by positive principal minors of dPhi/dx. `rank`: the check of full rank."""
     id, claim = ClaimId(whole.kind, "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
@@ -293,10 +298,11 @@ def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | No
 
 
 class Derivatives:
-    """The evidence that the coordinates of a form are z = Phi(x, u, ..) = (y, y', .., y^(n-1))."""
+    """The evidence that a form has the coordinates z = Phi(x, u, ..) = (y, y', .., y^(n-1))."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return Phi = (y, y', ..) in the plant's states, its inputs and their derivatives."""
+        """Return the expressions y, y', .. of the plant's states, its inputs and their derivatives, under the keys of a
+        certificate; None where there are none."""
         Phi = _derivatives(form)
         return {"chain": Phi} if Phi else None
 
@@ -318,7 +324,8 @@ class OneToOne:
     weights: Weights
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return L, and the range of each principal minor of L dPhi/dx on the plant's box."""
+        """Return L, and the range of each principal minor of L dPhi/dx on the plant's box, under the keys of a
+        certificate; None where one has no proved range."""
         J = _jacobian(form)
         if J is None:
             return None

@@ -40,9 +40,9 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 class Shape(Enum):
-    """The signals that the gain of a link, row = gain * (next state) + offset, may vary with: CONSTANT, inputs and
-    parameters only; MEASURED, the measured state z_1 too; UNIFORM, any signal, for a row with a slope that is not
-    identically 0."""
+    """The kinds of links row = gain * (next state) + offset in a chain, by the signals with which the gain may vary.
+    CONSTANT: inputs and parameters only; MEASURED: also the measured state z_1; UNIFORM: the row need not be linear,
+    its partial derivative by the next state may vary with any signal but is not identically 0."""
 
     CONSTANT = "inputs and parameters only"
     MEASURED = "inputs, parameters and the measured state only"
@@ -51,10 +51,10 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Rows:
-    """The equations of a plant, x_i' = flow[i] and y_j = output[j], with the outputs' `names`, `ranges` of symbols and
-    `constraints` that the flow keeps at 0.
+    """The equations of a plant, x_i' = flow[i] and y_j = output[j], with the outputs' `names`, the `ranges` of symbols,
+    and `constraints` that the flow keeps at 0.
 
-    A symbol other than a state whose range has equal ends has that value.
+    A symbol other than a state whose range is a single value has this value.
     """
 
     states: tuple[sp.Symbol, ...]
@@ -70,7 +70,8 @@ class Rows:
         return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
 
     def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-        """Return the symbols of `among` that the expression `row` surely varies with, and the undecided ones."""
+        """Return two groups of the symbols in `among`: those on which the expression `row` is proved to depend, and
+        those for which this is not decided."""
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
@@ -79,19 +80,21 @@ class Rows:
 
 
 def of_plant(plant: System) -> Rows:
-    """Return a plant's equations with constants at their values, without kinks whose side the plant's box decides."""
+    """Return the equations of a plant, with constants at their values, and with kinks replaced by the branch that holds
+    on its whole box."""
     plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around, plant.constraints)
 
 
 @dataclass(frozen=True)
 class Link:
-    """An equation of a chain: y or x', called `name`, as an expression `row` that depends on one more `state` of the
-    chain.
+    """A link of a chain: the equation `row` of an output y or a rate x', called `name`, which depends on one more
+    `state`.
 
     `gain`, `offset`: row = gain * state + offset where `affine`; `varies`: states that the gain is proved to vary with;
     `may_vary`: states for which this is not decided; `strays`: later states that the row may depend on as well;
-    `slope`: the derivative of `row` by `state`; `sloped`: whether the slope is not identically zero.
+    `slope`: the partial derivative of `row` by `state`; `sloped`: whether it is not identically zero. `affine`,
+    `sloped` are None where not decided.
     """
 
     name: str
@@ -108,7 +111,8 @@ class Link:
 
     @property
     def jumps(self) -> sp.Expr | None:
-        """A part of the row that may jump with `state`, such as sign(), which the slope does not show; or None."""
+        """A part of the row that may jump with `state`, such as sign(), whose partial derivative misses the jump; None
+        without one."""
         rough = () if self.affine else (node for node in with_norms(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, key=str, default=None)
 
@@ -150,11 +154,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Chains:
-    """The states in triangular order: for each output a chain of links y -> z_1 -> z_2 .., in which z_(i+1) is the
-    state that the rate of z_i depends on next.
+    """The states in triangular order: for each output the `links` of a chain y -> z_1 -> z_2 .., in which the rate of
+    z_i depends on z_(i+1) next.
 
-    `broken`: why the chains do not reach every state, or `NONE`; `certain`: whether it is proved that no other order of
-    states exists.
+    `broken`: the reason why the chains do not reach every state, or `NONE`; `certain`: whether it is proved that no
+    other order of states exists.
     """
 
     links: tuple[tuple[Link, ...], ...]
@@ -172,7 +176,8 @@ class Chains:
         return tuple(map(len, self.links))
 
     def answer(self, shape: Shape) -> Answer:
-        """Return whether all links have the shape (CONSTANT, ..) and the chains hold all states, and the reason."""
+        """Return whether all links have the `shape` and the chains contain all states (True, False, or None where not
+        decided), and the reason."""
         unproved = NONE
         for links in self.links:
             for i, link in enumerate(links):
@@ -242,7 +247,8 @@ def _stop(
 
 
 def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
-    """Return the equation `row`, called `name`, as a link to the first of its `new` states; the others are strays."""
+    """Return the `Link` of the equation `row`, called `name`, to the first of its `new` states; the others are its
+    strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
     slope = slope_of(clean, state)
@@ -284,7 +290,7 @@ def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
 
 
 def twice(links: Iterable[Link]) -> Reason:
-    """Return a reason that names two links with an equal `state`, the first such pair; `NONE` without such a pair."""
+    """Return a reason that names two links to the same state, the first such pair; `NONE` if all differ."""
     by_state: dict[sp.Symbol, Link] = {}
     for later in links:
         first = by_state.setdefault(later.state, later)
@@ -365,11 +371,11 @@ def _path(
 
 
 def end_aligned(rows: Rows) -> Chains:
-    """Return chains in which x_(i,j)', the rate of state j of chain i (n_i states), depends on its next state, and
-    otherwise on x_(k,l) only for l <= j + n_k - n_i.
+    """Return chains aligned at their ends: x_(i,j)', the rate of state j of chain i (n_i states), depends on its next
+    state, and otherwise on x_(k,l) only for l <= j + n_k - n_i.
 
     The lengths of the chains decide which states a rate may depend on, so the order is not forced. The search tries the
-    chains level by level, one after the other, and in two sweeps over all outputs. Chains that are found are proved; a
+    chains level by level, one after the other, and in two sweeps over all outputs. Chains that result are proved; a
     search without success refutes nothing.
 
     Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
@@ -437,8 +443,8 @@ def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting
 
 
 def without_jumps(check: Check, link: Link) -> Check:
-    """Return the check of the slope of a link, unknown in place of proved where the row may jump as its state varies:
-    then a slope of one sign does not make the row one to one."""
+    """Return the `check` about a link's partial derivative, with the verdict unknown instead of proved where the row
+    may jump with its state: a derivative of one sign then does not make the row one to one."""
     if check.verdict is not Verdict.PROVED or link.jumps is None:
         return check
     pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
@@ -448,7 +454,8 @@ def without_jumps(check: Check, link: Link) -> Check:
 
 
 def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
-    """Return the check `MAKER.structure`, that a plant's states form chains, with verdict and reason of `answer`."""
+    """Return the check `MAKER.structure`, that a plant's states form chains, with the verdict and the reason in
+    `answer`. `maker`: the form's name; `claim`: the text; `fix`: the remedy."""
     is_so, why = answer
     verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
     proofs = (ByForm(),) if is_so else ()
@@ -456,8 +463,8 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
 
 
 def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
-    """Return the states that affect an output through the rates or a constraint, or may; with `sure` only those proved
-    to."""
+    """Return the states that affect an output, directly or through rates and constraints, or for which this is not
+    decided; with `sure` only those proved to do so."""
 
     def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
         known, maybe = rows.reads(row, rows.states)
@@ -471,8 +478,8 @@ def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
 
 
 def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
-    """Return the check `MAKER.connected`: every state affects an output through the rates. It is refuted by `hidden`
-    states, which do not, and undecided for the `doubtful` ones."""
+    """Return the check `MAKER.connected`, that every state affects an output directly or through rates. It is refuted
+    by `hidden` states, which affect none, and unknown for `doubtful` ones."""
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
@@ -486,7 +493,8 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
 
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
-    """Return the refuted check `MAKER.connected` of a plant with states that affect no output; () for any other."""
+    """Return the refuted check `MAKER.connected`, as the only entry, for a plant with states that affect no output; ()
+    for any other."""
     visible = reached(of_plant(plant))
     hidden = [x for x in plant.states if x not in visible]
     return (connected(maker, hidden),) if hidden else ()
@@ -497,8 +505,8 @@ def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Affine:
-    """An expression as sum_k slopes[k] x_k + offset over given states, `slopes` and `offset` free of them. `answer`:
-    whether this equality is proved (True), refuted (False) or neither (None), and `why`."""
+    """An expression written as an affine function sum_k slopes[k] x_k + offset of states x, `slopes` and `offset` free
+    of them. `answer`: whether this equality is proved (True), refuted (False) or neither (None); `why`: the reason."""
 
     slopes: tuple[sp.Expr, ...]
     offset: sp.Expr
@@ -518,8 +526,8 @@ class Measurement:
 
 
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
-    """Return the expression `row`, called `name`, as an affine function of the states, sum_k slopes[k] x_k + offset.
-    This is refuted by a slope or an offset that varies with one of the states, and proved where none does."""
+    """Return the expression `row`, called `name`, as an affine function of the states. It is refuted if a partial
+    derivative or the offset is proved to vary with one of the states, and proved if none does."""
     none, slopes, offset, may = (sp.S.Zero,) * len(states), [], with_norms(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
@@ -546,7 +554,8 @@ _GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
 
 
 def measurements(plant: System) -> tuple[Measurement, ...]:
-    """Return the states that are measured alone, y_j = gain * x_i + offset, each with the first such output."""
+    """Return the measured states: those with an output y_j = gain * x_i + offset of this state alone, each with the
+    first such output."""
     rows, by_state = of_plant(plant), dict[int, Measurement]()
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
@@ -558,7 +567,7 @@ def measurements(plant: System) -> tuple[Measurement, ...]:
 
 def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
     """Return a function (z, u, y, valid) -> z of SX columns (n), (m), (p), (p) that replaces the estimates of measured
-    states by the values that valid outputs give. It applies to a form in the plant's own coordinates."""
+    states by the values computed from valid outputs. The form of `dynamics` has the plant's own coordinates."""
     measured = measurements(dynamics.form.system)
 
     def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:

@@ -30,7 +30,7 @@ Parts: TypeAlias = tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...], tuple[sp.
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The coordinates z_i = sign_i x_order(i).
+    """The coordinates z_i = sign_i x_order(i), a signed permutation of the plant's states x.
 
     `states`: z_1..z_n with ranges, units and meanings from the plant's states; `to_form`: z in terms of x; `from_form`:
     x, in the plant's order, in terms of z.
@@ -43,7 +43,7 @@ class Coordinates:
 
     @property
     def to_form(self) -> tuple[sp.Expr, ...]:
-        """z as expressions of the plant's states."""
+        """The coordinates z as expressions of the plant's states."""
         return tuple(sign * x for sign, x in zip(self.signs, self.order, strict=True))
 
     @property
@@ -58,11 +58,11 @@ class Coordinates:
         return {x: sign * z for x, sign, z in zip(self.order, self.signs, self.states, strict=True)}
 
     def carry(self, expression: sp.Expr) -> sp.Expr:
-        """Return an expression of the plant's states, written in z."""
+        """Return an expression of the plant's states rewritten in z."""
         return expression.xreplace(self.replacement)
 
     def back(self, expression: sp.Expr) -> sp.Expr:
-        """Return an expression of z, written in the plant's states."""
+        """Return an expression of z rewritten in the plant's states."""
         return expression.xreplace(dict(zip(self.states, self.to_form, strict=True)))
 
     @property
@@ -80,7 +80,8 @@ class Coordinates:
 def coordinates(
     system: System, order: Sequence[Signal] | None = None, signs: Sequence[int] | None = None
 ) -> Coordinates:
-    """Return z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
+    """Return the coordinates z of a plant: its states in `order` (default: as declared), each times 1 or -1 from
+    `signs` (default 1)."""
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
     used_names = {signal.name for signal in (*system.signals, *system.declared.states)}
@@ -99,10 +100,10 @@ def form_in(
     parts: Parts | None = None,
     **more: Any,
 ) -> Form:
-    """Return the form of a plant in the coordinates z, with the `checks` of z before those of the form.
+    """Return the form of a plant in the coordinates z.
 
-    Args: `kind`, `reference`: the name and the paper of the form; `parts`: (A, b, output) of z' = A z + b, by default
-    those of `split`; `more`: further fields of `Form`.
+    Args: `kind`, `reference`: the name and the paper of the form; `checks`: those of the form, which follow the
+    plant's; `parts`: (A, b, output) of z' = A z + b, by default those of `split`; `more`: further fields of `Form`.
     """
     A, b, output = parts or (*split(z.flow, z.states), z.output)
     return Form(
@@ -121,7 +122,8 @@ def form_in(
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """Return A (n, n), b (n) of flow = A x + b; A: the state-free coefficients of terms linear in one state."""
+    """Return the splitting flow = A x + b of rates: A (n, n) has the coefficients, free of states, of the terms linear
+    in one state; b (n) has all other terms."""
     rows, n = tuple(flow), len(states)
     terms = [linear_terms(row, states) for row in rows]
     A = sp.ImmutableDenseMatrix(n, n, lambda i, j: terms[i][0].coeff(states[j]))
@@ -179,8 +181,9 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
 
 
 def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
-    """Return the link, row = gain * state + offset, with a difference quotient as its gain where the row is not proved
-    to have the shape. `measured`: the state z_1, which the gain may vary with."""
+    """Return the link row = gain * state + offset; where the row is not proved to have the `shape`, with a difference
+    quotient as the gain and an offset that contains the remainder. `measured`: the state z_1, which the gain may vary
+    with."""
     if link.answer(shape, measured)[0]:
         return link
     gain = _chord(link.row, link.state, plant)
@@ -205,7 +208,8 @@ def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
 
 
 def signs_of(links: Iterable[Link], plant: System) -> list[int]:
-    """Return the sign 1 or -1 of each z_i that makes the links' gains a_i positive; 1 for an a_i of both signs."""
+    """Return the sign, 1 or -1, of each z_i of a chain with which the gains a_i of its links are positive; 1 for an a_i
+    of both signs."""
     signs = [1]
     for link in links:
         signs.append(signs[-1] * (sign(link.gain, plant) or 1))

@@ -65,10 +65,10 @@ _SAMPLES, _GRID = 24, 9  # points, and the largest numerator and denominator of 
 
 @dataclass(frozen=True)
 class Determinant:
-    """A determinant and its zeros.
+    """A determinant of expressions, with its zeros.
 
     `value`: a quotient of products, equal to the determinant where its roots are real. `factors`: expressions whose
-    zero sets together are that of the value; empty where it has no zero, None where that is not known.
+    zero sets together are the zero set of the value; empty where it has no zero, None where this is not known.
     """
 
     value: sp.Expr
@@ -76,8 +76,8 @@ class Determinant:
 
 
 def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determinant:
-    """Return the determinant of n x n expressions. Raises: `TooLarge` beyond `limit` products of terms, or where a
-    pivot may be 0 by a relation that is not known."""
+    """Return the determinant of an n x n matrix of expressions. Raises: `TooLarge` beyond `limit` products of terms, or
+    where a pivot may be 0 by a relation that is not known."""
     writer = Writer()
     entries = [exact(sp.sympify(e)) for row in rows for e in row]
     for e in entries:
@@ -97,9 +97,9 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
 
 
 def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
-    """Return the determinant `det` of the rows, and the factors of its zeros, rewritten for a reader: with the
-    hyperbolic functions that the rows contain in place of exponentials. It is `det` itself for rows without such
-    functions, or where `det` is shorter."""
+    """Return the determinant `det` of the `rows` rewritten for a reader: its value and factors with the hyperbolic
+    functions of the rows in place of exponentials. It is `det` itself for rows without such functions, or where it is
+    shorter."""
     nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
     names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
     try:
@@ -201,8 +201,8 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
 
 def alive(field: Field, product: Product) -> bool:
     """Return whether it is certain that no polynomial of the product is identically 0. A polynomial in symbols alone is
-    not; one that contains functions is evaluated at a random point, where its ball excludes 0, or tested by `is_zero`.
-    """
+    not identically 0; a polynomial that contains functions is evaluated at a random point, where its ball excludes 0,
+    or tested by `is_zero`."""
     undecided = [p for p, _ in product if field.kernels(p)]
     symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
     program = tape(field.meaning, symbols)
@@ -224,12 +224,10 @@ def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
     """Return factors whose zero sets together are the zero set of a product of powers of polynomials, `parts`, where
-    that product is defined; () where the product has no zero.
+    this product is defined; () where it has no zero.
 
     The result is None where the zeros are not decided: a factor x**a with a symbol a, or a zero and a pole that may
-    cancel by a relation between functions.
-
-    Raises: `TooLarge`.
+    cancel by a relation between functions. Raises: `TooLarge`.
     """
     zeros = [one.polynomial for one in parts if one.exponent > 0 and not one_sign(field, one.polynomial)]
     poles = [one.polynomial for one in parts if one.exponent < 0 and not one_sign(field, one.polynomial)]
@@ -297,9 +295,9 @@ def subsets(n: int) -> Iterator[tuple[int, ...]]:
 
 
 def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int) -> Weights | None:
-    """Return a constant matrix L (n, n) for which all principal minors of L times the Jacobian (n, n) are proved to be
-    above 0 on a box, so that the map is one to one; None where none is found. `read`: the signals that the Jacobian
-    depends on; `boxes`: the most boxes of a bisection."""
+    """Return a constant matrix L (n, n) by which a map is proved to be one to one on a box: all principal minors of L
+    J, J the map's `jacobian` (n, n), are above 0 on the box (Gale, Nikaido 1965); None where none is proved. `read`:
+    the signals that J depends on; `boxes`: the most boxes of a bisection."""
     n = jacobian.rows
     if n > STATES:
         return None
@@ -309,12 +307,12 @@ def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int)
 
 
 def weighted(L: Weights, jacobian: sp.Matrix) -> sp.Matrix:
-    """Return L times the Jacobian."""
+    """Return the product L J of a constant matrix `L` and a `jacobian` J."""
     return sp.Matrix([[sp.Rational(x) for x in row] for row in L]) * jacobian
 
 
 def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
-    """Return the principal minor of the matrix on the rows and columns `places`. Raises: `TooLarge`."""
+    """Return the principal minor of a matrix on the rows and columns with the indices `places`. Raises: `TooLarge`."""
     rows = matrix.extract(list(places), list(places)).tolist()
     return as_written(rows, determinant(rows)).value
 

@@ -48,15 +48,15 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Fallback:
-    """The equations of a form, z_i' or y_j, that keep their last valid value where they have no finite value.
-    `largest`: the largest magnitude that is valid for an equation without a declared range."""
+    """The equations of a form, rates z_i' or outputs y_j, that are replaced by their last valid value where they have
+    no finite value. `largest`: the largest magnitude that is valid for an equation without a declared range."""
 
     form: Form
     largest: float
 
     @cached_property
     def rates(self) -> dict[int, Signal]:
-        """The signal, by index i, that names each rate z_i' with a fallback to its last valid value."""
+        """The signal that names the last valid value of each rate z_i' with a fallback, by index i."""
         states = {s.name: s for s in self.form.system.states}
         names = [name if name in states else z.name for name, z in zip(self.form.names, self.form.states, strict=True)]
         mixed = not set(names) <= states.keys() and not states.keys().isdisjoint(self.form.fallback)
@@ -65,15 +65,15 @@ class Fallback:
 
     @cached_property
     def outputs(self) -> dict[int, Signal]:
-        """The signal, by index j, of each output y_j with a fallback to its last valid value."""
+        """The output signal of each y_j with a fallback, by index j."""
         return {j: y for j, y in enumerate(self.form.system.outputs) if y.name in self.form.fallback}
 
     def rate(self, i: int, b: Graph, whole: Graph) -> Graph:
-        """Return b_i, or its last valid value where the rate `whole` = A_i sat(z) + b_i is invalid."""
+        """Return b_i, or its last valid value where the rate `whole` = A_i sat(z) + b_i is invalid, as an SX."""
         return ca.if_else(self.rate_valid(i, whole), b, last_value(self.rates[i])) if i in self.rates else b
 
     def valid_gains(self, A: Graph) -> Graph:
-        """Return A, sparse (n, n), with 0 for the invalid chain gains a_i of rates with a fallback."""
+        """Return A, sparse (n, n), with 0 in place of the invalid chain gains a_i of rates with a fallback."""
         gains = ca.SX(A)
         for i, k in _links(self.form):
             if i in self.rates and self.form.A[i, k].free_symbols:
@@ -85,37 +85,38 @@ class Fallback:
         return ca.if_else(self.output_valid(j, whole), h, last_value(self.outputs[j])) if j in self.outputs else h
 
     def rate_valid(self, i: int, whole: Graph) -> Graph:
-        """Return an SX: whether the value `whole` of the rate z_i' is a number in its range."""
+        """Return the SX test whether the value `whole` of the rate z_i' is a number in its range."""
         signal = self.rates[i]
         return within(self.form.signs[i] * whole, signal.rates[0] if signal.rates else (-self.largest, self.largest))
 
     def output_valid(self, j: int, whole: Graph) -> Graph:
-        """Return an SX: whether the value `whole` of the output y_j is a number in its range."""
+        """Return the SX test whether the value `whole` of the output y_j is a number in its range, extended by its
+        width at each end."""
         low, high = self.outputs[j].limits
         ends = (-self.largest, self.largest) if low == -INF else widened(low, high, 1)
         return within(whole, ends)
 
     def slopes_valid(self, row: Graph) -> Graph:
-        """Return an SX: whether each derivative in `row` (1, n) of a Jacobian is finite and of valid size."""
+        """Return the SX test whether each derivative in `row` (1, n) of a Jacobian is a number of valid size."""
         return reduce(ca.logic_and, (within(slope, (-self.largest, self.largest)) for slope in ca.horzsplit(row)))
 
 
 def within(value: Graph, ends: Range) -> Graph:
-    """Return an SX: whether `value` is a number in the range `ends`."""
+    """Return the SX test whether `value` is a number in the range `ends`."""
     return ca.logic_and(value >= ends[0], value <= ends[1])
 
 
 def last_value(signal: Signal) -> Graph:
-    """Return the SX of the place in memory that holds the last valid value of the equation named by `signal`."""
+    """Return the SX symbol of the memory that holds the last valid value of the equation named by `signal`."""
     return sym("state", f"last_{signal.name}")
 
 
 def with_fallback(form: Form, accepted: Iterable[str]) -> Form:
-    """Return the form in which each equation whose refuted check `singular.NAME` is `accepted` keeps its last valid
-    value where it has no finite value.
+    """Return the form in which each equation whose refuted check `singular.NAME` is `accepted` is replaced by its last
+    valid value where it has no finite value.
 
-    Coefficients of A in such an equation that may have no finite value go into its b_i. The gains a_i of a chain stay
-    in A, because the form has checks about them, and are 0 where they are invalid (`Fallback.valid_gains`).
+    Coefficients of A in such an equation that may have no finite value are moved into its b_i. The gains a_i of a chain
+    stay in A, because the form has checks about them, and are 0 where they are invalid (`Fallback.valid_gains`).
     """
     accepted = {id for id in accepted if isinstance(id, str)}
     rows = dict.fromkeys((*form.system.states, *form.system.outputs, *form.states))
@@ -147,24 +148,24 @@ HUGE = 1e15  # a value beyond it is absurd in any unit; its square still is a fl
 
 
 def clamp(value: Graph, low: float, high: float) -> Graph:
-    """Return SX min(max(value, low), high), without the operation of an infinite bound."""
+    """Return the SX min(max(value, low), high), without the operation for an infinite bound."""
     value = value if low == -INF else binary(ca.OP_FMAX, value, low)
     return value if high == INF else binary(ca.OP_FMIN, value, high)
 
 
 def into(value: Graph, ends: Range, period: float | None) -> Graph:
-    """Return an SX: a value clamped to its range, an angle after its turns are taken off. The clamp matters to one that
-    is off by more turns than are counted exactly."""
+    """Return the SX `value` clamped to the range `ends`; an angle with a `period` is first shifted by whole turns into
+    the range. The clamp acts on an angle only if it is off by more turns than are counted exactly."""
     return clamp(value if period is None else turned(value, ends[0], period), *ends)
 
 
 def near(signal: Signal, value: Graph, other: Graph) -> Graph:
-    """SX of the value, of an angle the one of its turns that is nearest to another value."""
+    """Return the SX `value` of a signal; of an angle, shifted by whole turns so that it is nearest to `other`."""
     return value if signal.period is None else other + wrapped(value - other, signal.period)
 
 
 def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
-    """Return an SX: whether every element of the column `value` is a number in its range (low, high) of `ends`."""
+    """Return the SX test whether each element of the column `value` is a number in its range (low, high) of `ends`."""
     tests = (
         binary(ca.OP_AND, binary(ca.OP_LE, low, value[i]), binary(ca.OP_LE, value[i], high))
         for i, (low, high) in enumerate(ends)
@@ -179,7 +180,8 @@ def widened(low: float, high: float, share: float) -> tuple[float, float]:
 
 
 def either(test: Graph, yes: Graph, no: Graph) -> Graph:
-    """Return the matrix `yes` where the SX `test` is 1, elsewhere `no`; an entry equal in both has no choice."""
+    """Return the SX matrix that is `yes` where the SX `test` is 1, else `no`; an entry equal in both has no
+    conditional."""
     result = ca.densify(yes)
     for k in range(result.numel()):
         if not ca.is_equal(result[k], no[k]):
@@ -188,8 +190,8 @@ def either(test: Graph, yes: Graph, no: Graph) -> Graph:
 
 
 def regular_at(matrix: Graph, test: Graph) -> Graph:
-    """Return the matrix where the SX `test` is 1, elsewhere an invertible constant, so that a solution with the matrix
-    never divides by 0.
+    """Return the SX matrix that is `matrix` where the SX `test` is 1, else an invertible constant, so that solving with
+    it never divides by 0.
 
     The pivots of the constant are 1, its other entries 0, except for a matrix that is triangular in some order.
     """
@@ -206,8 +208,9 @@ def regular_at(matrix: Graph, test: Graph) -> Graph:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """The equations z' = A(u) z + b(sat(z), u), y = h(z, u) of `form` as CasADi graphs; the arguments z, an SX column
-    (n), and u (m). `tangent`: whether h is continued beyond the box by its tangent."""
+    """The equations z' = A(u) z + b(sat(z), u), y = h(z, u) of a `form` as CasADi graphs, functions of z, an SX column
+    (n), and u (m). `tangent`: whether outputs are continued linearly, by their tangent, where z is outside of its
+    ranges."""
 
     form: Form
     tangent: bool = False  # whether outputs are continued by their tangents outside of the box
@@ -224,27 +227,28 @@ class Dynamics:
 
     @cached_property
     def box(self) -> tuple[tuple[float, float], ...]:
-        """The declared range of each state, none of one that is periodic."""
+        """The range (low, high) of each state to which it is clamped, infinite for a periodic one."""
         return tuple(z.limits for z in self.form.states)
 
     def saturated(self, z: Graph) -> Graph:
-        """Return the state z clamped to the box."""
+        """Return sat(z), the state z clamped to the declared ranges."""
         return self._clamped(z, self.box)
 
     def _clamped(self, values: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
-        """Return the rate z' = A z + b (n), with the argument of b clamped to the box, or its value limited."""
+        """Return the rate z' = A z + b (n), with the argument of b clamped to the declared ranges, or the value of b
+        limited."""
         linear, nonlinear = self._graphs(self._argument(z), u)
         return linear @ z + self._limited(nonlinear)
 
     def linear(self, u: Graph) -> Graph:
-        """Return A(u), sparse (n, n), of a form whose A is free of states."""
+        """Return A(u), sparse (n, n), of a form whose A depends on no state."""
         return self._graphs(self._z, u)[0]
 
     def nonlinear(self, z: Graph, u: Graph) -> Graph:
-        """Return the nonlinear part b (n), with its argument clamped, or its value limited."""
+        """Return the nonlinear part b (n), with its argument clamped to the declared ranges, or its value limited."""
         return self._limited(self._graphs(self._argument(z), u)[1])
 
     def _argument(self, z: Graph) -> Graph:
@@ -276,7 +280,8 @@ class Dynamics:
         return self._zero_invalid(at, self.rate_slopes_valid(z, u))
 
     def rate_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return SX by i: whether rate z_i' (with a fallback) and its derivatives are valid at (sat(z), u)."""
+        """Return, by index i, the SX test whether the rate z_i' with a fallback and its derivatives are valid at
+        (sat(z), u)."""
         fallback = self.fallback
         if not fallback.rates:
             return {}
@@ -304,7 +309,8 @@ class Dynamics:
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
-        """Return C(u) z + h(z, u) (p), with the argument of h clamped, or h continued by its tangent."""
+        """Return the outputs C(u) z + h(z, u) (p), with the argument of h clamped to the declared ranges, or h
+        continued by its tangent."""
         values = self._saturating(self.form.output, z, u)
         if self.tangent and self.form.clamped:
             slopes = self._slopes([linear_terms(h, self.form.states)[1] for h in self.form.output], z, u)
@@ -315,11 +321,12 @@ class Dynamics:
         return column(self.fallback.output(j, values[j], whole[j]) for j in range(self.outputs))
 
     def error(self, y: Graph, predicted: Graph) -> Graph:
-        """y - predicted (p), of a periodic output the short way round."""
+        """Return the output error y - predicted (p); of a periodic output, the shortest angle between both."""
         return column(self.output_error(j, y[j], predicted[j]) for j in range(self.outputs))
 
     def output_error(self, j: int, y: Graph, predicted: Graph) -> Graph:
-        """y - predicted of output j, the short way round where it is periodic; SX scalar."""
+        """Return the output error y - predicted of output j, an SX scalar; of a periodic output, the shortest angle
+        between both."""
         return wrapped(y - predicted, self.form.system.outputs[j].period)
 
     @staticmethod
@@ -329,7 +336,8 @@ class Dynamics:
         return ca.vertcat(*rows) if valid else slopes
 
     def output_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:
-        """Return SX by j: whether output y_j (with a fallback) and its derivatives are valid at sat(z)."""
+        """Return, by index j, the SX test whether the output y_j with a fallback and its derivatives are valid at
+        sat(z)."""
         if not self.fallback.outputs:
             return {}
         fallback, slopes = self.fallback, self._slopes(self.form.output, z, u)
@@ -344,14 +352,16 @@ class Dynamics:
         return self._zero_invalid(self._slopes(self.form.output, z, u), self.output_slopes_valid(z, u))
 
     def rates_valid(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
-        """Return, by i, for each rate z_i' with a fallback: b_i, and whether A_i z + b_i is valid at (sat(z), u)."""
+        """Return, by index i of the rates z_i' with a fallback, the pair of b_i and the SX test whether A_i z + b_i is
+        valid at (sat(z), u)."""
         if not self.fallback.rates:
             return {}
         b, whole = self._without_fallback(self._argument(z), u)[1], self._whole(self.saturated(z), u)
         return {i: (b[i], self.fallback.rate_valid(i, whole[i])) for i in self.fallback.rates}
 
     def outputs_valid(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
-        """Return, by j, for each output with a fallback: h_j, and whether it is valid at (sat(z), u)."""
+        """Return, by index j of the outputs with a fallback, the pair of h_j and the SX test whether it is valid at
+        (sat(z), u)."""
         if not self.fallback.outputs:
             return {}
         values, whole = (self._saturating(self.form.output, at, u) for at in (z, self.saturated(z)))
@@ -363,7 +373,7 @@ class Dynamics:
 
     @cached_property
     def fallback(self) -> Fallback:
-        """The equations of the form that keep their last valid value where they have no finite value."""
+        """The equations of the form that are replaced by their last valid value where they have no finite value."""
         return Fallback(self.form, HUGE)
 
     def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
@@ -386,14 +396,14 @@ class Dynamics:
         return tuple(c.xreplace(back) for c in self.form.system.invariants)
 
     def values(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> list[Graph]:
-        """Return expressions of the form's signals as graphs, at z itself."""
+        """Return expressions of the form's signals as graphs, evaluated at z itself, without clamping."""
         return self._convert(expressions, z, u, boxed=False)
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
-        """Return the plant's states x, as first declared, from z (n) and u (m).
+        """Return the estimate (n) of the plant's states x, as first declared, from z (n) and u (m).
 
-        The inverse map x = Psi(z) is proved on the box only. Beyond an end after which Psi is no longer monotone it is
-        evaluated at that end: the square of a root below 0 is no level.
+        The inverse map x = Psi(z) is proved on the declared ranges only. Beyond an end of a range after which Psi is no
+        longer monotone it is evaluated at this end: the square of a root below 0 is no level.
         """
         system = self.form.system
         if transformed(self.form):
@@ -404,19 +414,21 @@ class Dynamics:
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, clamped, u))
 
     def estimate_jacobian(self, z: Graph, u: Graph) -> Graph:
-        """Return dx/dz (n, n) of the plant's states x, as first declared, at z clamped to the box."""
+        """Return the Jacobian dx/dz (n, n) of the plant's states x, as first declared, at sat(z)."""
         free = ca.SX.sym("z", self.n)
         return ca.sparsify(ca.substitute(ca.jacobian(self.estimate(free, u), free), free, self.saturated(z)))
 
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return the states x = Psi(z, u) of the form's system, each in its range, and whether all are finite numbers.
+        """Return the states x = Psi(z, u) of the form's system, each clamped to its range, and the SX test whether all
+        of them are finite numbers.
 
         A state whose Psi is no number has its resting value. Denominators of Psi keep their sign (`maps.sided`).
         """
         return self._ranged(self._unranged(z, u))
 
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
-        """Return SX for each recovered state x_i = Psi_i(z, u): is it out of its range by `margin` of its width?"""
+        """Return, for each bounded state recovered as x_i = Psi_i(z, u), the SX test whether it is outside of its range
+        by more than `margin` of the width."""
         raw = self._unranged(z, u)
         return [leaves(raw[i], *widened(*s.limits, margin)) for i, s in self._recovered_states]
 
@@ -455,8 +467,8 @@ class Dynamics:
         return self._clamped(column(values), [s.limits for s in states]), usable
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
-        """Return the product (dPhi/dx)^-1 vector (n), Phi the form's map to chain coordinates, or 0 where |det dPhi/dx|
-        <= `least` at sat(z); `least` is None where the determinant is proved to have no zero."""
+        """Return the product (dPhi/dx)^-1 vector (n), where z = Phi(x) is the form's map to chain coordinates; 0 where
+        |det dPhi/dx| <= `least` at sat(z); `least` is None where the determinant is proved to have no zero."""
         n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
@@ -466,7 +478,7 @@ class Dynamics:
         return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
     def determinant(self, z: Graph, u: Graph) -> Graph:
-        """Return det dPhi/dx at sat(z), Phi the form's map to chain coordinates."""
+        """Return det dPhi/dx at sat(z), where z = Phi(x) is the form's map to chain coordinates."""
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     @cached_property
@@ -543,7 +555,8 @@ def _with_values(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ..
 
 
 def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """Return the sum of the terms linear in a state with a state-free coefficient, and the sum of the others."""
+    """Return the sum of the terms of an expression that are a state times a factor free of states, and the sum of all
+    other terms."""
     linear: list[sp.Expr] = []
     others: list[sp.Expr] = []
     for term in sp.Add.make_args(sp.expand_mul(expression)):
@@ -553,8 +566,8 @@ def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.E
 
 
 def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
-    """Return the range of `state`, with an infinite end where every expression in `rows` that depends on it is monotone
-    beyond the end."""
+    """Return the interval of `state` on which the expressions `rows` may be evaluated without a clamp: its range, with
+    an infinite end where every row that depends on this state is monotone beyond the end."""
     slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
     around, (low, high) = box(states), state.interval
 
@@ -565,5 +578,5 @@ def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> t
 
 
 def transformed(form: Form) -> bool:
-    """Return whether the form's coordinates are more than the system's states in another order, with signs."""
+    """Return whether the form's coordinates differ from the system's states by more than order and signs."""
     return not all(x.is_Symbol or (-x).is_Symbol for x in form.from_form)

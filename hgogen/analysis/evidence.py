@@ -26,7 +26,7 @@ _DIGITS = 12
 
 
 def text(form: Form, expression: sp.Expr) -> str:
-    """Return an expression of a form's symbols, or of its plant's, as text for a certificate."""
+    """Return an expression of a form's symbols, or of its plant's, as the text that a certificate writes."""
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
         names |= {s.name for s in form.system.origin.plant.signals}
@@ -34,13 +34,13 @@ def text(form: Form, expression: sp.Expr) -> str:
 
 
 def spelled(expression: sp.Expr, names: set[str]) -> str:
-    """Return an expression whose symbols have these `names` as text for a certificate."""
+    """Return an expression as the text that a certificate writes; `names`: the names of its symbols."""
     return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
 
 
 def exactly(form: Form, value: Any) -> Any:
-    """Return a number or expression as an exact text; also in lists, mappings and proofs; a text, or None,
-    unchanged."""
+    """Return a value as a certificate writes it: numbers and expressions as exact texts, also inside lists, mappings
+    and proofs; texts and None unchanged."""
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, Mapping) or is_dataclass(value):
@@ -51,12 +51,12 @@ def exactly(form: Form, value: Any) -> Any:
 
 
 def end(value: Fraction | float) -> str | None:
-    """Return the text of an end of a range, None for an infinite one."""
+    """Return the end of a range as the text that a certificate writes, None for an infinite end."""
     return None if abs(value) == math.inf else str(Fraction(value))
 
 
 def outward(value: float | Fraction, way: int) -> Fraction:
-    """Return a number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
+    """Return the value rounded to 12 significant digits: up for `way` = 1, down for `way` = -1."""
     if not value:
         return Fraction(0)
     step: Fraction = Fraction(10) ** (Decimal(up(abs(Fraction(value)))).adjusted() + 1 - _DIGITS)
@@ -65,7 +65,9 @@ def outward(value: float | Fraction, way: int) -> Fraction:
 
 
 def tree(bisection: Range | Proof, form: Form | None = None) -> str:
-    """Return a proof by bisection of a box as text, with the names of the form's states, or of the plant's."""
+    """Return a proof by bisection of a box as the text that a certificate writes, in prefix order: the name of the
+    state that is bisected, then both halves; "." for a part that is not divided. The names are those of the form's
+    states with a `form`, else those of the plant's."""
     images = _mirrored(form) if form else {}
     names = [images.get(s, (s.name, False)) for s in bisection.variables]
     tokens: list[str] = []
@@ -125,7 +127,7 @@ Evidence = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ByForm:
-    """The evidence of a claim that is verified from the equations of the form and its plant alone."""
+    """The evidence of a claim that a checker verifies from the equations of the form and its plant alone."""
 
     def evidence(self, form: Form) -> Evidence:
         """Return no evidence besides the form."""
@@ -134,21 +136,21 @@ class ByForm:
 
 @dataclass(frozen=True)
 class Grounds:
-    """The evidence of a claim about an observer. `numbers`: the observer's parameters by name (numbers, expressions of
-    parameters, sequences of them); `fact`: the proved fact, or None where the claim follows from the fact of another
+    """The evidence of a claim about an observer. `numbers`: the observer's arguments by name (numbers, expressions of
+    parameters, sequences of these); `fact`: the proved fact, or None where the claim follows from the fact of another
     claim."""
 
     numbers: Mapping[str, Any] = field(hash=False)
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of `fact`."""
+        """Return the evidence of `fact`, under the keys of a certificate."""
         return {} if self.fact is None else {"fact": self.fact}
 
 
 def texts(form: Form, value: Any) -> dict[str, Any] | None:
-    """Return the evidence of a proof, or a mapping of values by name, as texts for a certificate; None where a part of
-    it has no evidence."""
+    """Return the entries of a proof, or of a mapping by name, as texts for a certificate; None where a part has no
+    evidence."""
     parts: Evidence | None
     if isinstance(value, Mapping):
         parts = value
@@ -172,7 +174,8 @@ LOOSE = 2.0**-10  # relative excess of a Lipschitz bound over the proof's, so th
 
 
 def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
-    """Return the evidence of finite bounds low <= expression <= high on the form's box, or on the box `where`."""
+    """Return the evidence that low <= expression <= high, finite, on the form's box, or on the box `where`; None where
+    the `bounds` are not finite or not proved."""
     low, high = bounds.low, bounds.high
     if isinstance(bounds, Range) and not bounds.defined:
         return None
@@ -189,8 +192,8 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
-    """Return the evidence of a bound of the spectral norm of dr/dx, r = `rows` as expressions of the form's states.
-    `wider`: the share by which a certificate's bound is larger."""
+    """Return the evidence of a bound of the spectral norm of dr/dx, r = `rows` as expressions of the form's states;
+    None where the `proof` has no bound. `wider`: the relative excess of the certificate's bound over the proved one."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
@@ -205,7 +208,7 @@ def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
 
 
 def point(place: Mapping[sp.Symbol, Fraction], names: Iterable[sp.Symbol]) -> Mapping[str, str]:
-    """Return the coordinates of the point `place` whose symbols are in `names`, as texts by name."""
+    """Return the coordinates of a point as texts by name, those of `place` whose symbols are in `names`."""
     return {s.name: str(place[s]) for s in names if s in place}
 
 
@@ -215,21 +218,22 @@ def _sides(where: Sides) -> dict[str, list[str | None]]:
 
 @dataclass(frozen=True)
 class Slopes:
-    """A `proof` of a bound of |db/dx|, the Jacobian of b in the plant's states."""
+    """The evidence of a bound of the Jacobian |db/dx| by the plant's states x, with its `proof`."""
 
     proof: Proof = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of the bound of |db/dz|, b as expressions of the form's states z."""
+        """Return the evidence of the bound of |db/dz|, b as expressions of the form's states z, under the keys of a
+        certificate."""
         back = dict(zip(form.system.states, form.from_form, strict=True))
         return steep(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
 
 
 @dataclass(frozen=True)
 class Steep:
-    """The bound of |S dc/dw S^-1| on the box, S = diag(`units`) in the coordinates w of integrators. `scale` (n): the
-    diagonal of S dw/dz, expressions of parameters; `wider`: the share by which a certificate's bound is larger, so that
-    a weaker arithmetic reaches it."""
+    """The evidence of a bound of |S dc/dw S^-1| on the box, S = diag(`units`), c the nonlinear part in the coordinates
+    w of integrators. `scale` (n): the diagonal of S dw/dz, expressions of parameters; `wider`: the relative excess of
+    the certificate's bound over the proved one, so that less accurate arithmetic reaches it."""
 
     units: tuple[Fraction, ...]
     scale: tuple[sp.Expr, ...]
@@ -237,6 +241,6 @@ class Steep:
     wider: float = 1e-9
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of the bound of |S dc/dw S^-1|, w the scaled coordinates of integrators."""
+        """Return the evidence of the bound of |S dc/dw S^-1|, under the keys of a certificate."""
         slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
         return slope and {"units": self.units, "scale": self.scale, **slope}

@@ -49,19 +49,20 @@ _OF_PRODUCTS = 500  # mu need not be the least
 
 @dataclass(frozen=True)
 class Gain:
-    """The gain a_i of z_(i-1)' = a_i z_i + .. by its indices `at`: (i) in a single chain, (i, j) in chain i."""
+    """The gain a_i of z_(i-1)' = a_i z_i + .., named by its indices `at`: (i) in a single chain, (i, j) for number j in
+    chain i."""
 
     at: tuple[int, ...]
 
     def of(self, form: Form) -> sp.Expr:
-        """Return the gain a_i of the form, with exact numbers."""
+        """Return the gain a_i of a form as an expression with exact numbers."""
         chain, index = self.at if len(self.at) == 2 else (1, *self.at)
         return exact(sp.sympify(form.gains[chain - 1][index - 1]))
 
 
 @dataclass(frozen=True)
 class Bounded(Gain):
-    """A `proof` of 0 < a_m <= a <= a_M."""
+    """The evidence, by a `proof`, that a chain's gain a has bounds 0 < a_m <= a <= a_M on the box."""
 
     proof: Proof = field(hash=False)
 
@@ -71,7 +72,7 @@ class Bounded(Gain):
 
 
 class NotPositive(Gain):
-    """The evidence against a gain a > 0: it is zero, negative or undefined at a point of the box."""
+    """The evidence against a chain's gain a > 0: a point of the box at which it is zero, negative or undefined."""
 
     def evidence(self, form: Form) -> Evidence | None:
         """Return the exact point where a is not positive; None where only a point next to a zero is known."""
@@ -86,7 +87,8 @@ class NotPositive(Gain):
 
 
 def sign(a: sp.Expr, system: System) -> int:
-    """Return 1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
+    """Return 1 if the expression `a` is positive on the box, -1 if it is negative (proved, or else at all sample
+    points), 0 otherwise."""
     a, signals = _varying(a, system)
     with suppress(NoTape):
         answer = nonzero(a, system.box, boxes=_FEW)
@@ -97,10 +99,10 @@ def sign(a: sp.Expr, system: System) -> int:
 
 
 def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
-    """Return the check `id` that 0 < a_m <= a <= a_M on the box. `name`: the name of a in reports.
+    """Return the check `id` that 0 < a_m <= a <= a_M on the box, for an expression `a` called `name` in reports.
 
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
-    and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
+    and real, or next to a zero. unknown: a range is missing, or the bisection does not decide.
     """
     claim = Sentence.of("0 < a_m <= {name} = {a} <= a_M on the box", name=name, a=a)
     check = Check(id, claim, Verdict.UNKNOWN, NONE, subject=a)
@@ -170,21 +172,22 @@ def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, s
 
 @dataclass(frozen=True)
 class Slope:
-    """The slope dh/dz_1 of the output h for `index` 1, else dF_(index-1)/dz_index of the rate z_i' = F_i."""
+    """A partial derivative of a form's equation: dh/dz_1 of the output h for `index` 1, else dF_(index-1)/dz_index of
+    the rate z_i' = F_i."""
 
     index: int
 
     def of(self, form: Form) -> sp.Expr:
-        """Return the slope of the form's equation, with exact numbers."""
+        """Return the partial derivative as an expression with exact numbers."""
         rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
         return slope_of(exact(sp.sympify(rate)), form.states[self.index - 1])
 
 
 class AwayFromZero(Slope):
-    """The evidence that a slope s has 0 < m <= |s| on the box of states, inputs and parameters."""
+    """The evidence that a partial derivative s satisfies 0 < m <= |s| on the box of states, inputs and parameters."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the proved range of the slope."""
+        """Return the proved range of the partial derivative, under the keys of a certificate."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         bounds = bound(dF, where)
@@ -192,10 +195,11 @@ class AwayFromZero(Slope):
 
 
 class Vanishing(Slope):
-    """The evidence that a slope is zero somewhere, or has both signs."""
+    """The evidence that a partial derivative is zero somewhere on the box, or has both signs."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return a point where the slope is zero, or two where it has opposite signs; None without exact ones."""
+        """Return a point where the partial derivative is zero, or two where it has opposite signs; None where no exact
+        one is known."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         sign = nonzero(dF, where)
@@ -206,8 +210,8 @@ class Vanishing(Slope):
 
 
 def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
-    """Return the check `id` that 0 < m <= |slope| on the box, a parameter without a range at its value. `name`: the
-    name of the slope in reports.
+    """Return the check `id` that 0 < m <= |slope| on the box, for a partial derivative `slope` called `name` in
+    reports; a parameter without a range has its value.
 
     proved: by outward-rounded intervals and bisection, with the margin m. refuted: with a point where it is zero or
     undefined, or between two of its signs. unknown: with the number of boxes tried, or the missing ranges.
@@ -247,8 +251,8 @@ class Offset:
 
 
 def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
-    """Return the check that c, a function of inputs and parameters, is defined on the box. `name`: the name of c in
-    reports.
+    """Return the check `id` that `c`, an expression of inputs and parameters called `name` in reports, is finite and
+    real on the box.
 
     It is proved by outward-rounded intervals and bisection, refuted by a point, and unknown otherwise.
     """
@@ -277,12 +281,13 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
 
 
 def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
-    """Return the check `id` that |a_1 .. a_i b_i| <= mu on the box: proved with the bound mu, or unknown.
+    """Return the check `id` that the nonlinear parts of the chain of integrators are bounded, |c_i| = |a_1 .. a_i b_i|
+    <= mu on the box: proved with the bound mu, or unknown. `products` (n): a_1 .. a_i.
 
     A theorem on x_i' = x_(i+1), x_n' = phi is about the phi of the chain of integrators, c_i = a_1 .. a_i b_i, and not
     about b_n. It needs no slope of phi, so the plant as it is written has to be checked here: a form makes x + 1 of (u
-    x + u)/u, which has no value at u = 0. phi of a phase form, at its place in b, is a function of the plant's states
-    where it has poles in the box of z. `products` (n): a_1 .. a_i.
+    x + u)/u, which has no value at u = 0. Where the phi of a phase form, the last b_i, has poles in the box of z, it is
+    evaluated as a function of the plant's states.
     """
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows, states = (form.b, form.states) if form.behind is None else (form.behind, form.system.states)
@@ -314,18 +319,18 @@ _AT_PSI = because("b is taken at Psi(z), clamped to the plant's ranges")
 
 
 def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
-    """Return the check `MAKER.lipschitz`: b is Lipschitz in the states.
+    """Return the check `MAKER.lipschitz`, that b is Lipschitz in the states on the box. `maker`: the form's name; `b`:
+    expressions of the plant's states, inputs and parameters, called `name` in reports. The check covers the plant as it
+    is written as well.
 
-    `b`: in the plant's states, inputs and parameters; `name`: the name of b in reports. The check also covers the plant
-    as it is written.
+    The verdicts:
 
-    The verdicts are
-    proved: with L_b, and every part of the plant is finite and real on the box;
-    refuted: with a point towards which a slope tends to infinity;
-    where: for some inputs or parameters alone it, or the plant as written, may be singular; closed parts of the box
-    without them have a bound;
-    unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the boxes tried
-    give no bound, or a part of the plant may have no value.
+        proved: with the Lipschitz constant L_b, and every part of the plant is finite and real on the box
+        refuted: with a point towards which a partial derivative tends to infinity
+        where: for some inputs or parameters alone b, or the plant as written, may be singular; closed parts of the
+        box without these have a bound
+        unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the
+        bisection gives no bound, or a part of the plant may have no value
     """
     claim = f"{name} is Lipschitz in the state on the box"
     check = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
@@ -359,8 +364,8 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 
 
 def with_chords(check: Check, b: Iterable[sp.Expr], system: System) -> Check:
-    """Return the check `lipschitz` of b for filters without a theorem: unknown in place of refuted where the slope that
-    a step takes, that of a chord near 0 of a power, has a bound."""
+    """Return the check `lipschitz` of b as it applies to filters without a theorem: unknown instead of refuted where
+    the derivatives that the step uses, which are those of a chord near 0 of a power, have a bound."""
     rows, around = tuple(b), system.box
     chords = tuple(limited(one_sided(row, around), around, CHORD, CHORD) for row in rows)
     if check.verdict is not Verdict.REFUTED or chords == rows:
@@ -399,9 +404,9 @@ def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
-    """Return the check `OBSERVER.lipschitz`, that b(sat(z), u) is Lipschitz on the box of z, of a form whose z are not
-    the plant's states in some order and with signs; () for such states, where the form's own check covers the box, and
-    for b = 0."""
+    """Return the check `OBSERVER.lipschitz`, that b(sat(z), u) is Lipschitz on the box of z, for a form whose z are
+    more than the plant's states in some order and with signs. () for b = 0, and where z are these states: there the
+    form's own check covers the box. `boxes`: the most boxes of a bisection."""
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"

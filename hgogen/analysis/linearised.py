@@ -32,7 +32,7 @@ from hgogen.system import System
 
 
 class Singular(BadArgument):
-    """A model whose Jacobian is finite at no sample point of the declared ranges."""
+    """The error that a model's Jacobian is finite at no sample point of the declared ranges."""
 
     text = (
         "the Jacobian of {what} has numbers that are not finite at {reason}, and at every other point of the declared "
@@ -41,7 +41,7 @@ class Singular(BadArgument):
 
 
 class NoDeterminant(BadArgument):
-    """A form whose det dPhi/dx is undefined at every sample point."""
+    """The error that a form's det dPhi/dx is undefined at every sample point."""
 
     text = "det dPhi/dx of {what} is a finite real number at no sample point of the box: {reason}"
 
@@ -49,19 +49,20 @@ class NoDeterminant(BadArgument):
 def jacobians_on_box(
     dynamics: Dynamics, samples: int = 64, affine: bool = False, edge: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at the k points of a sample of the box of states and
-    inputs where both are finite: its middle, corners and random points. A signal without a range is at its nominal
-    value, or 0.
+    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at k sample points of the declared ranges of states and
+    inputs: the middle, corners and random points, without those where F or dh/dz is not finite. A signal without a
+    range is at its nominal value, or 0.
 
     `samples`: the number of corners and of random points; `affine`: F is A(u, z) alone; `edge`: the distance of the
-    corners from the ends, as a share of each range. Raises: `Singular` where no point is left.
+    corners from the ends, as a share of each range. Raises: `Singular` where no point remains.
     """
     return jacobians_at(dynamics, _points(dynamics, samples, edge), affine)
 
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input,
-    where all entries are finite; `affine`: F is A(u, z) alone. Raises: `Singular` where there is no such point."""
+    """Return F = d(A z + b)/dz (k, n, n) and dh/dz (k, p, n) at those of the `points` (N, n + m), each a state and an
+    input, where all entries are finite; `affine`: F is A(u, z) alone. Raises: `Singular` where there is no such
+    point."""
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
     if not finite.any():
@@ -83,8 +84,8 @@ def disturbances_on_box(dynamics: Dynamics, samples: int) -> tuple[np.ndarray, n
 
 
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
-    """Return F = d(A z + b)/dz (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m +
-    q) with the values of the q parameters that have a range. An entry may be infinite or NaN."""
+    """Return the function from points (k, n + m), each a state and an input, to F = d(A z + b)/dz (k, n, n); the points
+    may be (k, n + m + q), with values of the q parameters that have a range. An entry may be infinite or NaN."""
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
@@ -145,10 +146,11 @@ def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.n
 
 @lru_cache(maxsize=32)
 def evaluated(form: Form) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of equations (rate or output NAME) whose derivatives by the states may not be
-    finite on the box. An observer that evaluates these derivatives at its estimate needs the checks.
+    """Return the checks `singular.NAME` of the equations (rate or output NAME) whose partial derivatives by the states
+    may not be finite on the box. An observer that evaluates these derivatives at its estimate needs the checks.
 
-    Tested are the derivatives of the form's equations as they are written, and at sample points those of the program.
+    The derivatives of the form's equations are tested as they are written, and at sample points as the program computes
+    them.
     """
     dynamics, sampled = Dynamics(replace(form, fallback=())), {}
     points = _points(dynamics, 64)
@@ -173,7 +175,7 @@ _POINTS = 32
 
 @dataclass(eq=False)
 class NoLinearisation(HgogenError):
-    """A plant without a linearisation on its box; `reason`: what is missing."""
+    """The error that a plant has no linearisation on its declared ranges; `reason`: what is missing."""
 
     reason: str
     text = "how much the outputs show is not measured: {reason}"
@@ -191,9 +193,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Pace:
-    """The time scales of a plant on its box: the shortest and the longest time in which a state crosses its range at
-    its largest rate among sample points, and the fastest mode (1/time) of its linearisation there; 0 where no state
-    moves."""
+    """The time scales of a plant on its declared ranges: the shortest and the longest time in which a state crosses its
+    range at its largest rate among sample points, and the fastest mode (1/time) of the linearisation there; 0 where no
+    state has a rate."""
 
     shortest: float
     longest: float
@@ -201,14 +203,14 @@ class Pace:
 
 
 def pace(plant: System) -> Pace:
-    """Return the pace of a plant on its box. Raises: `NoLinearisation` where a state or an input has no range, or the
-    model no value; `NoGraph`."""
+    """Return the time scales of a plant on its declared ranges. Raises: `NoLinearisation` where a state or an input has
+    no range, or the model no value; `NoGraph`."""
     return linearisation_on_box(plant)[-1]
 
 
 def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
-    """Return sample points (x, u) (N, n + m) of the box where the plant has a value, its linearisation there, and its
-    pace."""
+    """Return sample points (x, u) (N, n + m) of the declared ranges where the plant has a value, its linearisation at
+    these points, and its time scales. Raises: as `pace`."""
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
@@ -233,8 +235,8 @@ def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
 
 
 def corrects_nothing(plant: System, x: Sequence[float]) -> bool:
-    """Return whether no output has a slope at the state x (n), and the plant rests there: samples correct nothing by
-    the first order, and the estimate never leaves."""
+    """Return whether an estimate that starts at the state x (n) is never corrected: no output has a partial derivative
+    by the states there, and the plant is at rest."""
     u = np.array([[resting(signal) for signal in plant.inputs]])
     with np.errstate(all="ignore"):
         rate, slopes = _linearised(plant, np.array([x], dtype=float), u)
@@ -263,9 +265,9 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
 def slopes(
     pairs: Sequence[tuple[sp.Expr, Signal]], signals: tuple[Signal, ...], nominal: Mapping[sp.Symbol, Any]
 ) -> np.ndarray:
-    """Return the derivatives (N, k) of the k pairs, each an expression and the signal that it is differentiated by, at
-    the N sample points where all have a value. `nominal`: values of the other symbols. Raises: `NoLinearisation` where
-    a signal has no range, or there is no such point; `NoGraph`."""
+    """Return the derivatives (N, k) of k `pairs`, each an expression and the signal by which it is differentiated, at
+    the N sample points of `signals` where all have a value. `nominal`: the values of the other symbols. Raises:
+    `NoLinearisation` where a signal has no range, or there is no such point; `NoGraph`."""
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}

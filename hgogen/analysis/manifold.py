@@ -27,8 +27,9 @@ _STARTS = 16  # random states from which one on the invariants is searched
 def projection(
     constraints: Sequence[sp.Expr], states: Sequence[Signal], parameters: Sequence[sp.Symbol] = ()
 ) -> Callable[[np.ndarray, Sequence[float]], np.ndarray | None]:
-    """Return a function from a point (n) and values of the parameters to a point with c(x) = 0 near it, in the ranges
-    where one is found, or None where the search does not converge."""
+    """Return the function that projects a point onto the set of invariants c(x) = 0: from a point (n) and values of the
+    parameters to a point of the set near it, in the declared ranges if possible; None where the search does not
+    converge. `constraints`: the expressions c."""
     x, p = ca.SX.sym("x", len(states)), ca.SX.sym("p", len(parameters))
     symbols = dict(zip((*states, *parameters), (*ca.vertsplit(x), *ca.vertsplit(p)), strict=True))
     c = ca.densify(ca.vertcat(*to_casadi(constraints, symbols)))
@@ -68,8 +69,8 @@ def _zeros(evaluate: ca.Function, half: np.ndarray, point: np.ndarray, values: S
 def onto(
     constraints: Sequence[sp.Expr], states: Sequence[Signal], values: Mapping[Any, Any], points: np.ndarray
 ) -> np.ndarray:
-    """Return points (k, n) with c(x) = 0 near the given ones (N, n), k <= N: those from which the search converges.
-    `values`: of the parameters."""
+    """Return projections (k, n) of `points` (N, n) onto the set c(x) = 0, k <= N: those for which the search converges.
+    `constraints`: the expressions c; `values`: those of the parameters."""
     if not constraints:
         return points
     nearest = projection(constraints, states, tuple(values))
@@ -80,8 +81,9 @@ def onto(
 def attracted(
     flow: Graph, constraints: Sequence[sp.Expr], states: Sequence[Signal], symbols: Mapping[Any, Graph], rate: float
 ) -> Graph:
-    """Return the flow (n) with f - rate V C' (C V C')^-1 c in place of f, for which c' = .. - rate c: an integrator
-    that leaves c = 0 by its errors returns, also where the flow alone would lead away."""
+    """Return the flow (n) with a term that attracts to the set c(x) = 0: f - rate V C' (C V C')^-1 c, C = dc/dx, V a
+    diagonal matrix of squared ranges, so that c' contains -rate c. An integrator that leaves c = 0 by its errors then
+    returns, also where f alone would diverge from it."""
     if not constraints:
         return flow
     x = ca.vertcat(*(symbols[s] for s in states))
@@ -101,8 +103,9 @@ def fault(
     nominal: tuple[tuple[Signal, sp.Rational], ...],
     flow: tuple[sp.Expr, ...],
 ) -> str:
-    """Return what is wrong with invariants c and what to write instead, or "" where the flow is proved to keep c = 0;
-    `nominal`: the values of the parameters. One factor of each may be 0 on the ranges, and has a slope there."""
+    """Return the text of what is wrong with declared invariants c(x) = 0 and of the remedy; "" where the flow is proved
+    to preserve c = 0, and each c has one factor that may be 0 on the ranges, with a nonzero gradient there. `nominal`:
+    the values of the parameters."""
     values, rates = dict(nominal), dict(zip(states, flow, strict=True))
     around = box((*states, *inputs, *values), values)
     named = {f"invariant {k}, {row}": factors(row, states, around) for k, row in enumerate(invariants, 1)}
@@ -143,6 +146,7 @@ def _zero_fault(named: Mapping[str, Sequence[tuple[sp.Expr, int]]]) -> str:
 
 
 def tangents(slopes: np.ndarray) -> np.ndarray:
-    """Return orthonormal bases (N, n, n - k) of the directions along c = 0, from dc/dx (N, k, n) in scaled states."""
+    """Return orthonormal bases (N, n, n - k) of the tangent directions to c = 0, from dc/dx (N, k, n) in scaled
+    states."""
     *_, directions = np.linalg.svd(slopes)
     return np.swapaxes(directions[:, slopes.shape[1] :, :], 1, 2)

@@ -61,8 +61,8 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
-    """Return a symbol for each signal with the sign of its range, or of its `fixed` value, so that sqrt(w^2) can become
-    w."""
+    """Return a SymPy dummy symbol for each signal, with assumptions on its sign from its range or its `fixed` value, so
+    that sqrt(w^2) can be simplified to w."""
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
     dummies = {}
     for s, (low, high) in ends.items():
@@ -79,11 +79,11 @@ def inverse(
     known: Sequence[Signal],
     fixed: Mapping[Signal, float] = EMPTY,
 ) -> dict[sp.Symbol, sp.Expr] | None:
-    """Return the inverse x = Psi(z, u) of z = Phi(x, u): an expression of z, inputs and parameters for each state; or
-    None.
+    """Return the inverse map x = Psi(z, u) of z = Phi(x, u): for each state an expression of z, inputs and parameters;
+    None where the solver has no result.
 
-    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may depend on; `fixed`:
-    the values of those that never change.
+    Args: `images`: the expression Phi_i of each z_i, in order; `states`: x; `known`: the inputs and parameters that Phi
+    may depend on; `fixed`: the values of those that never change.
     """
     plain = stand_ins((*states, *known), fixed)
     forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
@@ -103,7 +103,8 @@ def inverse(
 
 
 def tidy(expression: sp.Expr) -> sp.Expr:
-    """Return the expression with common factors cancelled; functions and roots are treated as symbols."""
+    """Return the expression with common factors of numerator and denominator cancelled; functions and roots count as
+    symbols."""
     nodes, roots = size([expression]), {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
     dummies = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
     if nodes > _LIMIT or nodes * len(dummies) > _TOGETHER:
@@ -264,7 +265,8 @@ def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Exp
 
 
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
-    """Return, by symbol, the rates of the states, x' = f, and of the inputs, u' .., u^(k)' for k below `orders`."""
+    """Return, by symbol, the time derivatives of the states, x' = f, and of the inputs and their derivatives u^(k), k <
+    `orders`."""
     changes = {x: exact(row) for x, row in zip(plant.states, plant.flow, strict=True)}  # no product of floats is exact
     for u in plant.supplied:
         changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
@@ -272,14 +274,16 @@ def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
 
 
 def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """Return the time derivative of an expression; symbols without a rate are constant. Polynomials are expanded."""
+    """Return the time derivative of an expression along the plant; `rates`: those of its symbols, others are constant.
+    Polynomials are expanded."""
     moving = sorted(expression.free_symbols & rates.keys(), key=str)
     result = sp.Add(*(expression.diff(symbol) * rates[symbol] for symbol in moving))
     return sp.expand(result) if result.is_polynomial() else result
 
 
 def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: int) -> tuple[sp.Expr, ...]:
-    """Return the expression and its time derivatives, `count` expressions in all."""
+    """Return the expression and its time derivatives along the plant, `count` expressions in all; `rates`: those of its
+    symbols."""
     chain = [expression]
     while len(chain) < count:
         chain.append(along(chain[-1], rates))
@@ -294,20 +298,22 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
 
 
 def without_rates(plant: System) -> System:
-    """Return the plant without the inputs that are derivatives of others and were added by a form."""
+    """Return the plant without the inputs that a form has added as derivatives of other inputs."""
     read = set().union(*(sp.sympify(e).free_symbols for e in (*plant.flow, *plant.output)))
     known = derived(plant.inputs)
     return replace(plant, inputs=tuple(u for u in plant.inputs if u in read or u.name not in known))
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
-    """Return a reason that names the first function with jumps or kinks, such as |x|; `NONE` without one."""
+    """Return a reason that names the first function with jumps or kinks in the expressions, such as |x|; `NONE` without
+    one."""
     node = min((node for e in expressions for node in e.atoms(*JUMPS, *KINKS)), key=str, default=None)
     return NONE if node is None else because("{part} has no derivative somewhere", part=node)
 
 
 def length(expression: sp.Expr) -> int:
-    """Return the number of nodes of the expression as it is written out, with repeated parts counted each time."""
+    """Return the number of nodes of the expression's tree, with repeated parts counted each time: a measure of its
+    length when written out."""
     known: dict[sp.Basic, int] = {}
 
     def count(node: sp.Basic) -> int:
@@ -319,7 +325,7 @@ def length(expression: sp.Expr) -> int:
 
 
 def size(expressions: Iterable[sp.Expr]) -> int:
-    """Return the number of different nodes of the expressions' trees, a measure of the cost of handling them."""
+    """Return the number of distinct nodes of the expressions' trees: a measure of the cost of computing with them."""
     visited: set[sp.Basic] = set()
     stack: list[sp.Basic] = list(expressions)
     while stack:

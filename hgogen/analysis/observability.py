@@ -70,11 +70,9 @@ _SPARE = 4  # equations more than coefficients
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A vector field v on states and parameters along which no output changes. `field`: v's nonzero components, by
-    unknown.
-
-    `proved`: exactly, by SymPy; otherwise it holds at every random point that was tried.
-    """
+    """A symmetry that hides unknowns: a vector field v on states and parameters along which no output changes. `field`:
+    the nonzero components of v, by unknown; `proved`: whether this is proved exactly, by SymPy; otherwise it holds at
+    every random point that was tried."""
 
     json_keys: ClassVar[None] = None
 
@@ -98,11 +96,12 @@ class _Sample:
 
 
 def symmetries(model: Model, hidden: Sequence[sp.Symbol], order: int) -> tuple[Symmetry, ...]:
-    """Return independent vector fields that change no output of a model and move `hidden` unknowns, with components of
-    degree 1, else 2; along its constraints, where these are 0.
+    """Return independent symmetries of a model that change the `hidden` unknowns: vector fields v with polynomial
+    components of degree 1, or else 2, along which no output changes; for a model with constraints, where these are 0.
 
-    `order`: the order of the outputs' derivatives, or their sample, that attains the rank. There may be fewer
-    symmetries than the deficiency of the rank, where the search finds no more.
+    `order`: the order of the outputs' derivatives (of a discrete model, the sample) at which the observability matrix
+    attains its rank. There may be fewer symmetries than the deficiency of the rank, where the search has no further
+    result.
     """
     plant, unknowns = model.plant, model.unknowns
     first = _sample(plant, order, 0)
@@ -342,15 +341,16 @@ _CONDITIONS, _BRANCHES = 4, 3  # conditions of a branch, and branches, in a sent
 
 @dataclass(frozen=True)
 class Answer(Encoded):
-    """The answer to one question, states alone or states with unknown parameters, on a branch of the plant.
+    """The observability of the unknowns, states alone or states with unknown parameters, on one branch of the plant.
 
-    A symmetry is a change of the unknowns that no output shows. `orders`: the order of derivatives of the outputs at
-    which each observable unknown is first observable; `direction`: where the symmetries are fewer than the deficiency,
-    an unobservable direction at a random point, `point`; `discrete`: the orders count samples, not derivatives.
-    `passing`: the plant may leave the branch, and the outputs may show more, or less, elsewhere: the rank on the branch
-    decides nothing. `lost`: the unknowns that are proved to be unobservable, by one symmetry of all branches that
-    leaves the conditions of the branches as they are. `later`: the states of a discrete plant that are not observable
-    at sample 0 and known later, since the map takes all states that look equal to the same next state.
+    A symmetry is a change of the unknowns that leaves all outputs unchanged. `orders`: the order of derivatives of the
+    outputs from which each observable unknown is observable; `direction`: where there are fewer symmetries than the
+    deficiency of the rank, an unobservable direction at a random point, `point`; `discrete`: orders count samples, not
+    derivatives. `passing`: whether the plant may leave the branch, so that the rank on the branch decides nothing,
+    because elsewhere more or less may be observable. `lost`: the unknowns that are proved to be unobservable, by one
+    symmetry of all branches that leaves the conditions of the branches unchanged. `later`: the states of a discrete
+    plant that are not observable at sample 0 but known later, since the map takes all states with the same outputs to
+    the same next state.
     """
 
     json_keys = (
@@ -374,7 +374,7 @@ class Answer(Encoded):
 
     @property
     def counted(self) -> str:
-        """The rank in words."""
+        """The rank as a sentence."""
         rank = self.rank
         if not rank.final:
             return "the rank is not decided"
@@ -393,17 +393,18 @@ class Answer(Encoded):
 
     @property
     def doubtful(self) -> tuple[sp.Symbol, ...]:
-        """The unknowns that were neither found to be observable nor proved to be unobservable."""
+        """The unknowns that are neither observable nor proved to be unobservable."""
         return tuple(s for s in self.rank.unobservable if s not in self.hidden)
 
     @property
     def everywhere(self) -> bool:
-        """Whether what is hidden on this branch is hidden on every one."""
+        """Whether all unknowns that are unobservable on this branch are unobservable on every branch."""
         return bool(self.lost) and set(self.rank.unobservable) <= {*self.lost}
 
     @property
     def advice(self) -> str:
-        """The advice what else to measure, where an unknown is proved unobservable on every branch; else ""."""
+        """The advice which further signal to measure, where an unknown is proved unobservable on every branch; else
+        ""."""
         if not self.lost:
             return ""
         missing = " or ".join(s.name for s in self.repairs)
@@ -413,7 +414,7 @@ class Answer(Encoded):
 
     @property
     def condition(self) -> Reason:
-        """The conditions of the branch, in words; `NONE` of a plant without branches."""
+        """The conditions of the branch as a sentence; `NONE` for a plant without branches."""
         if not self.where:
             return NONE
         first_conditions, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
@@ -423,7 +424,7 @@ class Answer(Encoded):
 
     @property
     def unseen(self) -> tuple[Reason, ...]:
-        """The unobservable unknowns on this branch, and those not known to be observable, in words."""
+        """Sentences on the unobservable unknowns of this branch, and on those for which this is not decided."""
         place = because(" where {condition}", condition=self.condition) if self.where and not self.everywhere else NONE
         are = "is" if len(self.hidden) == 1 else "are"
         later = because("the outputs determine {names} at later samples all the same", names=self.later)
@@ -436,7 +437,7 @@ class Answer(Encoded):
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
-        """The unknowns that are hidden on other branches only, in words, by the first such branch."""
+        """Sentences on the unknowns that are unobservable on other branches only, for the first such branches."""
         lost = {*self.lost}
         sentences = [one for other in self.elsewhere if not {*other.rank.unobservable} <= lost for one in other.unseen]
         more = because("so on {more} other branches", more=len(sentences) - _BRANCHES)
@@ -498,13 +499,14 @@ class Observability(Encoded):
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """The limits of the answers: the branches that were reached, and the states known modulo a part of a turn."""
+        """Sentences on the limits of the answers: the branches that were reached, and the states that are observable
+        only modulo a part of a turn."""
         modulo = self.system.modulo and f"the outputs give {self.system.modulo}"
         return tuple(filter(None, (str(self.scope), modulo)))
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """`observability.states`, and `observability.joint` where a parameter has a range."""
+        """The check `observability.states`, and `observability.joint` where a parameter has a range."""
         known = _check("states", "the states are locally observable, parameters known", self.known, self)
         if self.joint is None:
             return (known,)
@@ -523,8 +525,9 @@ class Observability(Encoded):
 @requires_any_plant
 @cached
 def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
-    """Return the generic observability of a plant's states, and jointly of its parameters `unknown`, by default those
-    with a range. The other parameters have their nominal values. Of a discrete plant: by its outputs at later samples.
+    """Return the generic observability of a plant's states, and of its states together with the parameters `unknown`,
+    by default those with a range. Other parameters have their nominal values. A discrete plant is observed by its
+    outputs at later samples.
 
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.

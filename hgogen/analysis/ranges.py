@@ -51,7 +51,7 @@ def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
 
 
 def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
-    """Return the parameters without a range, at their values."""
+    """Return the values of the parameters without a range, by symbol."""
     return form.system.constants
 
 
@@ -61,8 +61,8 @@ def signals(form: Form) -> tuple[sp.Symbol, ...]:
 
 
 def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
-    """Return the range of an expression on the form's box; None for a function without a rule. `boxes`: the most boxes
-    of a bisection."""
+    """Return the proved range of an expression on the form's declared ranges; None for a function without a rule.
+    `boxes`: the most boxes of a bisection."""
     try:
         return bounds.bound(expression, box(signals(form)), boxes=boxes, relative=0.005)
     except NoTape:
@@ -70,7 +70,8 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
 
 
 def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
-    """Return the ranges of the gains a_1..a_n of a chain on the form's box, or the reason why there are none."""
+    """Return the proved ranges of the gains a_1, .., a_n of a chain on the form's declared ranges; or the reason why
+    there are none."""
     ranges = []
     for i, a in enumerate(chain, 1):
         known = span(a, form)
@@ -81,8 +82,8 @@ def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
-    """Return the pairs (A, C) of a chain z_i' = a_(i+1) z_(i+1), y = a_1 z_1 with each a_i at an end of its range on
-    the box, or the reason why there are none."""
+    """Return the matrices (A, C) of a chain z_i' = a_(i+1) z_(i+1), y = a_1 z_1 for all combinations of the ends of the
+    ranges of the a_i; or the reason why there are none."""
     ranges = extents(chain, form)
     if isinstance(ranges, Reason):
         return ranges
@@ -103,8 +104,8 @@ def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
 
 
 def several_corners(each: Sequence[Sequence[sp.Expr]], form: Form) -> list[tuple[np.ndarray, np.ndarray]] | Reason:
-    """Return the pairs A (n, n) and C (q, n) of q chains at the ends of the ranges of all their a_i, arrays of
-    fractions; or the reason why there are none."""
+    """Return the block diagonal matrices A (n, n) and C (q, n) of q chains for all combinations of the ends of the
+    ranges of their a_i, as arrays of fractions; or the reason why there are none."""
     ends = [corners(chain, form) for chain in each]
     known = [end for end in ends if not isinstance(end, Reason)]
     if len(known) < len(ends):
@@ -130,11 +131,10 @@ Limits = float | Mapping[str, Any] | None
 
 
 def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
-    """Return the form for an observer that limits b in value.
+    """Return the form with limits of the values of b, for an observer.
 
-    Args: `saturate`: a limit of |b_i|, or a pair (low, high), by the name of the state whose rate has b_i; one number
-    where b has one row; None for no limit. `arguments`: whether the argument of b is clamped as well.
-
+    Args: `saturate`: a limit of |b_i|, or a pair (low, high), by the name of the state whose rate contains b_i; one
+    number where b has one nonzero row; None for no limit. `arguments`: whether the argument of b is clamped as well.
     Raises: `BadGain`, `BadNames`.
     """
     if saturate is None:
@@ -175,7 +175,8 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
 
 
 def cut(form: Form) -> Reason:
-    """Return why b in an observer is not proved to equal b(sat(z), u) on the box, or `NONE`."""
+    """Return the reason why the b of an observer is not proved to equal b(sat(z), u) on the box, such as limits that
+    cut its values; `NONE` where it is."""
     if not form.clamped:
         return because("without guards no argument of b is clamped, on which the proof rests")
     if form.free:
@@ -191,7 +192,7 @@ def cut(form: Form) -> Reason:
 
 
 def described(form: Form) -> tuple[str, ...]:
-    """Return lines with the limits of b_i, for the equations of an observer."""
+    """Return lines of text with the limits of b_i, for the equations of an observer; () without limits."""
     if not form.limits:
         return ()
     rows = ((i, end) for i, end in enumerate(form.limits, 1) if end != _ANY)
@@ -203,26 +204,27 @@ def described(form: Form) -> tuple[str, ...]:
 
 
 class NotInBox(BadArgument):
-    """An expression with a symbol for which the box declares no range and no value."""
+    """The error that an expression contains a symbol for which the box declares no range and no value."""
 
 
 class BadRange(BadArgument):
-    """A `where` that is no box (a mapping from symbols to ranges), or holds a value that is no range (low, high)."""
+    """The error that `where` is no box (a mapping from symbols to ranges), or contains a value that is no range (low,
+    high)."""
 
     text = "the box: {what} {reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
 
 
 def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """Return the range of an expression, rigorous on the whole closed box. It is wider than the true one by at most
-    `relative` of its width, or its `note` says why not; the note also names places without a value that SymPy removed
-    from a text.
+    """Return the proved range of an expression on a closed box. It is wider than the true range by at most `relative`
+    of its width, or its `note` gives the reason; the note also names places without a value that SymPy removed from a
+    text.
 
     Args: `expression`: SymPy, or text in the names of the box, read by the grammar of plain-text models; `where`: a
-    plant, for the box of its declared ranges, parameters without a range at their values, outputs standing for their
-    equations, or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if unbounded.
-
-    Raises: `BadExpression` for text outside the grammar; `Misfit` for a value that is no expression, and for limits out
-    of range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
+    plant, for the box of its declared ranges, with parameters without a range at their values and outputs replaced by
+    their equations; or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if
+    unbounded; `boxes`: the most boxes of a bisection. Raises: `BadExpression` for text outside the grammar; `Misfit`
+    for a value that is no expression, and for limits out of range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a
+    function without a rule.
     """
     limits("bound", boxes, relative)
     resolved, box, folded = _resolved("bound", expression, where)

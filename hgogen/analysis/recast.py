@@ -34,8 +34,8 @@ _DIGITS, _HUGE = 5, 10**300  # digits, and the largest size, of the ends in a pr
 
 @dataclass(frozen=True)
 class Change:
-    """A change of coordinates: each new state w in terms of the plant's states, w(x) (`forward`), and each replaced
-    state in terms of the new and the unchanged states, x(w) (`backward`)."""
+    """A change of coordinates: `forward` maps each new state w to its expression w(x) of the plant's states, `backward`
+    maps each replaced state x to its expression x(w) of the new and the unchanged states."""
 
     plant: System
     forward: Mapping[Signal, sp.Expr]
@@ -43,7 +43,7 @@ class Change:
 
     @property
     def states(self) -> tuple[Signal, ...]:
-        """The states of the recast plant: the new ones in the place of the replaced ones, in order."""
+        """The states of the plant in new coordinates: the new states in the places of the replaced ones."""
         places = dict(zip(self.backward, self.forward, strict=True))
         return tuple(places.get(s, s) for s in self.plant.states)
 
@@ -61,16 +61,16 @@ class Change:
 
 @requires_plant
 def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Signal, Any]) -> System:
-    """Return the plant with some states replaced.
+    """Return the plant in coordinates in which some of its states are replaced by new ones.
 
-    Args: `coordinates` maps each new state (a Signal with its own range) to an expression of the plant's states;
-    `inverse` maps each replaced state of the plant to an expression of the new and the unchanged states. New states
-    have the places of the replaced ones, in order. A plant that is recast already is recast from where it was first
-    declared, by both changes at once.
+    Args: `coordinates`: maps each new state (a Signal with its own range) to an expression of the plant's states;
+    `inverse`: maps each replaced state of the plant to an expression of the new and the unchanged states. The new
+    states take the places of the replaced ones, in order. For a plant that already is in new coordinates both changes
+    are composed.
 
-    Raises: `Misfit`; `BadSystem` where the numbers differ, a map reads an input or an unknown name, or a new state has
-    the name of one that is reported. Whether the maps are smooth and inverse to each other is a Check,
-    `recast.inverse`; whether the new ranges are wide enough another, `recast.range`.
+    Raises: `Misfit`; `BadSystem` where the numbers of states differ, a map contains an input or an unknown name, or a
+    new state has the name of one that is reported. Whether the maps are smooth and inverse to each other is a Check,
+    `recast.inverse`; whether the new ranges are wide enough is another, `recast.range`.
     """
     for what, maps in (("coordinates", coordinates), ("inverse", inverse)):
         if not isinstance(maps, Mapping):
@@ -150,10 +150,11 @@ def _readable(change: Change) -> None:
 
 
 def checks(change: Change) -> tuple[Check, ...]:
-    """Return the checks `recast.inverse`, w(x(w)) = w and x(w(x)) = x, and `recast.range`, w(x) in its range on the box
-    of x.
+    """Return the checks of a change of coordinates: `recast.inverse`, w(x(w)) = w and x(w(x)) = x, and `recast.range`,
+    w(x) in its range on the box of x.
 
-    proved: outward-rounded intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
+    proved: by outward-rounded intervals and exact substitution. refuted: at a sample point. unknown: neither, or no
+    range.
     """
     signed = stand_ins((*change.old, *change.forward))
     plain = {dummy: s for s, dummy in signed.items()}
@@ -246,7 +247,8 @@ def _range(change: Change) -> Check:
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
-    """Return a range of the expression on the box, exact at ends of signals with a bounded slope of one sign."""
+    """Return the range of an expression over the ranges of the `signals`; its ends are exact where partial derivatives
+    are bounded and of one sign."""
     box = box_of(signals)
     slopes = {s: expression.diff(s) for s in signals if s.bounded and s in expression.free_symbols}
     if singular([expression], box):

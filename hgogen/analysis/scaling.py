@@ -48,31 +48,34 @@ ALIGNED = ("top", "end")  # alignments for which a high gain is defined
 
 @dataclass(frozen=True)
 class Scaling:
-    """The powers of theta in the noise of a high gain observer: Delta^-1 = diag(theta^`states`) (n), delta =
-    diag(theta^`outputs`) (p) and g = `gauge` in Q_theta = theta^(1+g) Delta^-1 Q Delta^-1, R_theta = theta^(g-1) delta
-    R delta."""
+    """The powers of theta by which a high-gain observer scales its noise:
+
+        Q_theta = theta^(1+g) Delta^-1 Q Delta^-1,   R_theta = theta^(g-1) delta R delta
+
+    Delta^-1 = diag(theta^`states`) (n), delta = diag(theta^`outputs`) (p), g = `gauge`.
+    """
 
     states: tuple[int, ...]
     outputs: tuple[int, ...]
     gauge: int = 0
 
     def spread(self, theta: Graph) -> list[Graph]:
-        """Return the diagonal (n) of Delta^-1 = diag(theta^states) for a number or an SX scalar theta."""
+        """Return the diagonal (n) of Delta^-1 = diag(theta^states), for a number or an SX scalar theta."""
         return [power(theta, exponent) for exponent in self.states]
 
     def process(self, theta: Graph) -> Graph:
-        """Return theta^(1+g), the factor of Q_theta = theta^(1+g) Delta^-1 Q Delta^-1, g the `gauge`."""
+        """Return theta^(1+g), g the `gauge`: the scalar factor of Q_theta."""
         return power(theta, 1 + self.gauge)
 
     def variance(self, R: Graph, theta: Graph, output: int, period: float = 1.0) -> Graph:
-        """Return the variance R_theta/period of an output by its number, R its variance at theta = 1."""
+        """Return the variance R_theta/period of an output (index `output`), from its variance R at theta = 1."""
         exponent = self._exponents[output]
         if exponent < 0:
             return R / (power(theta, -exponent) * period)
         return (R if exponent == 0 else R * power(theta, exponent)) * (1 / period)
 
     def weight(self, R: Graph, theta: Graph, output: int) -> Graph:
-        """Return the weight 1/R_theta of an output by its number, R its variance at theta = 1."""
+        """Return the weight 1/R_theta of an output (index `output`), from its variance R at theta = 1."""
         exponent = self._exponents[output]
         return power(theta, -exponent) / R if exponent < 0 else 1 / (R * power(theta, exponent))
 
@@ -87,8 +90,8 @@ class Scaling:
 
 
 def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
-    """Return the powers of theta that scale a form's noise, for theta = 1 only if several outputs have no aligned
-    chains. `scaled`: "both", Q and R, or "process", Q alone."""
+    """Return the powers of theta by which the noise of a form is scaled; for several outputs without aligned chains
+    they are valid at theta = 1 only. `scaled`: "both" scales Q and R, "process" scales Q alone."""
     longest, output_powers = max(form.blocks), [0] * len(form.output)
     if form.alignment == "end":
         output_powers = [longest - size for size in form.blocks]
@@ -99,8 +102,8 @@ def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
 
 
 def exponents(form: Form) -> tuple[int, ...]:
-    """Return the k_i (n) for which the error of z_i overshoots as theta^k_i: those of Delta^-1, or the states'
-    levels."""
+    """Return the powers k_i (n) of theta with which the error of z_i overshoots: the exponents of Delta^-1 for one
+    output or aligned chains, else the levels of the states in their chains."""
     if form.alignment not in ALIGNED:
         return form.levels
     longest = max(form.blocks)
@@ -117,7 +120,7 @@ _DELTA = {
 
 
 def noise_equation(form: Form, scaled: Scaled) -> str:
-    """Return Q_theta, R_theta and Delta as text for the banner."""
+    """Return the equations of Q_theta, R_theta and Delta as text for the banner of the generated code."""
     process, output = _NOISE[scaled]
     several = len(form.output) > 1 and form.alignment in ALIGNED
     powers = "1, 1/theta, .."  # in full where the states are not in the order of their levels
@@ -145,7 +148,7 @@ class RedundantOutput:
 
 
 def redundant_outputs(form: Form) -> tuple[tuple[RedundantOutput, ...], ...]:
-    """Return, for each chain, the outputs that measure its first state, the chain's own output first."""
+    """Return, for each chain, the outputs that measure its first state, beginning with the chain's own output."""
     spare = [j for j, size in enumerate(form.blocks) if not size]
 
     def of_chain(i: int, z: sp.Symbol) -> tuple[RedundantOutput, ...]:
@@ -156,20 +159,20 @@ def redundant_outputs(form: Form) -> tuple[tuple[RedundantOutput, ...], ...]:
 
 
 def heads(form: Form) -> dict[int, int]:
-    """Return, for each output (by number) that measures the first state of a chain, the index of this state in z."""
+    """Return, by index of each output that measures the first state of a chain, the index of this state in z."""
     first = ((form.heads[chain[0].output], chain) for chain in redundant_outputs(form))
     return {each.output: head for head, chain in first for each in chain}
 
 
 def sizes_of_used(form: Form, sizes: Sequence[Fraction]) -> list[Fraction]:
-    """Return the error sizes (p) of the outputs, with 0 for an output that no chain uses."""
+    """Return the `sizes` of the outputs' errors (p), with 0 in place of that of an output that no chain uses."""
     used = heads(form)
     return [size if j in used else Fraction(0) for j, size in enumerate(sizes)]
 
 
 def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
-    """Return the share (q, p) of each output's error in the error of each chain, a mean over its redundant outputs with
-    the `weights` (p), when all outputs have a sample."""
+    """Return the weights (q, p) with which the errors of p outputs enter the errors of q chains, when all outputs have
+    a sample: for each chain the mean over its redundant outputs with the `weights` (p)."""
     rows = np.full((len(form.leads), len(form.output)), Fraction(0), dtype=object)
     for row, chain in zip(rows, redundant_outputs(form), strict=True):
         whole = sum(Fraction(weights[each.output]) for each in chain)
@@ -179,13 +182,14 @@ def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
 
 
 def unused(form: Form) -> tuple[int, ...]:
-    """Return the numbers of the outputs that no chain uses: neither a chain's own output nor redundant to one."""
+    """Return the indices of the outputs that no chain uses: they are neither a chain's own output nor redundant to
+    one."""
     used = heads(form)
     return tuple(j for j in range(len(form.blocks)) if j not in used)
 
 
 def sharing(form: Form) -> frozenset[int]:
-    """Return the numbers of the outputs that measure the first state of a chain together with other outputs."""
+    """Return the indices of the outputs that measure the first state of a chain together with another output."""
     return frozenset(each.output for chain in redundant_outputs(form) if len(chain) > 1 for each in chain)
 
 
@@ -201,8 +205,8 @@ def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
 
 
 def weighted(form: Form, weights: Any) -> tuple[float, ...]:
-    """Return the weights (p) of the outputs in the means of redundant outputs, from a mapping by their names, 1 for a
-    missing name; without a mapping all are 1. Raises: `BadGain`, also where no output is redundant; `BadNames`."""
+    """Return the weights (p) of the outputs in the means of redundant outputs, from a mapping by name, 1 for a missing
+    name; None gives 1 for all. Raises: `BadGain`, also where no output is redundant; `BadNames`."""
     names = tuple(y.name for y in form.system.outputs)
     if weights is None:
         return (1.0,) * len(names)
@@ -223,8 +227,8 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
 
 
 def mean(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
-    """Return the error (q) of each chain: the weighted mean of the errors `e` (p) of its redundant outputs over those
-    that are `valid` (p); 0 where none is."""
+    """Return the error (q) of each chain: the weighted mean, with the `weights` (p), of the errors `e` (p) of its
+    redundant outputs that are `valid` (p); 0 where none is."""
     errors = []
     for chain in redundant_outputs(form):
         if len(chain) == 1:

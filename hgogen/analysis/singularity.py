@@ -75,13 +75,13 @@ _STATES = ClaimId("singularity", "regular")
 
 @dataclass(frozen=True)
 class Jet:
-    """Derivatives y_j^(k) whose gradients by the states are independent on the set `where` (symbol to value), and the
-    factors of the determinant of these n gradients: where it is not 0, the state is locally observable.
+    """A choice of n derivatives y_j^(k) of the outputs whose gradients by the states are independent on the set `where`
+    (symbol to value), with the determinant of these gradients: where it is not 0, the state is locally observable.
 
-    `rows`: (j, k) of each; `factors`: empty where the determinant is never 0, the determinant itself where its zeros
-    are not known, None where the gradients up to the last order tried, `order`, have no full rank; `parts`: the
-    derivatives, the rates that they contain and the entries of the Jacobian, on whose smoothness the determinant
-    depends; `readable`: the determinant with its factors as it is printed, where that is another text.
+    `rows`: (j, k) of each derivative; `factors`: those of the determinant, empty where it is never 0, the determinant
+    itself where its zeros are not known, None where the gradients up to the last order tried, `order`, do not have full
+    rank; `parts`: the derivatives, the rates that they contain and the entries of the Jacobian, on whose smoothness the
+    determinant depends; `readable`: the determinant with its factors as it is printed, None where this is the same.
     """
 
     where: Where
@@ -100,10 +100,11 @@ class Jet:
 
 @dataclass(frozen=True)
 class Singularity(Encoded):
-    """The zero sets where the plant is not observable by its first derivatives, and the next jets there.
+    """The singular set of a plant, where it is not observable by the first derivatives of its outputs, with further
+    derivatives by which it is observable there.
 
-    `jets`: the generic one (an empty `where`), then the jets on its zero sets, outermost first; none where the matrix
-    is too large, or the plant jumps, as `reason` says.
+    `jets`: for general states (an empty `where`), then for the zero sets of the determinant, outermost first; () where
+    the matrix is too large, or the plant jumps, for the `reason`.
     """
 
     json_keys = "factors inputs determinants checks"
@@ -120,13 +121,14 @@ class Singularity(Encoded):
 
     @property
     def inputs(self) -> tuple[sp.Expr, ...]:
-        """The factors of det d(y, y', ..)/dx in inputs and parameters alone that may be 0: singular inputs for any
-        state."""
+        """The singular inputs: factors of det d(y, y', ..)/dx in inputs and parameters alone that may be 0. Where one
+        is 0, no state is observable by these derivatives."""
         return tuple(e for e in self.open_factors if e.free_symbols.isdisjoint(self.plant.states))
 
     @property
     def open_factors(self) -> tuple[sp.Expr, ...]:
-        """The factors of det d(y, y', ..)/dx that may be 0 on the box of states, inputs and parameters."""
+        """The factors of det d(y, y', ..)/dx that are not proved to be nonzero on the box of states, inputs and
+        parameters."""
         return _open(self.plant, self.factors or ())
 
     @property
@@ -136,8 +138,8 @@ class Singularity(Encoded):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """A check of local observability for general states and one for each zero set followed; each holds where the
-        factors of its determinant are not 0."""
+        """The checks of local observability: one for general states and one for each zero set of the determinant; each
+        holds where the factors of its own determinant are not 0."""
         if not self.jets:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
@@ -153,7 +155,7 @@ class Singularity(Encoded):
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
 
     def latex(self) -> str:
-        """Return the determinants as LaTeX, one line of an align environment for each jet."""
+        """Return the determinants as LaTeX, an align environment with a line for each jet."""
         marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
         dots = {  # the inputs' derivatives, with dots or orders above
             u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
@@ -176,11 +178,12 @@ class Singularity(Encoded):
 @requires_any_plant
 @cached
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
-    """Return the plant's singular set with the derivatives of its inputs, and the next jets on it.
+    """Return the singular set of a plant, and further derivatives of the outputs by which it is observable there;
+    inputs vary with time, so that their derivatives occur.
 
-    Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
-    inputs, their derivatives or the states: its root is substituted for that symbol. `limit` counts nodes of
-    expressions.
+    Parameters stay symbols. The zero set of a factor is examined where the factor is linear, with a constant
+    coefficient, in one of the inputs, their derivatives or the states: its root is substituted for this symbol.
+    `limit`: the most nodes of an expression.
     """
     if plant.discrete:
         return Singularity(
@@ -339,14 +342,15 @@ def singular_set(
     inputs: Sequence[sp.Symbol] = (),
     limit: int = ELIMINATION,
 ) -> tuple[sp.Expr, ...] | str | None:
-    """Return factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
+    """Return factors whose zero sets together are the zero set of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs
+    at 0.
 
-    "none": it has no zero; "all": it is 0 everywhere, at random numbers as generic ranks are. With several outputs rows
-    are added until they have rank n. They are ordered by derivatives first, or by outputs first; both must give the
-    same zero set. Parameters are symbols, and a factor may be one.
+    "none": the determinant has no zero; "all": it is 0 everywhere, decided at random numbers like generic ranks. With
+    several outputs rows are added until they have rank n, ordered by derivatives first, and again by outputs first;
+    both must give the same zero set. Parameters are symbols, and a factor may be one.
 
-    None: no answer, because the order makes a difference, for a function with kinks, roots that depend on each other,
-    or beyond `limit` products of terms.
+    None: no answer, because both orders differ, for a function with kinks, roots that depend on each other, or beyond
+    `limit` products of terms.
     """
     off = dict.fromkeys(inputs, sp.S.Zero)
     drift, h = ([sp.sympify(e).subs(off) for e in rows] for rows in (flow, output))
@@ -449,11 +453,11 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 @dataclass(frozen=True)
 class UniformObservability:
-    """The uniform observability of a plant: the `answer` is True or False where the test applies, and None where it
-    does not, or where it cannot be decided; `reason` says why.
+    """The uniform observability of a plant, that is for every input. `answer`: True or False, None where the test does
+    not apply or does not decide; `reason`: why.
 
-    It `applies` where the plant has one output, an input, a flow affine in the inputs, and an output free of them.
-    `proved`: whether a False is proved, and not only found by ranks at random points.
+    `applies`: whether the test applies: the plant has one output, an input, a flow affine in the inputs, and an output
+    free of them. `proved`: whether a False is proved, and not only decided by ranks at random points.
     """
 
     answer: bool | None
@@ -470,7 +474,7 @@ class UniformObservability:
 
 
 def gauthier_bornard(model: Model) -> UniformObservability:
-    """Return the result of Gauthier and Bornard's test of observability for every input of a model at random points.
+    """Return the result of Gauthier and Bornard's test of observability for every input of a model, at random points.
     Raises: `NowhereDefined`; `NoTape` for a function without a rule."""
     plant, outside = model.plant, _outside(model.flow, model.output, model.inputs)
     if outside:
@@ -492,9 +496,9 @@ def gauthier_bornard(model: Model) -> UniformObservability:
 
 
 def of_plant(plant: System) -> UniformObservability:
-    """Return the result of Gauthier and Bornard's test of observability for every input, on each branch that the
-    plant's ranges reach. Parameters are generic within their ranges; those without one are at their nominal values.
-    Raises: as `gauthier_bornard`."""
+    """Return the result of Gauthier and Bornard's test of observability for every input of a plant, on each branch that
+    the declared ranges reach. Parameters with a range are generic, others have their nominal values. Raises: as
+    `gauthier_bornard`."""
     if plant.invariants:
         return UniformObservability(None, False, because("the test is for plants without invariants"))
     reached = on_branches(plant, plant.tunable)

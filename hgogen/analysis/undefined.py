@@ -83,8 +83,8 @@ _ARGUMENT = {
 
 @dataclass(frozen=True)
 class Gap:
-    """A point, or possible point, where a part of an expression has no value: the failed `condition`, such as a divisor
-    not 0; `verdict`: refuted with a `point`, where (for some inputs alone), or unknown."""
+    """A place, or possible place, where a part of an expression has no value: the `condition` that fails, such as a
+    divisor not 0. `verdict`: refuted, with a `point`; where, for some inputs alone; or unknown."""
 
     condition: Condition
     verdict: Verdict
@@ -93,8 +93,8 @@ class Gap:
 
 @lru_cache(maxsize=64)
 def undefined_values(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of equations (rate or output NAME) that are not proved to be finite on the
-    box."""
+    """Return the checks `singular.NAME` of the equations (rate or output NAME) that are not proved to be finite on the
+    declared ranges."""
     named = ((signal, Sentence.of("{row}", row=text), row) for signal, text, row in _rows(plant))
     rows = ((signal, text, (bounded_logs(row),), _LAST_RATE) for signal, text, row in named)
     return tuple(check for row in rows if (check := _check(plant, *row)))
@@ -102,8 +102,8 @@ def undefined_values(plant: System) -> tuple[Check, ...]:
 
 @lru_cache(maxsize=64)
 def undefined_slopes(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of equations that are finite on the box, their slopes by the states maybe
-    not."""
+    """Return the checks `singular.NAME` of the equations (rate or output NAME) that are finite on the declared ranges,
+    but whose partial derivatives by the states may not be."""
     known = {check.id.fact for check in undefined_values(plant)}
     rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
     return tuple(check for row in rows if (check := _slopes_check(plant, *row)))
@@ -152,7 +152,8 @@ def _check(
 
 
 def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
-    """Return where expressions of the plant's signals have no finite value on the declared ranges, or may have none."""
+    """Return the places where expressions of the plant's signals have no finite value on the declared ranges, or may
+    have none."""
     around = plant.box
     loose = [s for s in (*plant.states, *plant.inputs) if not s.bounded]
     known = {**around, **{s: (Fraction(str(resting(s))),) * 2 for s in loose}}
@@ -257,10 +258,10 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
 
 
 def written(plant: System) -> tuple[sp.Expr, ...]:
-    """Return the plant's equations as written, and for a recast plant also each part of the original ones, in the new
-    states.
+    """Return the plant's equations as the user has written them; for a plant in new coordinates also each part of the
+    original equations, in the new states.
 
-    (x1 - x2)/(2 x1 - 2 x2) has no value at x1 = x2; with x1 = w + x2 SymPy makes 1/2 of it.
+    (x1 - x2)/(2 x1 - 2 x2) has no value at x1 = x2; with x1 = w + x2 SymPy simplifies it to 1/2.
     """
     rows = (*plant.flow, *plant.output)
     if plant.origin is None:
@@ -272,18 +273,21 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
-    """Return a part of the plant's equations, as written, that may be infinite or not real on the box, or None."""
+    """Return a part of the plant's equations, as written, that may be infinite or not real on the declared ranges; None
+    where there is none."""
     return next(iter(doubtful(written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
 def value_conditions(plant: System) -> tuple[Condition, ...]:
-    """Return the conditions under which the plant as written has a value, without those proved on the whole box."""
+    """Return the conditions under which the plant as written has a value, without those that are proved on the whole
+    box."""
     return conditions(written(plant), plant.box)
 
 
 def if_valued(check: Check, plant: System) -> Check:
-    """Return the check of a claim about values on the box, unknown in place of proved where the plant may have none."""
+    """Return the `check` of a claim about values on the declared ranges, with the verdict unknown instead of proved
+    where the plant may have no value somewhere."""
     part = valueless(plant) if check.verdict is Verdict.PROVED else None
     if part is None:
         return check
@@ -292,15 +296,16 @@ def if_valued(check: Check, plant: System) -> Check:
 
 
 def on_box(plant: System) -> System:
-    """Return the plant without kinks and jumps whose side its box decides."""
+    """Return the plant with each kink or jump replaced by the branch that holds on its whole box, where there is
+    one."""
     around = plant.box
     flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
     return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
 
 
 def wrapped_angles(plant: System) -> dict[sp.Expr, Condition]:
-    """Return the atan2(y, x) that enter only outputs with a period, with whole periods a turn, so that their cut is no
-    jump of an output; each with the condition under which it is smooth."""
+    """Return the nodes atan2(y, x) whose cut causes no jump of an output, because they occur only in outputs with a
+    period, which contains whole turns of them; each with the condition under which it is smooth."""
     angles, others = set[sp.Expr](), [*plant.flow]
     for output, row in zip(plant.outputs, plant.output, strict=True):
         for term in sp.Add.make_args(row):
@@ -313,11 +318,11 @@ def wrapped_angles(plant: System) -> dict[sp.Expr, Condition]:
 
 
 def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
-    """Return the branches of flow, output and constraints, in this order, that the declared box reaches: the `loose`
-    parameters in their ranges, the others at their nominal values; of a plant with constraints those that its points on
-    them reach, with the rows as they are there (`rigor.invariant.restricted`).
+    """Return the branches of flow, output and constraints, in this order, that the declared ranges reach, with the
+    `loose` parameters in their ranges and the others at their nominal values. For a plant with constraints: the
+    branches that points on the constraints reach, with the rows simplified there (`rigor.invariant.restricted`).
 
-    Raises: `NowhereDefined` where a comparison has no value at these; `NoTape` for a function without a rule.
+    Raises: `NowhereDefined` where a comparison has no value at these points; `NoTape` for a function without a rule.
     """
     loose, plain, constraints = tuple(loose), on_box(plant), plant.constraints
     fixed = {p: value for p, value in plant.nominal.items() if p not in loose}

@@ -67,7 +67,7 @@ from hgogen.system import demand_continuous
 
 
 class NotCertifiable(BadArgument):
-    """A model that a certificate cannot carry."""
+    """The error that a certificate cannot represent a model."""
 
     text = (
         "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
@@ -76,7 +76,8 @@ class NotCertifiable(BadArgument):
 
 
 class OtherNumbers(BadArgument):
-    """An observer whose proofs name other numbers than the checker's table `recheck.rules.OBSERVERS` expects."""
+    """The error that the arguments in an observer's proofs differ from those in the checker's table
+    `recheck.rules.OBSERVERS`."""
 
     text = (
         "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
@@ -85,14 +86,15 @@ class OtherNumbers(BadArgument):
 
 
 class NoClaims(BadArgument):
-    """An argument of `certificate` that is no form, no checks or no name of an observer."""
+    """The error that an argument of `certificate` is no form, no sequence of checks or no name of an observer."""
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
-    """Return the certificate, a JSON value, of a form's `checks`, and of the observer with the name `observer`. A claim
-    whose evidence `recheck.verification` does not verify is "stated" there, not "proved". Raises: `NotCertifiable` for
-    a model with functions that the grammar lacks (Piecewise, floor); `OtherNumbers` for an observer that does not fit
-    its rules; `NoClaims` for an argument that is no form, check or name."""
+    """Return the certificate of a form's `checks`, as a JSON value, and of the observer with the name `observer`, ""
+    for none. A claim whose evidence `recheck.verification` does not verify has the verdict "stated" in the certificate,
+    not "proved". Raises: `NotCertifiable` for a model with functions that the grammar lacks (Piecewise, floor);
+    `OtherNumbers` for an observer that does not fit its rules; `NoClaims` for an argument that is no form, check or
+    name."""
     checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]
     content = sealed({**head(form, checks, observer), "claims": claims})
@@ -128,7 +130,8 @@ def asserted(content: Mapping[str, Any]) -> int:
 
 
 def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return (id, reason) of each claim with the verdict "stated": proved or refuted, but without evidence."""
+    """Return (id, reason) of each claim in a certificate with the verdict "stated": it is proved or refuted, but
+    without evidence that a checker verifies."""
     return tuple(
         (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
     )
@@ -148,7 +151,7 @@ def _claim(form: Form, check: Check) -> dict[str, Any]:
 
 
 def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
-    """Return the head of a certificate: its format, plant, form and observer."""
+    """Return the head of a certificate, all its entries except the claims: format, plant, form and observer."""
     system = form.system
     plant = system.declared
     about = {
@@ -212,12 +215,13 @@ def _periods(signals: Iterable[Signal]) -> dict[str, dict[str, str]]:
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of a certificate with its digest."""
+    """Return the content of a certificate with its digest added, under the key "digest"."""
     return {**content, "digest": digest(content)}
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
-    """Return the digest `model` of a certificate, without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
+    """Return the digest of the model (plant, form, observer) that a certificate of these arguments has under the key
+    "model", without proofs. Raises: `NotCertifiable`; `OtherNumbers`."""
     content = sealed({**head(form, checks, observer), "claims": []})
     try:
         return read(json.dumps(content)).model

@@ -44,9 +44,10 @@ _BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))
 
 @dataclass(frozen=True)
 class Reach:
-    """The limits of dt and theta up to which a step contracts: `longest`, the largest proved dt at the step's theta,
-    and `pieces`, proofs of all dt up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs at
-    this theta of all dt that cover each theta up to the step's own. None, or (), where nothing is proved."""
+    """The limits of dt and theta within which a step is proved to contract. `longest`: the largest dt at the step's
+    theta, None where none is proved; `pieces`: proofs for all dt up to it, () where not proved; `least`: the smallest
+    theta at the step's dt, None where none is proved; `tuned`: proofs at the theta `least` for all dt up to one that
+    covers each theta from `least` to the step's own, () where not proved."""
 
     longest: Fraction | None = None
     pieces: tuple[Piece, ...] = ()
@@ -60,9 +61,9 @@ NOWHERE = Reach()
 @dataclass(frozen=True)
 class Contraction:
     """The result of the question whether the error of a step contracts, |e+|_P <= sqrt(1 - alpha dt) |e|_P, at every
-    call. `checks`: OBSERVER.step, at its dt and theta, and where proved OBSERVER.shorter, at every dt up to a longest
-    one, and OBSERVER.tuned, at every theta from a least one on; `rate` (1/time) of |e|_P, rounded down, None where it
-    is not proved; `reach`: limits of dt and theta; `proof`: that of OBSERVER.step."""
+    call. `checks`: OBSERVER.step at the step's dt and theta; where proved also OBSERVER.shorter, for every dt up to a
+    longest one, and OBSERVER.tuned, for every theta from a least one on. `rate` (1/time): of |e|_P, rounded down, None
+    where it is not proved; `reach`: the limits of dt and theta; `proof`: that of OBSERVER.step, or None."""
 
     checks: tuple[Check, ...]
     rate: float | None
@@ -79,10 +80,13 @@ class Contraction:
 
 
 def contraction(step: Step) -> Contraction:
-    """Return whether the error of a step contracts at its gains and dt, with the proof, and the limits of dt and theta
-    up to which it does. Proofs exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power`
-    and `peaking_free` by an explicit method, or one that realises a constant linear core; for others the check names
-    the reason. Raises: `NoSolver` without Clarabel; `NoStep`."""
+    """Return whether the error of a step is proved to contract at its gains and dt, with the proof, and the limits of
+    dt and theta within which it does.
+
+    Proofs exist for the observers `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and
+    `peaking_free`, integrated by an explicit method or by one that integrates a constant linear core exactly; for
+    others the check names the reason. Raises: `NoSolver` without Clarabel; `NoStep`.
+    """
     demand_step(step, "contraction")
     if step.clock.varying:
         return _unknown(step.observer, step.code.rule, step.dt, VARYING)
@@ -139,13 +143,14 @@ def _claim(observer: Observer, rule: str, dt: float) -> str:
 
 
 def running(observer: Observer, rule: str, dt: float) -> str:
-    """Return the text "as it runs, by METHOD at dt = .. s", with which claims about a step begin."""
+    """Return the text "as it runs, by METHOD at dt = .. s", with which claims about a step begin; `rule`: the
+    method."""
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
 def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
-    """Return the proved check OBSERVER.`fact` with its `claim` and `reason`; `facts`: its evidence about the
-    `error`."""
+    """Return the proved check OBSERVER.`fact` with the text `claim` and the `reason`; `facts`: its evidence for a
+    certificate, which assumes the ranges of slopes in the `error` dynamics."""
     grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Facts(error, facts))
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
@@ -179,8 +184,8 @@ def _fix(far: Reach) -> str:
 
 
 def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
-    """Return the limits of dt and theta around a step of length h; `limit`: the length above which steps are refused.
-    Raises: `NoSolver`."""
+    """Return the limits of dt and theta, around a step of length h, within which it is proved to contract; `limit`: the
+    step length above which `sample` refuses a step. Raises: `NoSolver`."""
     theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
 
     def at(level: Fraction) -> Steps:
@@ -201,8 +206,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 
 def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
-    """Return the largest share s of the slopes' ranges for which the step of length h contracts, each range times s;
-    None for none. Raises: `NoSolver`."""
+    """Return a share s, close to the largest, such that the step of length h is proved to contract if the ranges of all
+    partial derivatives of b are multiplied by s; None where none is proved. Raises: `NoSolver`."""
 
     def narrowed(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))
@@ -229,7 +234,7 @@ def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fractio
 
 @dataclass(frozen=True)
 class Admitted:
-    """The limits of a step's dt: certified, advised and refused."""
+    """The limits of a step's dt: `certified`, `advised` and `refused`."""
 
     dt: Annotated[float, "the step's own dt"]
     time: Annotated[str, "unit of time"]
@@ -240,7 +245,7 @@ class Admitted:
 
     @property
     def sentence(self) -> Sentence:
-        """The limits in ascending order; the advised one only if it is above the certified one."""
+        """The limits as a sentence, in ascending order; the advised one only if it is above the certified one."""
         limits = []
         if self.certified is None:
             limits.append(Sentence.of("certified at none"))
@@ -256,7 +261,7 @@ class Admitted:
 
 
 def admitted(step: Step, known: Contraction) -> Admitted:
-    """Return the limits of a step's dt: certified by `known`, its contraction, advised, and refused."""
+    """Return the limits of a step's dt: certified by its contraction `known`, advised, and refused."""
     far = known.reach
     certified = float(far.longest) if far.longest else step.dt if known.proved else None
     advised, refused = (None if most == INF else most for most in (step.advised, step.limit))

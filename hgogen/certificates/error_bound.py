@@ -48,8 +48,8 @@ Slopes = Mapping[str, tuple[Fraction, ...]]
 
 
 def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
-    """Return, by name, for each state x of the plant that is none of the form's, sup|dx/dz_j| (n), where the errors of
-    the form's states z are at most `errors` (n); without those that have no bound."""
+    """Return sup|dx/dz_j| (n), by name, of each state x of the plant that is no state of the form, where the errors of
+    the form's states z are at most `errors` (n). States without a bound are left out."""
     slopes = {}
     for state, expression in form.estimates:
         if state.name in form.names:
@@ -114,13 +114,16 @@ _UP = 1 + 1e-9  # of a count of calls, for rounding errors
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """Bounds of the errors of a step's estimate. `shares`: by cause ("noise", "rounded", "late", "disturbance",
-    "parameters", "method", "rounding") and by the name of a state of the form or the plant, the error from this cause;
-    `bounds`: the sums, without states whose sum exceeds the width of their range; `inside`: the distance by which the
-    plant must keep clear of the ends of its ranges. `settles` (time): from when on an error is within 1.1 of its bound,
-    for initial errors of min(1, `multiple`) times those that the ranges allow; `multiple`: the largest one with which
-    the estimate never reaches its limits; both None where unknown, for the reason `missing`. `check`: OBSERVER.error;
-    `signed`: the statements in the step's code."""
+    """The proved ultimate bounds of the errors of a step's estimate.
+
+    `shares`: by cause ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the name
+    of a state of the form or the plant, the error from this cause; `bounds`: the sums of the shares, without states
+    whose sum exceeds the width of their range; `inside`: the distance, by state, that the plant must keep from the ends
+    of its ranges. `settles` (time): when errors are within 1.1 of their bounds, for initial errors of min(1,
+    `multiple`) times those that the ranges allow; `multiple`: the largest factor of initial errors with which the
+    estimate never reaches its limits; both None where unknown, for the reason `missing`. `check`: OBSERVER.error;
+    `signed`: the statements for the step's code.
+    """
 
     check: Check
     shares: Mapping[str, Mapping[str, float]]
@@ -146,19 +149,21 @@ def error_bound(
     rates: Each = None,
     real: Real | None = None,
 ) -> ErrorBound:
-    """Return the largest errors of the estimate for ever, and from when on, for a step that is proved to contract.
+    """Return proved bounds of the estimate's errors after they have settled, and the settling time, for a step that is
+    proved to contract.
 
-    Sizes are given by name, 0 by default: `noise`, the largest error in each sample of an output, of any course;
-    `rounded`, the quantisation step of samples; `late`, the largest difference of a sample's time from its nominal
-    time; `disturbance`, the largest one in the rate of a state of the plant, of any course; `parameters`, the largest
-    difference of the plant's from the program's, a constant; `rates`, the largest speed of an input between two
-    samples, by default its declared rates; 0 for an input that is constant there. `real`, "float" or "double": includes
-    rounding errors of the program in that precision; by default its numbers are real numbers.
+    Args: sizes by name, 0 by default: `noise`: the largest error in each sample of an output; `rounded`: the
+    quantisation step of samples; `late`: the largest difference of a sample's time from its nominal time;
+    `disturbance`: the largest disturbance in the rate of a state of the plant; `parameters`: the largest difference of
+    the plant's parameter from the program's, a constant; `rates`: the largest speed of an input between two samples, by
+    default its declared rates, 0 for an input that is constant there. Noise and disturbances vary arbitrarily. `real`:
+    "float" or "double" includes rounding errors of the program in this precision; by default it computes with real
+    numbers.
 
-    The plant keeps to its ranges, clear of their ends by `inside`. Inputs keep to theirs, and move between samples as
-    the program assumes. No sample is missing; samples and inputs are numbers of the program's precision. The errors of
-    elementary functions are assumed to be at most twice those that were measured. Raises: `NoSolver` without Clarabel;
-    `BadNames`, `BadGain` for an invalid size; `BadStep` for an unknown precision.
+    Assumptions: the plant stays in its ranges, at the distance `inside` from their ends. Inputs stay in theirs, and
+    vary between samples as the program assumes. No sample is missing; samples and inputs are numbers of the program's
+    precision. The errors of elementary functions are at most twice those that were measured. Raises: `NoSolver` without
+    Clarabel; `BadNames`, `BadGain` for an invalid size; `BadStep` for an unknown precision.
     """
     demand_choice("real", real, (None, *REALS))
     demand_step(step, "error_bound")
@@ -203,8 +208,9 @@ def _not_followed(form: Form) -> tuple[Reason, str] | None:
 
 
 def signed(step: AnyStep, **bounds: Any) -> AnyStep:
-    """Return the step with the result of `error_bound` under these `bounds`, its arguments: the code that targets
-    generate states the numbers and their assumptions. Nothing else of the step changes. Raises: as `error_bound`."""
+    """Return the step with the bounds of `error_bound` in it, so that the code that targets generate states them with
+    their assumptions. `bounds`: the arguments of `error_bound`, which says what it raises. Nothing else of the step
+    changes."""
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 

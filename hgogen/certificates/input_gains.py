@@ -45,16 +45,17 @@ from hgogen.step import Step, demand_step
 
 @dataclass(frozen=True)
 class NoiseGain:
-    """The effect of noise on a step: `gains`, by (state of the form, output), the largest error of the state for noise
-    of at most 1 at each sample of the output, for ever; for several outputs they add up. `check`: OBSERVER.noise."""
+    """The proved ultimate effect of noise on a step. `gains`: by (state of the form, output), the largest error of the
+    state for noise of at most 1 in each sample of the output; the effects of several outputs add up. `check`:
+    OBSERVER.noise."""
 
     gains: Mapping[tuple[str, str], float]
     check: Check
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return the largest error of a state for noise of at most these sizes, by output: their effects add up.
-        Rounding of samples to steps of q is noise of q/2. Raises: `BadNames` for an unknown state or output; `BadGain`
-        for an invalid size."""
+        """Return the ultimate bound of a state's error for noise of at most these sizes, by name of the output: the sum
+        of gain times size. Quantisation of samples with step q is noise of q/2. Raises: `BadNames` for an unknown state
+        or output; `BadGain` for an invalid size."""
         states, outputs = (tuple(dict.fromkeys(names)) for names in zip(*self.gains, strict=True))
         in_order("state", {state: None}, states, default=dict.fromkeys(states))
         each = zip(outputs, sizes("noise", noise, outputs), strict=True)
@@ -62,10 +63,12 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | Nothing:
-    """Return the largest errors under noise of a step that is proved to contract, by |e+|_P^2 <= (1 - alpha dt) |e|_P^2
-    + dt sum_k lambda_k v_k^2, sum_k lambda_k <= alpha, so that |e|_P <= 1 is invariant and an error from outside
-    approaches it; or the reason: no contraction, or a chain whose gains contain parameters. Raises: `NoSolver` without
-    Clarabel; `NoStep`."""
+    """Return the ultimate bounds of errors under noise v, of a step that is proved to contract; or the reason why there
+    are none: no contraction, or a chain whose gains contain parameters.
+
+    By |e+|_P^2 <= (1 - alpha dt) |e|_P^2 + dt sum_k lambda_k v_k^2 with sum_k lambda_k <= alpha, the set |e|_P <= 1 is
+    invariant for |v_k| <= 1, and a larger error approaches it. Raises: `NoSolver` without Clarabel; `NoStep`.
+    """
     demand_step(step, "noise_gain")
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
@@ -107,7 +110,8 @@ _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational ari
 
 @dataclass(frozen=True)
 class L2Gain:
-    """A proved bound `gain` of the L2 gain from inputs to errors, or None; `check`: OBSERVER.l2_gain."""
+    """A proved bound `gain` of the L2 gain from noise and disturbances to the error, None where none is proved;
+    `check`: OBSERVER.l2_gain."""
 
     gain: float | None
     check: Check
@@ -118,8 +122,8 @@ class L2Gain:
 
 @dataclass(frozen=True)
 class IssGain:
-    """The proved `bounds`, by state of the form, of the errors in the end, {} where there are none; `check`:
-    OBSERVER.iss_gain."""
+    """The proved ultimate `bounds` of the errors by state of the form (input-to-state stability), {} where none are
+    proved; `check`: OBSERVER.iss_gain."""
 
     bounds: Mapping[str, float]
     check: Check
@@ -130,10 +134,13 @@ class IssGain:
 
 @asks_an_observer
 def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
-    """Return a bound mu of the L2 gain, |C e|_2 <= mu |v|_2 + a term of the start, from inputs v to the error of an
-    observer with a constant injection, in continuous time, at its theta. `noise`, by output, and `disturbance`, in the
-    rate of a state of the plant, by name: the size that counts as 1, by default 0; `of`, by state of the form: its
-    weight in C, by default 1. Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size."""
+    """Return a proved bound mu of the L2 gain, |C e|_2 <= mu |v|_2 + a term of the initial error, from inputs v to the
+    error e of an observer with a constant injection gain, in continuous time, at its theta.
+
+    Args: `noise`: the size of noise that counts as 1, by output, by default 0; `disturbance`: the same for disturbances
+    in the rate of a state of the plant, by name; `of`: the weight in C of a state of the form, by name, by default 1.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size.
+    """
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
     known = _known(observer, noise, disturbance)
@@ -159,10 +166,13 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
-    """Return the bound to which the error of each state of the form comes in the end, under `noise` in outputs and a
-    `disturbance` in rates of the plant's states of at most these sizes, by name, of any course: V' <= -alpha V + sum_k
-    lambda_k v_k^2, sum_k lambda_k <= alpha. In continuous time, proportional to the inputs. Raises: `NoSolver` without
-    Clarabel; `BadNames`, `BadGain` for an invalid size."""
+    """Return proved ultimate bounds of the errors of the form's states under inputs v, in continuous time, by V' <=
+    -alpha V + sum_k lambda_k v_k^2 with sum_k lambda_k <= alpha. The bounds are proportional to the inputs.
+
+    Args: `noise`: the largest noise of each output, by name; `disturbance`: the largest disturbance in the rate of a
+    state of the plant, by name; both vary arbitrarily, 0 by default. Raises: `NoSolver` without Clarabel; `BadNames`,
+    `BadGain` for an invalid size.
+    """
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):

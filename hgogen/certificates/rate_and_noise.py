@@ -28,9 +28,9 @@ _GUESS = 4.0  # theta over the guess of its rate, where none is proved
 
 @dataclass(frozen=True)
 class Point:
-    """A gain on the curve of rate against noise: the `observer` that has it; `gain`: the designed gain, None for one
-    given by the user; `continuous` and `step`: the bounds of errors under noise, by (state, output), in continuous time
-    and for the step at its dt, {} where none are proved."""
+    """A point on the trade-off curve of decay rate against noise: an `observer` with its proved rate and noise bounds.
+    `gain`: the designed gain, None for one from the user; `continuous`, `step`: the bounds of errors under noise of at
+    most 1, by (state, output), in continuous time and for the step at its dt, {} where none are proved."""
 
     observer: Observer = field(repr=False)
     gain: Gain | None
@@ -42,12 +42,13 @@ class Point:
 
     @property
     def about(self) -> float:
-        """The proved rate of decay, or where none is proved theta/4 as a guess."""
+        """The proved rate of decay (1/time); theta/4, as a guess, where none is proved."""
         return float(theta_of(self.observer)) / _GUESS if self.rate is None else self.rate
 
 
 def tuned(step: CallableStep) -> Point:
-    """Return the point of a step with its own gains, for an observer with a constant injection. Raises: `NoSolver`."""
+    """Return the point of the trade-off curve of a step with its own gains, for an observer with a constant injection
+    gain. Raises: `NoSolver`."""
     error, known = step.observer.error, noise_bounds(step.observer)
     falls = None if error is None or isinstance(error, Nothing) else Flow(error, theta_of(step.observer)).fastest
     bounds: Mapping[tuple[str, str], float] = {} if isinstance(known, Nothing) else known
@@ -55,9 +56,9 @@ def tuned(step: CallableStep) -> Point:
 
 
 def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
-    """Return the point of a gain that is designed for a `rate`, on the form of the step `like`, with its dt and method;
-    with an N in b(z + N (y - C z)) if `argument`. Raises: `NoSolver`; as `hg.design.gain`, the observer and `sample`
-    do."""
+    """Return the point of the trade-off curve of a gain that is designed for a decay `rate` (1/time), for the form, dt
+    and method of the step `like`; with `argument` also an N in b(z + N (y - C z)) is designed. Raises: `NoSolver`, and
+    the errors of `hg.design.gain`, the observer and `sample`."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.arguments)

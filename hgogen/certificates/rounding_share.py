@@ -59,7 +59,8 @@ _SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and 
 
 
 class Arithmetic(Protocol):
-    """The operations with which `after_call` evaluates a step's program, on values of any kind: balls, or texts."""
+    """An arithmetic in which `after_call` evaluates the program of a step: its operations, on values of any kind, such
+    as balls or texts."""
 
     def parameter(self, number: float) -> Any:
         """Return the value that represents a gain or a parameter of the program."""
@@ -68,11 +69,12 @@ class Arithmetic(Protocol):
         """Return the value that represents a constant of the program."""
 
     def apply(self, op: int, values: list[Any]) -> Any:
-        """Return the result of one operation, `op` CasADi's number of it, on these values. Raises: `Unsure`."""
+        """Return the result of the operation with CasADi's number `op` on these values. Raises: `Unsure` where it has
+        none."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
-        """Return the result columns of a `function` of the program at argument `columns`; `body` computes them. Raises:
-        `Unsure`."""
+        """Return the result columns of a `function` of the program for the argument `columns`; `body`: the function
+        that computes them operation by operation. Raises: `Unsure` where one has no result."""
 
 
 def after_call(
@@ -82,9 +84,11 @@ def after_call(
     samples: Sequence[Sequence[Any]],
     inputs: Sequence[Sequence[Any]],
 ) -> list[Any]:
-    """Return the numbers (N) in an observer's memory after one call of its step, in any `arithmetic`: `fields` (N),
-    these numbers before it; `samples` (2, p) and `inputs` (2, m), of the last call and of this one. Raises:
-    `Unsure`."""
+    """Return the numbers (N) in an observer's memory after one call of its step, evaluated in any `arithmetic`.
+
+    Args: `fields` (N): the numbers before the call; `samples` (2, p), `inputs` (2, m): those of the last call and of
+    this one. Raises: `Unsure` for a program that the arithmetic cannot evaluate.
+    """
     (part,) = step.observer.parts
     p = len(samples[0])
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
@@ -106,10 +110,10 @@ def after_call(
 
 
 def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-    """Return balls (N) of the rounding errors in the observer's memory that one call makes in the precision `real`, for
-    memory in the balls `fields` (N), samples in `y` (p) and inputs in `u` (m), now and at the last call. Memory,
-    samples and inputs are numbers of that precision; gains, parameters, constants and the results of `tune` are
-    rounded. Raises: `Unsure`."""
+    """Return the rounding errors (N) that one call makes in the observer's memory in the precision `real`, as balls,
+    for memory in the balls `fields` (N), and samples in the balls `y` (p) and inputs in `u` (m), now and at the last
+    call. Memory, samples and inputs are exact numbers of this precision; gains, parameters, constants and the results
+    of `tune` are rounded. Raises: `Unsure`."""
     elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
     return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
 
@@ -143,7 +147,7 @@ _DIGITS = 40  # digits of a number that is no quotient
 
 @dataclass(frozen=True)
 class Operand:
-    """A value in the listed program: its `text`, such as "x1", "v3" or "1/2", and its `number` if it is constant."""
+    """An operand in the listed program: its `text`, such as "x1", "v3" or "1/2", and its `number` if it is constant."""
 
     text: str
     number: Fraction | None = None
@@ -151,9 +155,9 @@ class Operand:
 
 @dataclass(frozen=True)
 class Listing:
-    """The program of one call as texts: its `statements` v1, v2, .., "add x1 v3"; for each stage of the method the
-    names of the memory (N) at which the observer's equation is evaluated (`stages`) and of the `rates` there; and of
-    the memory `after` the call."""
+    """The program of one call as texts for a certificate. `statements`: v1, v2, .., such as "add x1 v3"; `stages`: for
+    each stage of the method the names of the memory (N) at which the observer's equation is evaluated; `rates`: the
+    names of its results; `after`: the names of the memory after the call."""
 
     statements: tuple[str, ...]
     stages: tuple[tuple[str, ...], ...]
@@ -162,8 +166,8 @@ class Listing:
 
 
 def listed(step: Step, error: Inclusion) -> Listing | None:
-    """Return the listed program of a step whose observer has this `error`; None where a certificate cannot list it: for
-    tables, loops over matrices, and tests of variables."""
+    """Return the program of a step as texts, for an observer with this `error` dynamics; None where a certificate
+    cannot list it: with tables, loops over matrices, or tests of variables."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
     gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
     scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
@@ -341,9 +345,9 @@ Sized = Mapping[int, Fraction]  # by field, in the unit of its state of the form
 
 @dataclass(frozen=True)
 class RoundingShare:
-    """The effect of rounding: `share`, its part of the error bound in the end; `early`: the largest error from it at
-    first, by component of e; `calls`: the number after which its effect is within 1 + `CLOSE` times the share, once the
-    error from the start is at most `start_residual`."""
+    """The effect of rounding errors on the estimate. `share`: their part of the ultimate error bound; `early`: the
+    largest error from them until then, by component of e; `calls`: the number of calls after which their effect is
+    within 1 + `CLOSE` times the share, once the error from the start is at most `start_residual`."""
 
     share: Share
     early: Sized
@@ -354,9 +358,9 @@ class RoundingShare:
 def rounding_share(
     running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
 ) -> RoundingShare:
-    """Return the share of rounding in the precision `real`, besides the other `shares`, for initial errors of
-    `multiple` times those that the ranges allow, and sample errors of at most `samples` (p). Raises: `Unbounded`,
-    `NoSolver`."""
+    """Return the share of rounding errors in the precision `real` in an error bound whose other causes have the
+    `shares`, for initial errors of `multiple` times those that the ranges allow, and sample errors of at most `samples`
+    (p). Raises: `Unbounded`, `NoSolver`."""
     every, plant = range(len(start.scales)), running.plant
     parts = [_field_bounds(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}

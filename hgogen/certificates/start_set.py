@@ -43,9 +43,9 @@ _ROUNDED = Fraction(1, 10**9)  # of a limit: more than its rounding errors
 
 @dataclass(frozen=True)
 class StartSet:
-    """The initial errors that are safe: `first`, by state of the form, the largest one that its range allows;
-    `multiple`: how many times these the error may be so that the estimate never reaches its limits; `peaks`: the
-    largest errors ever, from min(1, `multiple`) times `first`. `check`: OBSERVER.start."""
+    """The initial errors from which an estimate is safe. `first`: by state of the form, the largest initial error that
+    its range allows; `multiple`: the factor of these up to which the estimate never reaches its limits; `peaks`: the
+    largest errors at any time, from initial errors of min(1, `multiple`) times `first`. `check`: OBSERVER.start."""
 
     first: Mapping[str, float]
     multiple: float
@@ -54,8 +54,8 @@ class StartSet:
 
 
 def start_set(step: Step) -> StartSet | Nothing:
-    """Return the initial errors from which the estimate of a step that is proved to contract never reaches its limits,
-    and the largest errors after them, without noise; or why they are unknown: no contraction, more than 8 states,
+    """Return the initial errors from which the estimate never reaches its limits, and its largest errors, for a step
+    that is proved to contract, without noise; or the reason why they are unknown: no contraction, more than 8 states,
     states without ranges, or a chain whose gains contain parameters. Raises: `NoSolver` without Clarabel; `NoStep`."""
     demand_step(step, "start_set")
     known = contraction(step)
@@ -66,8 +66,8 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step`, the `proof` that it contracts, and the `plant`; `scales` (N): e_k over the error of the state that e_k
-    belongs to; `heads`: by output, the first state z_i of its chain and dy/dz_i."""
+    """A `step` that is proved to contract, by `proof`, with its `plant` over one call. `scales` (N): e_k over the error
+    of the state that e_k belongs to; `heads`: by output, the first state z_i of its chain and dy/dz_i."""
 
     step: Step
     proof: Contracts
@@ -77,17 +77,17 @@ class Running:
 
     @property
     def error(self) -> Inclusion:
-        """The error of the observer, e' = M e + uncertain slopes in their ranges."""
+        """The error dynamics of the observer."""
         return self.proof.steps.error
 
     @property
     def fields(self) -> list[int]:
-        """The indices k of the e_k that are errors of a state's estimate, not of a filter."""
+        """The indices k of the components e_k that belong to an estimate of a state, not to a filter."""
         return [k for k, fed in enumerate(self.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
-        """Return, by index k of `fields`, the proved bound of the error under inputs of these sizes over the largest of
-        them; None where one is not proved. Raises: `NoSolver`."""
+        """Return, by index k of `fields`, the proved bound of the error under inputs of these sizes divided by the
+        largest of them; None where one is not proved. Raises: `NoSolver`."""
         inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.heads)
         rows = {k: state_row(self.scales, k) for k in self.fields}
         tried = {k: step_input_bound(self.proof, inputs, c) for k, c in rows.items()}
@@ -95,17 +95,17 @@ class Running:
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
-        """Return, by index k, the largest error ever of the state that e_k belongs to, from a `start`, as |e|_P never
-        grows."""
+        """Return, by index k of `fields`, the largest error at any time of the state that e_k belongs to, after a
+        `start`, since |e|_P never grows."""
         rows = {k: state_row(self.scales, k) for k in fields}
         return peak_errors(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The start of an estimate: `scales` (N), e_k over the error of its state; `first` (n), the largest initial errors;
-    their `corners` (k, N) in e, one of each opposite pair; `limits`, by index k, the distance of the outer box, at
-    which the estimate is limited, from the ranges, in the unit of the state."""
+    """The start of an estimate. `scales` (N): e_k over the error of its state; `first` (n): the largest initial errors;
+    `corners` (k, N): those of the box of initial errors, in e, one of each opposite pair; `limits`: by index k, the
+    distance from the range of the state to the outer box, at which the estimate is clamped, in the state's unit."""
 
     scales: Sequence[Fraction]
     first: Sequence[Fraction]
@@ -114,8 +114,9 @@ class Start:
 
 
 def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
-    """Return the start of an estimate, or why there is no proof: more than 8 states, states without ranges, ranges that
-    touch the outer box, different initial values of one state, or a chain whose gains contain parameters."""
+    """Return the largest initial errors of an observer and the distance to its limits; or the reason why there is no
+    proof: more than 8 states, states without ranges, ranges that touch the outer box, different initial values of one
+    state, or a chain whose gains contain parameters."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     if scales is None:
@@ -213,8 +214,8 @@ _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, for a comparison in floats
 
 
 def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
-    """Return, by index k of e_k, the error besides its bound in `totals` at which no guard acts yet; None where one may
-    act within these bounds. `samples` (p): the largest errors of samples."""
+    """Return, by index k of e_k, the additional error beyond its bound in `totals` up to which no guard of the step
+    acts; None where a guard may act within these bounds. `samples` (p): the largest errors of samples."""
     form, layout = running.step.observer.form, running.error.layout
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
@@ -230,7 +231,8 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def restart_calls(step: Step) -> int:
-    """Return the number of calls that a sign of a lost estimate, such as large innovations, lasts until a restart."""
+    """Return the smallest number of calls for which a sign of a lost estimate, such as large innovations, must last
+    until the estimate restarts; 0 for a step that has no such sign."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 

@@ -44,10 +44,15 @@ _STEPS = 12  # points of a grid, and of a finer one inside its best cells
 
 @dataclass(frozen=True)
 class Task:
-    """The design of K and P for a chain of `n` integrators whose nonlinear part has the Lipschitz constant k = `slope`.
-    `bounds`: "sigma", "largest" of |Y|, Y = P K, and upper bounds of "gamma" and "mu", inf for none; `deltas`: delta_1,
-    delta_2 of a disturbance, or None; `K` (n, 1): a given gain, for which only P is searched; D P + P D >= `margin`
-    lambda; `least`: the gamma from which on k holds."""
+    """The data of a design problem: a gain K (n) and a Lyapunov matrix P (n, n) for the observer `adaptive_lmi`, whose
+    high gain gamma varies, on a chain of `n` integrators with a nonlinear part of the Lipschitz constant `slope`.
+
+    `bounds` by name: "sigma", the largest relative rate of decrease of gamma; "largest", an upper bound of |P K|;
+    "gamma" and "mu", upper bounds of the least gamma and of the L2 gain, inf for none. `deltas`: delta_1 and delta_2 of
+    a disturbance (`Disturbance.deltas`), or None. `K` (n, 1): a fixed gain, for which only P is searched. `margin`: the
+    factor m of the constraint D P + P D >= m lambda I, D = diag(1, .., n). `least`: the gamma above which `slope` is
+    valid.
+    """
 
     n: int
     slope: float
@@ -58,11 +63,12 @@ class Task:
     least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
-        """Return the task with the bound called `name` replaced by `value`."""
+        """Return a copy of the task in which the bound `name` of `bounds` has the new `value`."""
         return replace(self, bounds={**self.bounds, name: value})
 
     def unknown(self, x: Array) -> tuple[Array, Array]:
-        """Return P (n, n) and Y = P K (n, 1) from the first entries of the program's variables x."""
+        """Return P (n, n) and Y = P K (n, 1) from the vector x of variables of the semidefinite program, whose first
+        entries they are."""
         p = self.n * (self.n + 1) // 2
         P = symmetric(x[:p], self.n)
         return P, x[p : p + self.n, None] if self.K is None else P @ self.K
@@ -70,8 +76,8 @@ class Task:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The solution of a program, in floats: P (n, n), Y = P K (n, 1), the least gain `gamma`, and the L2 gain `mu`, inf
-    without a disturbance."""
+    """A solution of the design problem, in floats: P (n, n), Y = P K (n, 1), the least sufficient gain `gamma`, and the
+    bound `mu` of the L2 gain from the disturbance to the error, inf without a disturbance."""
 
     P: np.ndarray
     Y: np.ndarray
@@ -80,8 +86,8 @@ class Optimum:
 
 
 def best(task: Task) -> Optimum | None:
-    """Return the solution with the smallest gamma, or with a disturbance the smallest mu, within the task's bounds;
-    None where the solver finds none. Raises: `NoSolver`."""
+    """Return the solution of the design problem with the smallest `gamma`, or with a disturbance the one with the
+    smallest L2 gain `mu`, within the bounds of the task; None where the solver finds none. Raises: `NoSolver`."""
     optimum = _optimum(task)
     if optimum is None or optimum.gamma > task.bounds["gamma"]:
         return None
@@ -142,10 +148,14 @@ _SLOPES = 12  # number of further gammas
 
 @dataclass(frozen=True)
 class Design:
-    """A gain of the observer `adaptive_lmi` with its proofs: K (n), P (n, n) and sigma, as its arguments. `gamma`: the
-    lower limit gamma_inf may be any number >= `gamma`, (88) rounded up; `mu`: the L2 gain from the disturbance for
-    gamma_sup = `gamma`, rounded up, else mu (gamma_sup/gamma)^n; None without a disturbance. `checks`: P > 0, D P + P D
-    >= 0, D = diag(1, .., n), and (A - K C)'P + P (A - K C) + sigma (D P + P D) < 0 (54)."""
+    """A designed gain of the observer `adaptive_lmi`, with its proofs: K (n), P (n, n) and sigma are its arguments.
+
+    `gamma`: the least sufficient high gain, (88) of Alessandri (2020) rounded up; the observer's lower limit gamma_inf
+    may be any number from it on. `mu`: a bound of the L2 gain from the disturbance to the error where the upper limit
+    is gamma_sup = `gamma`, rounded up; a larger gamma_sup has the bound mu (gamma_sup/gamma)^n; None without a
+    disturbance. `checks`: P > 0, D P + P D >= 0, D = diag(1, .., n), and (A - K C)'P + P (A - K C) + sigma (D P + P D)
+    < 0 (54).
+    """
 
     K: tuple[float, ...]
     P: tuple[tuple[float, ...], ...]
@@ -163,7 +173,8 @@ class Design:
 
 @dataclass(eq=False)
 class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name the value that would do alone."""
+    """The error that no gain K and matrix P satisfy all requested bounds. `bounds`: the requested values by name;
+    `enough`: for each name the value that would be feasible if this bound alone were relaxed."""
 
     n: int
     bounds: dict[str, float]
@@ -187,17 +198,18 @@ def adaptive_gain(
     disturbance: tuple[Any, Any] | None = None,
     K: Any = None,
 ) -> Design:
-    """Return K and P for a chain of n integrators whose nonlinear part has the slope k, with a small bound on gamma, or
-    with a `disturbance` with a small L2 gain.
+    """Return K and P of the observer `adaptive_lmi` for a chain of n integrators with a nonlinear part, designed for a
+    small least gain gamma, or with a `disturbance` for a small L2 gain mu.
 
-    Args: `n` the number of integrators, with their slope; or a form, whose slope is then found at the gamma from which
-    on it is needed; `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds
-    it; `sigma` > 0 the fastest decrease of gamma; `largest` |Y|: the larger, the smaller the bound and the larger K;
-    `gamma`, `mu` upper limits of the bounds; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a
-    given gain, for which P is searched.
+    Args: `n`: the number of integrators, together with `slope`; or a form, whose Lipschitz constant is then computed at
+    the gamma above which it is needed; `slope`: a bound k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), of the nonlinear
+    part c in the coordinates w of integrators, valid for all g >= gamma_inf, as `slope(form, gamma)` returns it;
+    `sigma` > 0: the fastest permitted decrease of gamma; `largest`: an upper bound of |P K|: a larger one permits a
+    smaller gamma, with a larger K; `gamma`, `mu`: upper bounds of the results; `disturbance`: (G_1 (n, m), G_2 (m)) in
+    w' = .. + G_1 v, y = w_1 + G_2 v; `K` (n): a fixed gain, for which only P is searched.
 
-    Raises: `Infeasible`, which names the bound to relax; `NoSolver`; `NotHurwitz` for a given K; `BadGain`, also for a
-    form that is no chain of integrators, or whose slope has no proved bound.
+    Raises: `Infeasible`, which names the bound to relax; `NoSolver`; `NotHurwitz` for a fixed K; `BadGain`, also for a
+    form that is no chain of integrators, or whose Lipschitz constant has no proved bound.
     """
     count = _count(n, slope)
     disturbed = None if disturbance is None else as_disturbance(disturbance, count)
@@ -283,9 +295,11 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
 
 @requires_form
 def slope(form: Form, gamma: float = 1.0) -> float:
-    """Return a proved k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), for every g >= `gamma`, rounded up: c is the nonlinear
-    part of the form as a chain of integrators w. k falls as gamma grows; `adaptive_gain(form)` finds the gamma itself.
-    Raises: `BadGain` for a form that is no chain of integrators, or has no proved bound k; `Misfit` for no form."""
+    """Return a proved Lipschitz constant k of the nonlinear part of a form, scaled by a high gain: k >= |T^-1 dc/dw T|,
+    T = diag(g, .., g^n), for every g >= `gamma`, rounded up; c is the nonlinear part in the coordinates w of
+    integrators, w_i' = w_(i+1) + c_i. A larger `gamma` gives a smaller k; `adaptive_gain(form)` searches the gamma
+    itself. Raises: `BadGain` for a form that is no chain of integrators, or has no proved bound k; `Misfit` for an
+    argument that is no form."""
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     steep = steepness(integrators("adaptive_lmi", form), gamma)
@@ -353,8 +367,8 @@ def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """Return a bound's value with which `at` finds a design, near the least change
-    from `refused`, searched by powers of `factor`; None after six failures."""
+    """Return a value of a bound at which the function `at` returns a design, close to the value `refused` at which it
+    returns None: the bound is multiplied by powers of `factor`, then bisected; None after six failures."""
     good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None

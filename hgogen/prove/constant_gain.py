@@ -42,7 +42,8 @@ from hgogen.sentence import NONE, Reason, because
 
 
 def no_argument(form: Form) -> Reason:
-    """Return why b of a form cannot be evaluated at z + N (y - C z) instead of z; `NONE` if it can."""
+    """Return the reason why an observer on this form cannot evaluate the nonlinear part b at z + N (y - C z) instead of
+    z; `NONE` where it can."""
     if form.jacobian is not None:
         return because("it works in chains, and this form keeps the plant's coordinates")
     if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
@@ -51,20 +52,20 @@ def no_argument(form: Form) -> Reason:
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
-    """Return N (n) = 1/a_1 at the first state of each chain, else 0: b(z + N
-    (y - C z)) is then evaluated at the measured value of that state."""
+    """Return the gain N (n) with which b(z + N (y - C z)) uses the measured value of each chain's first state in place
+    of its estimate: 1/a_1 at this state, y = a_1 z_1, else 0. The entries are expressions of parameters."""
     return tuple(1 / a if i == 0 else sp.S.Zero for chain in chains(form) for i, a in enumerate(chain))
 
 
 def numbers_in_place(form: Form) -> list[float]:
-    """Return N (n) = 1/a_1 at the first state of each chain, else 0, in floats at the nominal parameters: with N b(z +
-    N (y - C z)) reads the samples."""
+    """Return the gain N (n) of `sample_in_place` in floats, at the nominal parameters."""
     return [float(sp.sympify(entry).subs(form.system.nominal)) for entry in sample_in_place(form)]
 
 
 def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr]) -> Inclusion | Nothing:
-    """Return the `error` of an observer with a constant gain changed to one whose b has the argument z + N (y - C z);
-    `entries` of N (n, or n q: `columns`), numbers or expressions of parameters."""
+    """Return the error dynamics of an observer in which the argument of b is z + N (y - C z) instead of z, from the
+    `error` dynamics with the argument z. `entries`: those of N (n, or n q in the order of `columns`), numbers or
+    expressions of parameters."""
     if isinstance(error, Nothing):
         return error
     read = _by_field(form, error, as_matrix(form, entries))
@@ -85,8 +86,8 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
 
 
 def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
-    """Return the error dynamics, or `Nothing` if a partial derivative of
-    b is unbounded: then no discrete step can be proved to contract."""
+    """Return the `error` dynamics unchanged, or `Nothing` if a partial derivative of b is unbounded: then no discrete
+    step can be proved to contract."""
     if isinstance(error, Nothing) or not error.endless:
         return error
     i, j = error.endless[0].entry or (0, 0)
@@ -119,8 +120,9 @@ Chain = tuple[sp.Expr, ...]
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """A gain `K` of z' = A z + b + K (y - C z), with the `error` of its observer. `driven`: whether A or C depends on
-    an input; `vertices` (k, n, n): then A - K C at the ends of the ranges of the a_i."""
+    """A gain `K` of the observer z' = A z + b + K (y - C z), with the `error` dynamics of this observer. `driven`:
+    whether A or C depends on an input; `vertices` (k, n, n): in this case the matrices A - K C at the ends of the
+    ranges of the chain's gains a_i."""
 
     K: ScaledGain
     driven: bool
@@ -136,10 +138,13 @@ def _scaled_gain(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
 def constant_gain(
     observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
 ) -> ConstantGain:
-    """Return the gain K of z' = A z + b + K (y - C z) on a form in chains, from the `poles` of A - K C or from its
-    entries `gains`: a sequence (n), for several outputs one for each, or a matrix (n, q), with a column for the output
-    of each chain; outputs that share a state count by `weights` (p). `endless`: whether slopes of b may have an
-    infinite end. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
+    """Return the gain K of the observer z' = A z + b + K (y - C z) on a form in chains.
+
+    It is computed from the `poles` of A - K C, or has the entries `gains`; exactly one of the two is not None. Either
+    is a sequence (n), for several outputs one for each; `gains` may be a matrix (n, q), with a column for the output of
+    each of q chains. `weights` (p): those of outputs in the mean of the outputs that measure the same state; `endless`:
+    whether partial derivatives of b may be unbounded on one side. Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
+    """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     make, numbers = (_from_poles, poles) if gains is None else (_from_gains, gains)
@@ -192,8 +197,8 @@ def _from_gains(
 
 
 def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
-    """Return the entries (n, or n q: `columns`) of a gain, given as K may be: a sequence, one for each chain, or a
-    matrix. `what` names the argument in an error. Raises: `BadGain`."""
+    """Return the entries of a gain as one flat tuple (n, or n q in the order of `columns`), from a sequence for each
+    chain, or from a matrix (n, q). `what`: the argument's name in an error. Raises: `BadGain`."""
     groups = _groups(what, values, [chain for chain in chains(form) if chain])
     return tuple(x for _, k in groups for x in k.ravel().tolist())
 
@@ -240,8 +245,8 @@ def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") ->
 
 
 def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """Return the factors a_1, a_2, .. of each output's chain, y = a_1 z_1, z_i' = a_(i+1) z_(i+1) + b_i, where they
-    contain no state; ones for phase coordinates. Raises: `BadGain`."""
+    """Return, for each output, the gains a_1, a_2, .. of its chain y = a_1 z_1, z_i' = a_(i+1) z_(i+1) + b_i; ones for
+    phase coordinates. Raises: `BadGain` where a gain depends on a state, or an output has no chain."""
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
         raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")

@@ -69,12 +69,14 @@ EXISTS = "in continuous time, without noise, the error converges exponentially f
 
 
 def theta_claim(theta: float) -> str:
-    """Return the text of the claim that `theta` is above the bound from which on errors converge."""
+    """Return the text of the claim that the observer's gain `theta` is above the bound from which on errors are proved
+    to converge."""
     return f"theta = {same(theta)} is above that bound"
 
 
 def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
-    """Return the checks `MAKER.convergence` and `MAKER.theta` as unknown, for the reason `why`."""
+    """Return the two checks `MAKER.convergence` and `MAKER.theta` of an observer with the verdict unknown. `maker`: the
+    observer's name; `theta`: its gain; `why`: the reason why there is no proof."""
     none, fix = because("no bound is proved"), "Validate by trials."
     return (
         Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
@@ -83,8 +85,8 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
 
 
 def decays(rate: float, during: str = "") -> Reason:
-    """Return the sentence that the error decays like exp(-`rate` t), where given with `during`, such as "between
-    switches"."""
+    """Return the sentence that the error decays at least like exp(-`rate` t), `rate` in 1/time; `during` is a
+    restriction at its beginning, such as "between switches"."""
     pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
     decay = because(pattern, rate=Down(rate, 2))
     return because("{during} {decay}", during=during, decay=decay) if during else decay
@@ -109,9 +111,9 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -`alpha` V, V = e'P e, at `theta` for all partial derivatives
-    of b in their ranges, by P and multipliers S (`weights`); S is empty if every
-    corner of the ranges is checked. `others`: further parameters of V, by name."""
+    """A proof that the Lyapunov function V = e'P e of the error e satisfies V' <= -`alpha` V at the gain `theta`, for
+    all partial derivatives of b in their ranges. `weights`: P, and the multipliers S of the uncertain derivatives; S is
+    empty where every corner of the ranges is checked. `others`: further parameters of V, by name."""
 
     theta: Fraction
     alpha: Fraction
@@ -130,8 +132,9 @@ class Falls:
 
 @dataclass(frozen=True, eq=False)
 class GainVariation:
-    """The effect of a varying gain on e' = M e, in FLINT's rationals (N, N): `shift` is added to M/theta; V must also
-    fall for e' = theta C e for each C of the `cores`, and not rise for e' = theta W e for each W of the `ways`."""
+    """The additional conditions on V = e'P e for an observer whose gain varies with time, as matrices (N, N) in FLINT's
+    rationals. `shift` is added to M/theta in e' = M e; V must also decrease along e' = theta C e for each C of the
+    `cores`, and not increase along e' = theta W e for each W of the `ways`."""
 
     shift: Array
     cores: tuple[Array, ...] = ()
@@ -140,8 +143,9 @@ class GainVariation:
     def forms(
         self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
     ) -> Iterator[Quadratic]:
-        """Yield the quadratic forms, for slopes in a `hull`, that prove V' <= -alpha V, V = e'P e, at theta for this
-        gain."""
+        """Yield the quadratic forms that have to be negative to prove V' <= -alpha V for the error system e at this
+        `theta`, for all variations of the gain. `hull` (k, m): points whose convex hull contains the uncertain slopes;
+        () for independent slopes."""
         known = floats if e.M.dtype == float else np.asarray
         shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
@@ -158,10 +162,13 @@ STILL = GainVariation(rational([[0]]))  # for a constant gain
 
 @dataclass(frozen=True)
 class Flow:
-    """The `error` of an observer in continuous time, and the search for V = e'P e that falls for all slopes, at `theta`
-    and from which theta on. `how`: the name of V in claims; `variation`: how the gain varies; `first` (n, n): a P > 0
-    in floats to try first. A subclass for another V defines its weights at a theta and an alpha (`_weights`), the other
-    thetas and alphas for which these are valid (`_thetas`, `_alphas`), and its proof (`at`)."""
+    """The search for a quadratic Lyapunov function V = e'P e of an observer's `error` in continuous time, valid for all
+    partial derivatives of b in their ranges: at the declared gain `theta`, and at the smallest possible one.
+
+    `how`: the name of V in claims; `variation`: how the gain varies with time; `first` (n, n): a P > 0 in floats, the
+    first candidate. A subclass for another kind of V defines its weights at a theta and an alpha (`_weights`), the
+    other thetas and alphas for which these are valid (`_thetas`, `_alphas`), and its proof (`at`).
+    """
 
     error: Inclusion
     theta: Fraction
@@ -173,7 +180,8 @@ class Flow:
 
     @cached_property
     def fastest(self) -> Falls | None:
-        """A proof of V' <= -alpha V at theta, with alpha near the largest; None where none is found."""
+        """A proof of V' <= -alpha V at the declared theta, with alpha close to the largest possible; None where the
+        search has no result."""
         theta, weights = self.theta, self._weights_at_theta
         if weights is None:
             return None
@@ -186,8 +194,8 @@ class Flow:
 
     @cached_property
     def least(self) -> Falls | None:
-        """A proof that V falls at a theta near the least possible: below the declared one if that is proved, else above
-        it; None where none is found."""
+        """A proof that V decreases at a theta close to the smallest possible one: below the declared theta if V
+        decreases there, else above it; None where the search has no result."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
         first = (self.theta, self._weights_at_theta) if self._weights_at_theta is not None else next(later, None)
@@ -207,8 +215,9 @@ class Flow:
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
-        """Return a reason that names constant slopes with which errors do not decay at theta; `NONE` where no corner
-        has one. `states` name the z_j."""
+        """Return a reason that names constant values of the partial derivatives of b with which the error does not
+        decay at the declared theta; `NONE` where no tried corner of the ranges has this property. `states`: the symbols
+        of the z_j in this text."""
         speed, d = self.slowest
         if speed < 0:
             return NONE
@@ -237,8 +246,8 @@ class Flow:
 
     @cached_property
     def slowest(self) -> tuple[float, Array]:
-        """The largest real part of an eigenvalue of M + G diag(d) H over the tried corners d at the declared theta, and
-        its d."""
+        """The largest real part of an eigenvalue of M + G diag(d) H at the declared theta over the tried corners d of
+        [-1, 1]^m, and its d (m)."""
         return self._slowest(self.theta)
 
     def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
@@ -251,8 +260,9 @@ class Flow:
         return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at theta: constant slopes with which errors do not decay, or the slope whose
-        range hinders most. `states` name the z_j."""
+        """Return the reason why there is no proof at the declared theta: constant slopes (partial derivatives of b)
+        with which errors do not decay, or the slope whose range limits the proof most. `states`: the symbols of the z_j
+        in this text."""
         unstable = self.unstable(states)
         if unstable:
             return unstable
@@ -275,7 +285,8 @@ class Flow:
 
     @property
     def missing(self) -> Reason:
-        """The reason why no V = e'P e falls at any theta: there is no solver, or the linear part has none."""
+        """The reason why no V = e'P e is known to decrease at any theta: no solver is installed, or the linear part of
+        the error has no such V."""
         return no_solver(_WHAT) or because(
             "no norm is found in which the linear part of the error falls, whatever moves in it"
         )
@@ -299,7 +310,7 @@ class Flow:
         return min(gains, key=gains.__getitem__, default=None)
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """Return a proof of V' <= -alpha V at a theta; None where none is found."""
+        """Return a proof of V' <= -alpha V at the gain theta; None where the search has no result."""
         weights = self._weights(theta, alpha)
         known = weights and self._proved(self._exactly(theta, alpha), *weights)
         return Falls(theta, alpha, known) if known else None
@@ -406,24 +417,26 @@ _NO_NORM = (
 
 @dataclass(frozen=True)
 class OneSided(Flow):
-    """The search for V = e'P e of an `error` of which some slopes have an infinite end, at `theta` and beyond: P must
-    satisfy P onto_k = s_k lambda_k reads_k', lambda_k >= 0, for each such slope k of sign s_k."""
+    """The search for a quadratic Lyapunov function V = e'P e where some slopes d_k (partial derivatives of b) are
+    unbounded on one side. Such a slope adds onto_k d_k reads_k'e to e', so P must satisfy P onto_k = s_k lambda_k
+    reads_k' with a lambda_k >= 0 and the sign s_k that makes this term decrease V."""
 
     how: str = "one norm that keeps to the signs of slopes without an end,"
     close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
 
     @property
     def endless(self) -> tuple[Slope, ...]:
-        """The slopes with an infinite end that multiply an error."""
+        """The slopes that are unbounded on one side and multiply an error."""
         return tuple(slope for slope in self.error.endless if any(slope.reads))
 
     @property
     def missing(self) -> Reason:
-        """The reason why no V = e'P e falls at any theta for all slopes with an infinite end."""
+        """The reason why no V = e'P e is known to decrease at any theta for all slopes, including those unbounded on
+        one side."""
         return no_solver(_ONE_SIDED) or because(_NO_NORM)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at the declared theta."""
+        """Return the reason why there is no proof at the declared theta. `states` is not used."""
         return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
@@ -494,24 +507,26 @@ def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
 
 @dataclass(frozen=True)
 class FromTheta:
-    """A proof that the `error` e converges for every theta above a bound, by a V = e'P e that `falls` at the bound."""
+    """A proof that the `error` converges for every theta above a bound: the Lyapunov function of the proof `falls`, at
+    the bound, is valid for every larger theta."""
 
     error: Inclusion
     falls: Falls
 
     @property
     def theta(self) -> Fraction:
-        """The bound above which every theta converges."""
+        """The bound: the error converges for every larger theta."""
         return self.falls.theta
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the ranges of the slopes, the bound on theta, and P and S at it, under the keys of a certificate."""
+        """Return the ranges of the partial derivatives of b, the bound on theta, and P and S at this bound, under the
+        keys of a certificate."""
         return {"error": self.error, "least": self.theta, "V": self.falls}
 
 
 @dataclass(frozen=True)
 class AtTheta:
-    """A proof of V' <= -alpha V, V = e'P e, so that errors decay like exp(-alpha t/2), at the declared theta."""
+    """A proof at the declared theta of V' <= -alpha V, V = e'P e, with which errors decay like exp(-alpha t/2)."""
 
     falls: Falls
 
@@ -524,8 +539,10 @@ class AtTheta:
 def claims(
     maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
-    """Return the checks `MAKER.convergence` and `MAKER.theta` from the search `flow`; `numbers`: the observer's
-    arguments, `name` of the gain theta, `during` as in `decays`."""
+    """Return the two checks of an observer's convergence that the search `flow` proves: `MAKER.convergence`, that
+    errors converge for every theta above some bound, and `MAKER.theta`, that the declared theta is above this bound.
+    `maker`: the observer's name; `numbers`: its arguments, for the certificate; `name`: the name of its gain theta in
+    advice; `during`: a restriction of the decay, as in `decays`."""
     theta = float(flow.theta)
     try:
         least = flow.least

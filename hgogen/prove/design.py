@@ -79,9 +79,9 @@ __all__ = [
 
 @requires_form
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
-    """Return a constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small
-    lambda_max(P) in the bound of `high_gain`; or why there is none. Raises: `NoSolver`; `Misfit` for no form;
-    `BadGain`."""
+    """Return a constant observer gain K (n), |K| <= `largest`, for a form in one chain whose gains a_i vary in their
+    ranges, designed for a small largest eigenvalue of P in the bound on theta of `high_gain`; or the reason why there
+    is none. Raises: `NoSolver`; `Misfit` for an argument that is no form; `BadGain`."""
     most = positive("largest", largest)
     one = because("a gain is designed for one output") if len(form.output) > 1 else NONE
     vertices = obstacle(form) or one or corners(chains(form)[0], form)
@@ -103,11 +103,13 @@ class Checks(tuple[Check, ...]):
 def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
-    """Return the checks of P > 0, D P + P D >= 0, and (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0
-    (Alessandri 2020, (54)), D = diag(1, .., n), lambda = `decay`, by default any above 0; with `alphas` also of his
-    (87), where P P/alpha_1 + P K K'P/alpha_2 is added.
+    """Return the checks of the three conditions on K and P of the observer `adaptive_lmi`: P > 0; D P + P D >= 0; (A -
+    K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0 (Alessandri 2020, (54)).
 
-    Each is proved, or refuted with the eigenvalue. Raises: `BadGain`."""
+    D = diag(1, .., n), A and C are those of a chain of integrators; lambda = `decay`, by default any number above 0.
+    With `alphas` = (alpha_1, alpha_2) also his (87), in which P P/alpha_1 + P K K'P/alpha_2 is added to (54). Each
+    check is proved, or refuted with the eigenvalue. Raises: `BadGain`.
+    """
     known = candidate(K, P, sigma)
     checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:
@@ -127,9 +129,9 @@ _STEPS = 60  # of a bisection
 
 
 def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
-    """Return L (n), the coefficients after the first of the polynomial of the n `poles`: A - L C has these eigenvalues.
-    Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
-    conjugate pairs."""
+    """Return the gain L (n) with which A - L C, A and C a chain of n integrators, has the eigenvalues `poles`: the
+    coefficients after the first of their polynomial. Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises:
+    `BadPoles` for poles that do not decay, or are in no conjugate pairs."""
     count = len(numbers(poles))
     if not count:
         raise BadPoles((), "there are none; give one for each integrator")
@@ -137,9 +139,10 @@ def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
 
 
 def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = None) -> tuple[complex, ...]:
-    """Return the eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
-    They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10).
-    Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not positive."""
+    """Return the eigenvalues of A - L C (n), A and C a chain of integrators, the fastest first; with a filter's `alpha`
+    and `beta` the eigenvalues of the matrix M (2 n) of observer and filter. These are the error's linear part at theta
+    = 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10). Raises: `BadGain` for L that is no column of finite
+    numbers, for one of alpha and beta alone, or not positive."""
     gains = _column("L", L)
     if (alpha is None) != (beta is None):
         raise BadGain("core_eigenvalues", "takes both alpha and beta of a filter, or none of them")
@@ -151,7 +154,8 @@ def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = No
 
 
 def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tuple[bool, ...]:
-    """Return, for each pole, whether it lies in S = {alpha^2 Re + beta Im^2 < 0}, exactly: M is Hurwitz if all do.
+    """Return, for each pole, whether it lies in the region S = {alpha^2 Re + beta Im^2 < 0}, decided in exact
+    arithmetic. If all poles of A - L C do, the matrix M of the error with a filter is Hurwitz (`core_eigenvalues`).
     Astolfi, Jungers, Zaccarian, ECC 2018, (9) and lemma 1. Raises: `BadGain`."""
     ratio = Fraction(positive("alpha", alpha)) ** 2 / Fraction(positive("beta", beta))
     try:
@@ -164,9 +168,10 @@ def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tupl
 
 
 def least_gamma(K: Any, P: Any, sigma: float, slope: float, *, decay: float | None = None) -> Fraction:
-    """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) rounded up, k the `slope`: gamma_inf may be any larger number.
-    `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which is (70).
-    Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold."""
+    """Return the least sufficient high gain of the observer `adaptive_lmi`, max(1, (4 k lambda_max(P) + 1)/(2 lambda))
+    rounded up; its lower limit gamma_inf may be any larger number. `slope` is the Lipschitz constant k, `decay` the
+    lambda of (54), by default the largest that K, P and sigma permit. Alessandri 2020, (88), which is (70). Raises:
+    `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold."""
     known, rate = _candidate(K, P, sigma, decay)
     return known.least(_number("slope", slope), rate)
 
@@ -181,11 +186,15 @@ def attenuation(
     *,
     decay: float,
 ) -> Fraction:
-    """Return mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), rounded up: the
-    L2 gain from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma. `decay` and
-    `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). A larger gamma_sup has
-    (gamma_sup/gamma)^n times the gain. Alessandri 2020, (89), with delta_1 for the matrix of (72). Raises: `BadGain`,
-    also where (87) does not hold."""
+    """Return a bound mu_0 of the L2 gain from a disturbance v to the error of w in w' = .. + G_1 v, y = w_1 + G_2 v,
+    rounded up, of the observer `adaptive_lmi` with gamma_sup equal to the least gamma of (88):
+
+        mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n
+
+    A larger gamma_sup has the bound (gamma_sup/gamma)^n mu_0. `decay` and `alphas` are lambda, alpha_1 and alpha_2 of
+    (87); `slope` is the Lipschitz constant k; `disturbance` is (G_1 (n, m), G_2 (m)). Alessandri 2020, (89), with
+    delta_1 for the matrix of (72). Raises: `BadGain`, also where (87) does not hold.
+    """
     known, rate = _candidate(K, P, sigma, decay)
     if len(alphas) != 2:
         raise BadGain(f"alphas = {alphas!r}", "must be two numbers, alpha_1 and alpha_2 of (87)")
@@ -199,10 +208,10 @@ def attenuation(
 
 @dataclass(frozen=True)
 class DisturbedError:
-    """The ultimate bound of the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), under a disturbance |v|
-    <= 1. `level`: V = e'P e decreases wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| is below
-    it in the end, for ever; `rate`: |e|_P decays at least like exp(-rate t) where |e| is above `level`. `level` and
-    `ultimate` are proportional to |v|."""
+    """The bounds of the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), of the observer `adaptive_lmi`
+    under a disturbance |v| <= 1. `level`: V = e'P e decreases wherever |e| is above it, chi of (69), corrected;
+    `ultimate`: |e| stays below it after some time; `rate` (1/time): |e|_P decays at least like exp(-rate t) where |e|
+    is above `level`. `level` and `ultimate` are proportional to |v|."""
 
     level: Fraction
     ultimate: Fraction
@@ -220,11 +229,14 @@ def disturbed_error(
     share: float = 0.5,
     decay: float | None = None,
 ) -> DisturbedError:
-    """Return 2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and its consequences.
-    `gamma` is gamma_inf; `share` (0..1) of the decay remains where |e| is above the level; the others as in
-    `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has,
-    and the step from V to |e| adds a factor sqrt(cond P). Raises: `BadGain`, also for a gamma that (62) does not
-    admit."""
+    """Return the level 2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) above which
+    the scaled error decreases under a disturbance |v| <= 1, with the ultimate bound and the rate that follow. `gamma`:
+    gamma_inf; `slope`: the Lipschitz constant k; `share` (0..1): the share of the decay that remains where |e| is above
+    the level; other arguments as in `least_gamma` and `attenuation`.
+
+    Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has, and the step from V to |e| adds
+    a factor sqrt(cond P). Raises: `BadGain`, also for a gamma that (62) does not admit.
+    """
     known, rate = _candidate(K, P, sigma, decay)
     driven, remainder = as_disturbance(disturbance, known.n), _number("share", share)
     if not 0 < remainder < 1:
@@ -257,12 +269,14 @@ def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
 
 
 def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: float) -> float:
-    """Return a gain k >= 1 from which on every constant gain has |x - xhat| <= `error` from `time` on, in the observer
-    of `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`. Of V = n'P n, n_i = e_i/k^(i-1): where
-    |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the larger of 2 |P| sqrt(cond P) phi/(s k)
-    and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1). Both decrease in k from (n - 1) 2 |P|/((1
-    - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which states that there is one. Raises:
-    `BadGain`; `NotHurwitz`."""
+    """Return a gain k >= 1 such that the observer of `error_bounds` with any constant gain from k on has |x - xhat| <=
+    `error` from `time` on, where |x - xhat| <= `start` at first and |x_n'| <= `phi`.
+
+    With V = n'P n, n_i = e_i/k^(i-1): where |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so |e| is at most the
+    larger of 2 |P| sqrt(cond P) phi/(s k) and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1).
+    Both decrease in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which
+    states that such a k exists. Raises: `BadGain`; `NotHurwitz`.
+    """
     p, P, peak = _decaying(gains)
     wanted, after = Fraction(positive("error", error)), Fraction(positive("time", time))
     most, first, n = _number("phi", phi), _number("start", start), len(p)

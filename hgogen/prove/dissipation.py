@@ -64,13 +64,13 @@ _NOT_INVARIANT = "is not kept by the plant: its flow leaves it"
 
 
 class BadErrorSystem(BadArgument):
-    """Parts of an error system that do not fit together; the sentence names the part and the fix."""
+    """The error that parts of an error system do not fit together; the message names the part and the fix."""
 
 
 @dataclass(frozen=True)
 class Injection:
-    """The matrices of xhat' = f(xhat) + l (y - h(xhat)), x' = f + G1 w, y = h + G2 w: `gain` l (n, p), `G1` (n, k),
-    `G2` (p, k), in signals of the plant."""
+    """The matrices of an observer xhat' = f(xhat) + l (y - h(xhat)) and of the disturbances w in x' = f(x) + G1 w, y =
+    h(x) + G2 w: `gain` l (n, p), `G1` (n, k), `G2` (p, k), whose entries are expressions of the plant's signals."""
 
     gain: sp.ImmutableDenseMatrix
     G1: sp.ImmutableDenseMatrix
@@ -84,9 +84,9 @@ class Injection:
 
 @dataclass(frozen=True)
 class Equations:
-    """An observer xhat' = g(xhat, y, u) of any equations: `observer` g (n), in which states mean their estimates; the
-    plant's `outputs`; the inputs `unknown` to the observer; pairs `along` (x_k, a_k) of the invariant set x_k =
-    a_k(x)."""
+    """An observer xhat' = g(xhat, y, u) with any right-hand side. `observer`: g (n), in which the plant's states mean
+    their estimates; `outputs`: the plant's y; `unknown`: inputs that the observer does not know; `along`: pairs (x_k,
+    a_k) of the invariant set x_k = a_k(x) in which the plant runs."""
 
     observer: tuple[sp.Expr, ...]
     outputs: tuple[Signal, ...]
@@ -107,11 +107,14 @@ class Equations:
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0. `errors`: the symbols e (n); `flow` (n);
-    `noise` (n, k); `box`: the closed range of every other symbol; `states`: the x (n) that belong to the e, where x - e
-    is the estimate, or none; `origin`: its construction from a plant, None where it is given; `lost`: a part of the
-    plant that cancels in e' and may have no value on the box; `caveat`: why it may differ from that of the plant as
-    first declared, or `NONE`. Raises: `BadErrorSystem`."""
+    """The error system e' = flow(e, x) + noise(e, x) w, where flow = 0 at e = 0 and w are disturbances.
+
+    `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
+    the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: its construction from a plant, None
+    for an error system from the user; `lost`: a part of the plant that cancels in e' and may have no value on the box;
+    `caveat`: a reason why it may differ from the error system of the plant as first declared, or `NONE`. Raises:
+    `BadErrorSystem`.
+    """
 
     name: str
     errors: tuple[sp.Symbol, ...]
@@ -215,8 +218,9 @@ def _matrix(name: str, entries: Any, shape: tuple[int, int | None], plant: Syste
 
 
 def error_box(system: ErrorSystem, within: Any) -> Box:
-    """Return the box of the errors, from half widths (n) or ranges (low, high), low < 0 < high, in their order, or by
-    the name of the error or of its state. Raises: `BadErrorSystem`, `BadNames`."""
+    """Return the box of the errors by symbol, from half widths (n) or ranges (low, high), low < 0 < high: a sequence in
+    the order of the errors, or a mapping by the name of the error or of its state. Raises: `BadErrorSystem`,
+    `BadNames`."""
     errors, names = system.errors, names_of(system.errors)
     values = in_order("within", within, names, aliases=system.aliases)
     values = list(values) if isinstance(values, Sequence) else [values]
@@ -347,9 +351,10 @@ _SHARP = 1e-2  # of V's range on a face
 
 @dataclass(frozen=True)
 class Dissipates:
-    """The subject and evidence of one claim about the Hamilton-Jacobi inequality dV/de F + |dV/de G|^2/(2 mu^2) +
-    |e|^2/2 < 0 (38): the `answer` about its left side `lhs`, or about V > 0 where `lhs` is None; or `floor`, below
-    which no set {V <= c} touches a face of the box `within` of e."""
+    """The evidence of one claim about the Hamilton-Jacobi inequality dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38)
+    of an error system. `answer`: the result of the interval search about its left side `lhs`, or about V > 0 where
+    `lhs` is None; or `floor`: a number c_0 such that no set {V <= c}, c < c_0, touches a face of the box `within` of
+    e."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -365,7 +370,8 @@ class Dissipates:
         return "" if self.system.origin else "of an error system that is given and not made of the plant"
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the error system, V and mu, and the floor or the bisections; None for none."""
+        """Return the error system, V and mu, and the floor or the bisections, under the keys of a certificate; None
+        where a certificate cannot hold them."""
         if self.system.origin is None:
             return None
         system = {"system": self._about(self.system.origin)}
@@ -407,9 +413,9 @@ class Dissipates:
 
 @dataclass(frozen=True)
 class Dissipation:
-    """The result about V > 0 (21) and dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38) on the box `within` of the
-    errors. `checks`: `dissipation.positive`, `.inequality`, `.level`; `level`: no set {V <= c} with c below it touches
-    a face of the box, None where not proved; `witness`: the exact point that refutes (38), or (21)."""
+    """The verdicts about V > 0 (21) and dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 (38) on the box `within` of the
+    errors. `checks`: `dissipation.positive`, `.inequality`, `.level`; `level`: a number c_0 such that no set {V <= c},
+    c < c_0, touches a face of the box, None where not proved; `witness`: the exact point that refutes (38), or (21)."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -426,7 +432,7 @@ class Dissipation:
 
     @property
     def conclusion(self) -> str:
-        """The sentence about where the error stays and its L2 gain, or "nothing is concluded"."""
+        """The sentence that states the set in which the error stays and its L2 gain, or "nothing is concluded"."""
         if not self.proved or self.level is None:
             return "nothing is concluded"
         origin = self.system.origin
@@ -443,12 +449,13 @@ class Dissipation:
 
 
 def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int = LIMIT) -> Dissipation:
-    """Prove or refute inequality (38) of an error system on a box.
+    """Prove or refute the Hamilton-Jacobi inequality (38) of an error system, dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2
+    < 0, which bounds the L2 gain from disturbances to the error by `mu`, on a box.
 
-    Args: `V` an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but for rounding (1e-12),
-    in their order or with rows by name; `mu` > 0; `within` the box of the errors: half widths (n), or ranges (low,
-    high) around 0, in their order or by name, of the error or of its state; `boxes` at most for each question of a
-    sign.
+    Args: `V`: a candidate function: an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but
+    for rounding (1e-12), in the order of the errors or with rows by name; `mu` > 0; `within`: the box of the errors:
+    half widths (n), or ranges (low, high) around 0, in order or by name, of the error or of its state; `boxes`: the
+    most boxes of a bisection for each question of a sign.
 
     Raises: `BadErrorSystem`; `BadNames`; `Misfit`.
     """

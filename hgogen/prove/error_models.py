@@ -69,8 +69,9 @@ _BOXES = 500  # enough for L_b, which need not be tight
 
 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
-    """Return a proved upper bound of |S db/dz S^-1| on the box, S the diagonal matrix of `scale` (n), numbers and
-    expressions of parameters; or why there is none, as for a form that is not triangular."""
+    """Return a proved upper bound of |S db/dz S^-1| on the box, db/dz the Jacobian of the form's nonlinear part and S
+    the diagonal matrix of `scale` (n), numbers or expressions of parameters; or the reason why there is none, such as a
+    form that is not triangular."""
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
@@ -84,8 +85,9 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
-    """Return why the error of a high gain on this form has no proof, such as a check that is not proved; `NONE` where
-    it may have one. `endless`: b need not be Lipschitz."""
+    """Return the reason why a high-gain observer on this form can have no proof of convergence, such as a check of the
+    form that is not proved; `NONE` where it may have one. `endless`: whether partial derivatives of b may be unbounded
+    on one side."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -126,14 +128,15 @@ def _no_triangle(form: Form) -> Reason:
 
 
 def jacobian(form: Form) -> sp.Matrix:
-    """Return the Jacobian db/dz (n, n), parameters without a range at their values."""
+    """Return the Jacobian db/dz (n, n) of the form's nonlinear part as expressions; parameters without a range have
+    their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
 def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
-    """Return the block diagonal matrix (n, n) of the companion matrices of polynomials with coefficients `p` (n), in
-    `blocks` of these sizes."""
+    """Return the block diagonal matrix (n, n) of the companion matrices of several polynomials: `p` (n) are their
+    coefficients after the leading 1, `blocks` the degrees of the polynomials."""
     n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
     inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
     return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
@@ -146,8 +149,9 @@ _LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker ari
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Return the slopes db_i/dz_j of an observer's error with their proved ranges, which are widened to contain 0; or
-    why one has none. `endless`: whether a range may have an infinite end."""
+    """Return the uncertain slopes of an observer's error: each partial derivative db_i/dz_j, in units of e, with its
+    proved range, widened to contain 0; or the reason why one has no range. `layout`, `scale` (n): as of `Inclusion`;
+    `endless`: whether a range may be unbounded on one side."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     nodes = (node for row in map(with_norms, form.b) for node in row.atoms(*JUMPS))
     jumps = sorted(str(node) for node in nodes if node.has(*form.states))
@@ -187,10 +191,14 @@ def inclusion(
     others: Iterable[Slope] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the error e' = .. of an observer on a form in chains, e = `scale` (n, of parameters) times the errors of
-    z. `core` (N, N): the matrix of its linear part at theta = 1 in coordinates scale/units times z; `measured` (N, p):
-    the matrix there of the samples' errors; `others`: slopes of the linear part; `numbers`: the observer's arguments;
-    `endless`: whether slopes of b may have an infinite end."""
+    """Return the error dynamics (`Inclusion`) of an observer on a form in chains, e = diag(`scale`) times the errors of
+    z.
+
+    `core` (N, N): the matrix of the linear part at theta = 1, in coordinates scale/units times z; `measured` (N, p):
+    the matrix of the samples' errors there; `scale` (n): expressions of parameters; `units` (n): the numbers s_i of e;
+    `numbers`: the observer's arguments; `others`: uncertain slopes of the linear part; `endless`: whether slopes of b
+    may be unbounded on one side.
+    """
     slopes = slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
@@ -237,8 +245,8 @@ def on_integrators(
 
 
 def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
-    """Return the factors s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, with which s_i w_i is near z_i; or why
-    there are none."""
+    """Return numbers s_i (n) close to 1/(a_1 .. a_i) at the nominal parameters, with which s_i w_i is close to z_i, w
+    the coordinates of integrators; or the reason why there are none."""
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
         return Nothing(because("the bound is for a_i shown to be positive"))
@@ -310,7 +318,7 @@ def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, 
 
 
 def plain(form: Form) -> Layout:
-    """Return the layout of an observer without filters: error e_k is that of state k of the form."""
+    """Return the `Layout` of an observer without filters: component k of the error e belongs to state k of the form."""
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 
@@ -320,8 +328,8 @@ Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 
 
 def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
-    """Return the derivatives dF_k/dz_(k+1), k = 1, .., n - 1, of a form z' = F(z, u), parameters without a range at
-    their values."""
+    """Return the partial derivatives dF_k/dz_(k+1), k = 1, .., n - 1, of a form z' = F(z, u); parameters without a
+    range have their values."""
     known, slopes = dict(fixed(form)), []
     for row, z in zip(form.flow, form.states[1:], strict=False):
         each = exact(tape.slope(sp.sympify(row), z).xreplace(known))
@@ -332,8 +340,8 @@ def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
 
 
 def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
-    """Return short numbers s_k, k = 1, .., n - 1, in the ranges of dF_k/dz_(k+1); or why there are none, such as a
-    range that contains 0."""
+    """Return constants s_k with few digits in the ranges of dF_k/dz_(k+1), k = 1, .., n - 1, of a form z' = F(z, u); or
+    the reason why there are none, such as a range that contains 0."""
     numbers = []
     for k, each in enumerate(slopes_on(form), 1):
         known = _range(each, form)
@@ -346,8 +354,9 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """Return the error of the observer with gains theta^i K_i/(F_1' .. F_(i-1)'), K (n), on a form whose A has only the
-    s_k above its diagonal; or why it has no proof."""
+    """Return the error dynamics of the observer with the gains theta^i K_i/(F_1' .. F_(i-1)'), F_k' = dF_k/dz_(k+1), on
+    a form in uniform coordinates; or the reason why it has no proof. `K` (n); the form's A has the constants s_k of
+    `middles` above its diagonal."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]

@@ -42,10 +42,10 @@ _LARGE = 1e6  # the logarithm of a missing bound
 
 @dataclass(frozen=True)
 class InjectionFilter:
-    """A filter of the observer `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I: F (m, m), G (m), H (n,
-    m). `rate` (1/s): errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at most 1,
-    proved in continuous time for all slopes in their ranges; `before`: this bound for the filter from which the search
-    began."""
+    """A designed filter of the observer `filtered_injection(form, theta=.., F=.., G=.., H=..)` with N = I: F (m, m), G
+    (m), H (n, m). `rate` (1/s): errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at
+    most 1, proved in continuous time for all partial derivatives of b in their ranges; `before`: this bound for the
+    first filter of the search."""
 
     theta: float
     F: tuple[tuple[float, ...], ...]
@@ -67,8 +67,8 @@ class InjectionFilter:
 
 
 def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
-    """Return the error of the observer with a filter F (m, m), G (m) and `pushed` = N H (n, m); or why there is
-    none."""
+    """Return the error dynamics of the observer with a filter F (m, m), G (m) and `pushed` = N H (n, m) on a chain of
+    integrators; or the reason why there are none."""
     n, m = pushed.shape
     order = (*range(n), *[0] * m)
     layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
@@ -78,7 +78,8 @@ def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarra
 
 
 def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Return the matrix [A, N H; -G C, F] (n + m, n + m) of the linear error, `pushed` = N H."""
+    """Return the matrix [A, N H; -G C, F] (n + m, n + m) of the linear part of the error of observer and filter,
+    `pushed` = N H (n, m)."""
     n = len(pushed)
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
 
@@ -87,13 +88,12 @@ def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
 def injection_filter(
     form: Form, *, theta: float, rate: float, state: str | None = None, size: int | None = None
 ) -> InjectionFilter:
-    """Return a filter of `size` states, by default n, with which the errors decay at `rate` and noise moves a state
-    least.
+    """Return a filter of the observer `filtered_injection` with `size` states, by default n, with which errors decay at
+    `rate` and the effect of noise on one state is small.
 
-    Args: `theta` > 0 of the observer; `rate` (1/s) > 0; `state` whose error counts, by default the last of the chain.
-
-    Raises: `BadGain` for a form that is no chain of integrators of up to 6 states, or a rate that no first filter is
-    proved to reach; `Misfit` for no form; `NoSolver`.
+    Args: `theta` > 0: the gain of the observer; `rate` (1/s) > 0; `state`: the state whose error is minimised, by
+    default the last of the chain. Raises: `BadGain` for a form that is no chain of integrators of up to 6 states, or a
+    rate that no first filter is proved to reach; `Misfit` for no form; `NoSolver`.
     """
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"

@@ -67,9 +67,13 @@ _NOISY = 0.5  # the rate of noise over the rate of decay
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """An error system whose gain K is still to be chosen, e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v):
-    `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p), `E` (m, p), v in units of the noise; `chain`
-    (n): the output to whose chain each state belongs."""
+    """An error system whose constant gain K (n, p) is the unknown of a design:
+
+        e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v),   |d_j| <= 1
+
+    `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p), `E` (m, p); v (p): noise in units of its
+    largest size; `chain` (n): for each state, the index of the output to whose chain it belongs.
+    """
 
     M: Array
     G: Array
@@ -82,15 +86,16 @@ class Open:
 
     @property
     def with_gain(self) -> Uncertain:
-        """The system with matrices [M; -C], [G; -D] and [B; I] (n + p, ..): [P, Y] times these, Y = P K, is P times
-        those with K."""
+        """The system with the matrices [M; -C], [G; -D] and [B; I], each with n + p rows: multiplied from the left by
+        [P, Y], Y = P K, they are P times the matrices of the system with gain K, so that conditions are linear in P and
+        Y."""
         M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def scaled(self, T: Array, pace: float) -> "Open":
-        """Return the system of x, e = diag(T) x, in a unit of time 1/`pace`, each slope's column of G as long as its
-        row of H."""
+        """Return the system in coordinates x, e = diag(`T`) x, with time in units of 1/`pace`. Each column of G has the
+        same length as its row of H."""
         G, H = self.G / T[:, None] / pace, self.H * T
         columns, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > _SMALL) & (columns > _SMALL)))
@@ -98,8 +103,8 @@ class Open:
         return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
     def scale(self, pace: float) -> Array:
-        """Return the T (n) of e = diag(T) x with which noise of 1 is an error of 1 in x of a chain's first state, and
-        each x_i has the factor `pace` in x_(i-1)'."""
+        """Return scales T (n) of coordinates x, e = diag(T) x, in which noise of 1 is an error of 1 in the first state
+        of a chain, and x_(i-1)' contains `pace` x_i."""
         T = np.zeros(len(self.M))
         for i, j in enumerate(self.chain):
             head = i == 0 or self.chain[i - 1] != j
@@ -107,8 +112,8 @@ class Open:
         return T
 
     def pace(self, rate: float) -> float:
-        """Return rate 2^k with the least k at which, in the scale of this pace, no slope is larger than the chain's
-        factors."""
+        """Return the speed `rate` 2^k (1/time) with the least k >= 0 for which no entry of M and of |G| |H| exceeds 1
+        in the coordinates `scale` of this speed and in its unit of time."""
         pace = rate
         for _ in range(_DOUBLINGS):
             x = self.scaled(self.scale(pace), pace)
@@ -120,8 +125,9 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A gain to be designed for the `open` system: errors decay at `rate`, the largest |c e| under noise over the
-    `rows` c (r, n) is small, and noise alone changes the error at a speed of at most `fastest` (1/time)."""
+    """A gain design for the error system `open`: errors have to decay at least at `rate` (1/time), the largest |c e|
+    under noise over the `rows` c (r, n) is minimised, and noise alone may change the error at a speed of at most
+    `fastest` (1/time)."""
 
     open: Open
     rate: float
@@ -130,13 +136,14 @@ class Task:
 
     @cached_property
     def pace(self) -> float:
-        """The speed (1/time) in units of which the program's numbers are near 1; more for larger n, as long chains have
-        fast poles."""
+        """The speed (1/time) that is the unit of time of the semidefinite program, so that its numbers are close to 1.
+        The factor 1 + n/4 is there because long chains have fast poles."""
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
-        """Return K (n, p) for which one P proves the decay at `rate` and a small bound of noise at alpha = 2 `noisy`;
-        None where none is found. Raises: `NoSolver`."""
+        """Return a gain K (n, p) for which one P proves the decay at `rate`, and a small bound of the effect of noise
+        by the noise inequality with alpha = 2 `noisy` (both 1/time); None where the solver finds none. Raises:
+        `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
@@ -210,8 +217,8 @@ class _Program:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n, p), with the entries of N in b(z + N (y - C z)) as `argument`, and the proof that its error `falls`
-    at the rate; `noise_bound`: the largest |c e| under noise, in floats."""
+    """A gain K (n, p) with a proof `falls` that errors decay at the requested rate, by the search `flow`. `argument`:
+    the entries of N in b(z + N (y - C z)), () for none; `noise_bound`: the largest |c e| under noise, in floats."""
 
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
@@ -222,8 +229,8 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A search for gains K of a form, for a `task` under noise of at most `sizes` (p), K written at `theta`;
-    `argument`: the entries of N in b(z + N (y - C z)) at theta = 1, () for none."""
+    """A search over gains K of a form for a design `task`, under noise of at most `sizes` (p). The gain is written for
+    the observer's gain `theta`; `argument`: the entries of N in b(z + N (y - C z)) at theta = 1, () for none."""
 
     form: Form
     task: Task
@@ -232,7 +239,8 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """Return the gain with the least noise bound over rates of noise, or None. Raises: `NoSolver`."""
+        """Return the candidate with the smallest noise bound among those designed for several alpha of the noise
+        inequality; None where no gain is proved. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
         def noise_bound(noisy: float) -> float:
@@ -252,7 +260,8 @@ class Search:
 
     @property
     def written(self) -> tuple[float, ...]:
-        """The entries of N divided by their powers of theta, in six digits."""
+        """The entries of N as arguments of the observer at `theta`: divided by their powers of theta, rounded to six
+        digits."""
         places = columns(self.form, len(self.argument)) if self.argument else ()
         return tuple(self._rounded(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
 
@@ -304,15 +313,16 @@ class Search:
 
 
 def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
-    """Return the error of an observer with gain K (n, or n p) and N, the entries `argument` in b(z + N (y - C z)); or
-    why there is none."""
+    """Return the error dynamics of an observer with the constant gain `K` (n, or n p), and with N in b(z + N (y - C
+    z)), whose entries are `argument`, () for none; or the reason why there are none."""
     error = with_gains(form, K)
     return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
 
 
 def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
-    """Return the error system without a gain, noise in units of `sizes` (p), the slope with the index `narrower` in
-    half of its range, N = `argument`; or why no gain can be designed."""
+    """Return the error system of a form without its gain, noise in units of `sizes` (p); or the reason why no gain can
+    be designed. `narrower`: the index of an uncertain slope that gets half of its range, None for none; `argument`: the
+    entries of N in b(z + N (y - C z)), () for none."""
     if len(form.leads) < len(form.blocks):
         return because("it is for outputs of which each has a chain of its own")
     without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
@@ -338,8 +348,9 @@ def _half(slope: Slope) -> Slope:
 
 @dataclass(eq=False)
 class NoGain(HgogenError):
-    """The error that no gain is found with which errors decay at `rate` (1/time). `reached`: the largest smaller rate,
-    of those tried, for which there is one, 0.0 for none; `hindrance`: the reason, such as the slope in the way."""
+    """The error that no gain is proved to make errors decay at `rate` (1/time). `reached`: the largest smaller rate
+    that was tried and is reached, 0.0 for none; `hindrance`: the reason, such as the partial derivative of b whose
+    range is too large."""
 
     plant: str
     rate: float
@@ -355,8 +366,8 @@ class NoGain(HgogenError):
 
 
 def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
-    """Return the error that no gain reaches the task's rate under noise of at most `sizes` (p). It names the slope
-    whose halved range allows the largest rate. Raises: `NoSolver`."""
+    """Return the error for a `task` whose rate no gain reaches, with the partial derivative of b whose halved range
+    allows the largest rate. `sizes` (p): the largest noise of each output. Raises: `NoSolver`."""
     error = with_gains(form, [Fraction(0)] * form.n)
     slopes = () if isinstance(error, Nothing) else error.slopes
     reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))
@@ -396,12 +407,14 @@ _FROM_RANGE: Any = object()  # the measure that a state's range gives
 
 @dataclass(frozen=True)
 class Gain:
-    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or for
-    several outputs a matrix with a row for each state. `rate` (1/time): |e|_P decays at least like exp(-rate t), in
-    continuous time without noise; `bounds`: by the names of a state of the form and of an output, the largest error of
-    the state for noise of at most 1 in the output, in their units; for several outputs they add up. Both are proved in
-    rational arithmetic. `argument`: N for `hg.observers.circle_criterion`; empty for a gain of
-    `hg.observers.high_gain`."""
+    """A designed constant gain with its proofs: `theta` and `K` are arguments of the observer `observer`; K has a
+    number for each state, or for several outputs a row for each state.
+
+    `rate` (1/time): |e|_P decays at least like exp(-rate t), in continuous time without noise; `bounds`: by (name of a
+    state of the form, name of an output), the largest error of the state for noise of at most 1 in the output, in their
+    units; the bounds of several outputs add up. Rate and bounds are proved in rational arithmetic. `argument`: N for
+    `hg.observers.circle_criterion`; empty for a gain of `hg.observers.high_gain`.
+    """
 
     theta: float
     K: Annotated[tuple[Any, ...], "injection gains; null for the tuning"]
@@ -422,8 +435,8 @@ class Gain:
         return {"theta": self.theta, "gains": self.K, **optional}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return the largest error of a state of the form for noise of at most these sizes, by output: the sum of bound
-        times size. Raises: `KeyError` for a state or an output that does not exist."""
+        """Return the largest error of a state of the form under noise of at most the sizes in `noise`, by name of the
+        output: the sum of bound times size. Raises: `KeyError` for a state or an output that does not exist."""
         return sum(self.bounds[state, output] * size for output, size in noise.items())
 
     def __str__(self) -> str:
@@ -455,19 +468,19 @@ def gain(
     theta: float | None = None,
     argument: Any = None,
 ) -> Gain:
-    """Return a constant gain of `observers.high_gain` for a form in chains, with a small noise bound; with an
-    `argument` one of `observers.circle_criterion`.
+    """Return a constant gain of `observers.high_gain` for a form in chains, with a small bound of the effect of noise;
+    with an `argument` a gain of `observers.circle_criterion`.
 
-    Args: `rate` (1/time) > 0 at which errors decay at least; `noise` the largest noise of each output, by name, by
-    default 1: for several outputs only their ratios count; `per` the unit of the error of each state of the form, by
-    its name, by default half of its range: the largest bound in these units is minimised; `fastest` (1/time) the
-    largest speed of the estimate under noise alone, over its largest deviation: by default ten times n times the rate,
-    or the speed that the slopes need; `theta` > 0, by whose powers K is divided; `argument` for an output error in the
-    argument of b, on a form whose a_i are numbers: True for an N that is searched, or its entries at theta = 1, as
-    `circle_criterion` accepts them.
+    Args: `rate` (1/time) > 0: errors decay at least this fast; `noise`: the largest noise of each output, by name, by
+    default 1; for several outputs only the ratios count; `per`: the unit of the error of each state of the form, by
+    name, by default half of its range; the largest bound in these units is minimised; `fastest` (1/time): the largest
+    speed of the estimate under noise alone, over its largest deviation: by default 10 n rate, or the speed that the
+    partial derivatives of b require; `theta` > 0: the observer's gain, by whose powers K is divided; `argument`: an
+    output error in the argument of b, b(z + N (y - C z)), on a form whose a_i are numbers: True to search N, or its
+    entries at theta = 1, as `circle_criterion` accepts them.
 
-    Raises: `NoGain` for a rate that is not reached; `NoSolver`; `Misfit` for no form; `BadGain` for a form without
-    chains of constant gains, and for arguments that are no numbers or not positive; `BadNames`.
+    Raises: `NoGain` for a rate that is not reached; `NoSolver`; `Misfit` for an argument that is no form; `BadGain` for
+    a form without chains of constant gains, and for arguments that are no numbers or not positive; `BadNames`.
     """
     if form.system.wraps:
         fix = "design on the plant without its periods or invariants, for small errors"
@@ -515,8 +528,8 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
 
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
-    """Return the entries of N (n, or n q: `columns`) in b(z + N (y - C z)) with the least noise bound, () where b has
-    no slopes. Raises: `NoSolver`."""
+    """Return the entries of N (n, or n q in the order of `columns`) in b(z + N (y - C z)) with the smallest noise
+    bound; () where b depends on no state. `sizes` (p): the largest noise of each output. Raises: `NoSolver`."""
     start = np.array(numbers_in_place(form))
     places, reads = columns(form, len(start)), np.abs(task.open.H).sum(axis=0)
     free = [k for k, at in enumerate(places) if reads[at.row]]
@@ -542,7 +555,8 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
 
 
 def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
-    """Return the search for K of a form with N = `argument`, at theta = 1; `task` and `sizes` as in `Search`."""
+    """Return the `Search` for a gain K of a form with N = `argument` in b(z + N (y - C z)), at theta = 1; `task` and
+    `sizes` (p) as in `Search`."""
     open_ = plain(form, sizes, argument=argument)
     assert not isinstance(open_, Reason)
     return Search(form, replace(task, open=open_), sizes, 1.0, tuple(argument))

@@ -45,7 +45,7 @@ from hgogen.sentence import Reason, because
 
 @dataclass(frozen=True)
 class Nothing:
-    """The result of a search that found no proof or no bound, with the `reason`."""
+    """The result of a search that has no proof or no bound, with the `reason`."""
 
     reason: Reason
 
@@ -59,10 +59,10 @@ _ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue
 
 @dataclass(frozen=True)
 class Layout:
-    """The order of an estimator's errors e_k = s_i(k) (error of state i(k))/theta^p(k),
-    k = 1, .., N. `index`: i(k) from 0; `power`: p(k); `fed`: whether b_i(k) is part
-    of the rate of e_k, as for an estimate of a state and not for a filter's state;
-    `picks` (n): for each state the k of the estimate at which b is evaluated."""
+    """The states to which the N components of an estimator's error belong: e_k = s_i(k) (error of state
+    i(k))/theta^p(k), s the `Inclusion.units`. `index`: i(k) from 0; `power`: p(k); `fed`: whether e_k' contains b_i(k),
+    which is true for an estimate of a state, false for a filter's state; `picks` (n): for each state, the k of the
+    estimate at which b is evaluated."""
 
     index: tuple[int, ...]
     power: tuple[int, ...]
@@ -72,11 +72,14 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """An uncertain d in [`low`, `high`] that adds `onto` d (`reads`'e + `takes`'v)/theta^`degree` to e', with `onto`
-    and `reads` (N), `takes` (p) at theta = 1, v the errors of samples. `entry`: (i, j) where d is db_i/dz_j in the
-    units of e, and `range` its proof, else None. `endless`: 1 for a d of any size from `low` = `high` up, -1 down, else
-    0. `realised`: the value of d in the linear core that a method realises, 1 for an open saturation, 0 for b; None
-    where the core varies."""
+    """An uncertain number d in [`low`, `high`], such as a partial derivative of b, that adds the term `onto` d
+    (`reads`'e + `takes`'v)/theta^`degree` to e', v the errors of samples.
+
+    `onto`, `reads` (N), `takes` (p): at theta = 1. `entry`: (i, j) where d is db_i/dz_j in the units of e, and `range`
+    the proof of its range, else None. `endless`: 1 if d is unbounded above (then `low` = `high` is its lower end), -1
+    if it is unbounded below, else 0. `realised`: the value of d in the linear core that a method integrates exactly: 1
+    for a saturation, 0 for b, None where the core varies.
+    """
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -91,7 +94,7 @@ class Slope:
 
     @cached_property
     def exactly(self) -> tuple[Array, Array, Array]:
-        """The arrays `onto` (N), `reads` (N) and `takes` (p) in FLINT's rationals."""
+        """The vectors `onto` (N), `reads` (N) and `takes` (p) in FLINT's rationals."""
         return rational(self.onto), rational(self.reads), rational(self.takes)
 
     @property
@@ -101,21 +104,21 @@ class Slope:
 
 
 def field_row(field: int, count: int) -> tuple[Fraction, ...]:
-    """Return the unit row (`count`) with 1 at the index `field`: its product with e is that component of e."""
+    """Return the unit row (`count`) with 1 at the index `field`: its product with e is component `field` of e."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """The error of an observer, a linear differential inclusion with slopes d_l anywhere in their ranges:
+    """The error dynamics of an observer, a linear differential inclusion with uncertain slopes d_l in their ranges:
 
         e' = theta (N e + B diag(theta^-late) v) + sum_l theta^-degree_l onto_l d_l (reads_l'e + takes_l'diag(..) v)
 
-    `N` (N, N); `B` (N, p), for errors v of samples; the `slopes`; the `layout` of e; `units` (n), the factors s_i of
-    e on a chain of integrators; `scale` (n), factors from the form's states to e, with parameters; `numbers`: the
-    observer's arguments without theta; `core_evidence` of N; `late` (p): powers of theta; `hull`: points of [-1,
-    1]^m whose convex hull contains the varying slopes, () for independent ones; `chained`: whether the program's
-    memory holds integrators.
+    `N` (N, N); `B` (N, p), for errors v of samples; the `slopes`; the `layout` of e; `units` (n): the factors s_i of e
+    on a chain of integrators; `scale` (n): the factors from errors of the form's states to e, expressions of
+    parameters; `numbers`: the observer's arguments without theta; `core_evidence`: the evidence of N for a certificate;
+    `late` (p): the power of theta of each output; `hull`: points of [-1, 1]^m whose convex hull contains the varying
+    slopes, () for independent ones; `chained`: whether the program's memory holds integrators.
     """
 
     N: Array
@@ -137,7 +140,7 @@ class Inclusion:
 
     @property
     def limit(self) -> Array:
-        """The limit (N, N), in floats, of the system matrix M(theta)/theta as theta grows, each slope at the middle of
+        """The limit (N, N), in floats, of M(theta)/theta as theta grows, e' = M(theta) e, each slope in the middle of
         its range."""
         N = floats(self.N)
         for slope in self.slopes:
@@ -169,8 +172,8 @@ class Inclusion:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """The matrix W = P^(-1/2) (N, N) of a Lyapunov matrix P of e' = `limit` e, in floats, None where none is found:
-        in the coordinates W^-1 e a solver expects its P near the unit matrix."""
+        """The matrix W = P^(-1/2) (N, N) of a Lyapunov matrix P of e' = `limit` e, in floats; None where there is none.
+        In the coordinates W^-1 e the P of a proof is expected close to the unit matrix, where solvers are accurate."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -195,8 +198,8 @@ class Inclusion:
         return replace(self, slopes=tuple(slopes))
 
     def slope_values(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
-        """Return, by names such as "db_2/dx1", the values of the slopes of b at `d` (m), the positions in [-1, 1] of
-        all varying slopes within their ranges; `states` (n) name the z_j."""
+        """Return the values of the partial derivatives of b, by names such as "db_2/dx1". `d` (m): the positions of all
+        varying slopes in their ranges, from -1 to 1; `states` (n): the symbols of the z_j."""
         values = {}
         for slope, share in zip(self.varying, d.tolist(), strict=True):
             if slope.entry is not None:
@@ -205,8 +208,8 @@ class Inclusion:
         return values
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return what a certificate needs of the error: the factors `scale`, each slope db_i/dz_j with its proved
-        range, and `core_evidence`."""
+        """Return the evidence of the error dynamics for a certificate: the factors `scale`, the proved range of each
+        db_i/dz_j, and `core_evidence`."""
         slopes = [
             {"row": i + 1, "column": j + 1, **slope.ends, "tree": tree(slope.range, form)}
             for slope in self.slopes
@@ -216,8 +219,8 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return the factors (N) with e_k = factor_k times the error of the form's state i(k), at this theta; None
-        where one contains parameters."""
+        """Return the factors f (N) with e_k = f_k times the error of the form's state i(k) at this theta; None where
+        one contains parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
             return None
@@ -225,26 +228,26 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def lifted(self, scales: Sequence[Fraction]) -> Array:
-        """Return the matrix s (N, n), in FLINT's rationals, with e = s times the errors of the form's states, 0 for
-        components of filters; `scales` (N) as the method of this name gives them."""
+        """Return the matrix s (N, n), in FLINT's rationals, with e = s times the errors of the form's states; its rows
+        are 0 for components of filters. `scales` (N): the factors f of the method `scales`."""
         fields = zip(scales, self.layout.index, self.layout.fed, strict=True)
         return rational([[s * (fed and i == at) for at in range(len(self.scale))] for s, i, fed in fields])
 
     def corners(self, scales: Sequence[Fraction], sides: Sequence[Fraction]) -> Array:
-        """Return the e (2^(n-1), N) at the corners, one of each opposite pair, of the box in which the errors of the
-        form's states are at most `sides` (n); `scales` (N) as the method of this name gives them."""
+        """Return the vectors e (2^(n-1), N) at the corners of the box in which the errors of the form's states are at
+        most `sides` (n), one of each opposite pair. `scales` (N): the factors f of the method `scales`."""
         signs = rational([*product((1,), *[(1, -1)] * (len(sides) - 1))])
         return np.asarray((signs * rational(sides)) @ self.lifted(scales).T)
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return the factors (N) by which e_k = factor_k times the error of scalar k in the program's memory, at this
-        theta; None where one contains parameters."""
+        """Return the factors f (N) with e_k = f_k times the error of number k in the program's memory at this theta;
+        None where one contains parameters."""
         if not self.chained:
             return self.scales(theta)
         return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
 
     def at(self, theta: Fraction) -> "Uncertain":
-        """Return the system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at a theta > 0."""
+        """Return the error system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at a theta > 0."""
         level = number(theta)
         late = np.array([level**-power for power in self.late], dtype=object)
         M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
@@ -262,22 +265,24 @@ class Inclusion:
 
 @dataclass(frozen=True)
 class Facts:
-    """The evidence of a proof: its `facts` under the keys of a certificate, and the `error` whose ranges of slopes the
-    proof assumes, or None."""
+    """The evidence of a proof: its `facts` by the keys of a certificate, and the `error` dynamics whose ranges of
+    slopes the proof assumes, or None."""
 
     error: Inclusion | None
     facts: Evidence = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence:
-        """Return the facts, together with the error and so with the proved ranges of its slopes."""
+        """Return the facts together with the evidence of the error dynamics, whose ranges of slopes the proof
+        assumes."""
         return self.facts if self.error is None else {"error": self.error, **self.facts}
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """The error system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1, at one theta, v the inputs or sample errors:
-    `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), `E` (m, p), of FLINT's rationals. `core` (N, N) and `injected` (N,
-    p): the parts of M and B that a method with a linear core realises, without slopes of b, saturations passing all."""
+    """The error system e' = M e + B v + G diag(d) (H e + E v) at one theta, with uncertain |d_j| <= 1; v are the errors
+    of samples, or other inputs. `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), `E` (m, p), of FLINT's rationals or
+    floats. `core` (N, N) and `injected` (N, p): the parts of M and B that a method with a linear core integrates
+    exactly: they contain no slopes of b, and saturations let the error through."""
 
     M: Array
     G: Array
@@ -293,22 +298,22 @@ class Uncertain:
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
 
     def with_constant_slopes(self, d: Array) -> "Uncertain":
-        """Return the system without uncertain slopes that has the constant `d` (m): M + G diag(d) H, B + G diag(d)
-        E."""
+        """Return the system without uncertain slopes in which d has a constant value (m): M + G diag(d) H, B + G
+        diag(d) E."""
         D = self.G * d
         return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
 
     def driven_by(self, columns: Array) -> "Uncertain":
-        """Return the system with q inputs w in the place of the sample errors v = `columns` w, `columns` (p, q)."""
+        """Return the system with q inputs w in place of the sample errors, v = `columns` w, `columns` (p, q)."""
         return replace(self, B=self.B @ columns, E=self.E @ columns, injected=self.injected @ columns)
 
     def disturbed(self, onto: Array) -> "Uncertain":
-        """Return the system with q further inputs w, which add `onto` w to e', `onto` (N, q)."""
+        """Return the system with q additional inputs w: e' contains `onto` w, `onto` (N, q)."""
         B, injected = (np.hstack([columns, onto]) for columns in (self.B, self.injected))
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
 def state_row(scales: Sequence[Fraction], field: int) -> Array:
-    """Return the row c (N), in FLINT's rationals, for which c e is the error of the state that component `field` of e
-    estimates; `scales` (N) as `Inclusion.scales` gives them."""
+    """Return the row c (N), in FLINT's rationals, for which c e is the error of the state to which component `field` of
+    e belongs; `scales` (N): the factors of `Inclusion.scales`."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))

@@ -72,8 +72,8 @@ Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # phi_1 and phi_
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The linear terms of q inputs v of a step e+ = e + h D v: `D` (N, q), what each adds to (e+ - e)/h, and `Q` (s m,
-    q), what it adds to the argument H X_i of the m slopes at each of s stages."""
+    """The linear effect of q inputs v on a step e+ = e + h D v: `D` (N, q), the effect on (e+ - e)/h; `Q` (s m, q), the
+    effect on the arguments H X_i of the m uncertain slopes at each of s stages."""
 
     D: Array
     Q: Array
@@ -83,7 +83,7 @@ class Inputs:
         return Inputs(self.D * number(size), self.Q * number(size))
 
     def __add__(self, other: "Inputs") -> "Inputs":
-        """Return the sums of both matrices: the terms of one input that acts at the places of both summands."""
+        """Return the sums of both matrices: the terms of one input that acts in both places."""
         return Inputs(self.D + other.D, self.Q + other.Q)
 
     @classmethod
@@ -95,10 +95,14 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Inequality:
-    """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose slopes obey p_i = diag(d_i) Q_i v, |d_ij| <=
-    1. Its length `h` is 0 for continuous time, e' = D v. `slopes`: their number m; `D` (N, N + s m); `Q` (s m, N + s
-    m), all Q_i; `stages` (s, p): the terms of an error of each output's sample at each stage; `nodes` (s): the times of
-    the stages over h; `degree` in h of the form that `falls` returns, 0 where it is no polynomial."""
+    """One step of an error, e+ = e + h D v, v = (e, p_1, .., p_s), whose uncertain slopes d_i at stage i add p_i =
+    diag(d_i) Q_i v, |d_ij| <= 1.
+
+    `h`: the length of the step, 0 for continuous time, e' = D v; `slopes`: the number m of uncertain slopes; `D` (N, N
+    + s m); `Q` (s m, N + s m): all Q_i; `stages` (s, p): the effect of an error of each output's sample at each stage;
+    `nodes` (s): the times of the stages over h; `degree`: the degree in h of the form that `falls` returns, 0 where it
+    is no polynomial.
+    """
 
     h: Fraction
     slopes: int
@@ -110,7 +114,8 @@ class Inequality:
 
     @property
     def rows(self) -> int:
-        """The number N + s m of rows of the quadratic form: errors, and slopes at all stages."""
+        """The number N + s m of rows of the quadratic form: the components of the error, and m slopes at each of s
+        stages."""
         return int(self.D.shape[1])
 
     @property
@@ -142,19 +147,20 @@ class Inequality:
         return self.falls(alpha).driven(onto, inputs.Q)
 
     def ends(self, output: int) -> tuple[Inputs, Inputs]:
-        """Return two `Inputs`, of an error of the sample of `output` (index from 0) at the beginning of the step and at
-        its end. A stage at c h between reads the sample that is interpolated linearly, with the weights 1 - c and c."""
+        """Return the two `Inputs` of an error of the sample of `output` (index from 0) at the beginning of the step,
+        and at its end. A stage at c h in between uses the linear interpolation of both samples, with the weights 1 - c
+        and c."""
         parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
         first, last = zip(*parts, strict=True)
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
     def additive_input(self, onto: Array) -> Inputs:
-        """Return the `Inputs` of one input w that adds h w `onto`, a column (N), to e+."""
+        """Return the `Inputs` of one input w that adds h w `onto` to e+, `onto` a column (N)."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
-        """Return the matrices T (k, N, N), in floats, of e+ = T e for k choices `d` (k, m) of slopes in [-1, 1] that
-        are the same at all stages."""
+        """Return the matrices T (k, N, N) of e+ = T e, in floats, for k choices `d` (k, m) of constant slopes in [-1,
+        1], equal at all stages."""
         n, size = self.D.shape
         v = np.zeros((len(d), size, n))
         v[:, :n] = np.eye(n)
@@ -174,8 +180,8 @@ def corners(m: int) -> np.ndarray:
 
 
 def flow(e: Uncertain) -> Inequality:
-    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e: [M'P + P
-    M + alpha P + H'S H, P G; G'P, -S] < 0"""
+    """Return the `Inequality` of continuous time, h = 0, for the error system e' = M e + G p, p = diag(d) H e. Its
+    quadratic form is [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0."""
     m = len(e.H)
     return Inequality(NOW, m, np.hstack([e.M, e.G]), np.hstack([e.H, 0 * _one(e.H, m)]), (), (NOW,), 1)
 
@@ -185,13 +191,15 @@ def _one(like: Array, size: int) -> Array:
 
 
 def one_by_one(n: int, m: int) -> bool:
-    """Return whether all 2^m corners of m slopes are few enough for an error of n components: 2^m n^3 <= 2^13."""
+    """Return whether all 2^m corners of m uncertain slopes can be checked, since 2^m n^3 <= 2^13 for an error of n
+    components."""
     return bool(2**m * n**3 <= WORK)
 
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """Return the error systems with constant slopes d at each corner of [-1, 1]^m, or at each point of a `hull` (k, m)
-    that contains the slopes; e alone, its slopes uncertain, where the corners are too many (`one_by_one`)."""
+    """Return error systems without uncertain slopes whose convex hull contains e: one for each corner of [-1, 1]^m, or
+    for each point of a `hull` (k, m) that contains the slopes. Where there are too many corners (`one_by_one`) only e
+    itself, with its uncertain slopes."""
     m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
@@ -200,27 +208,29 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the quadratic forms, one for each system of `ends`, that together prove V' <= -alpha V, V = e'P e, for all
-    slopes where each is negative for one P > 0. `hull`: points whose convex hull contains the slopes."""
+    """Return the quadratic forms, one for each system of `ends`, that prove V' <= -alpha V, V = e'P e, for all slopes
+    if one P > 0 makes all of them negative. `hull` (k, m): points whose convex hull contains the slopes, () for all of
+    [-1, 1]^m."""
     return tuple(flow(each).falls(alpha) for each in ends(e, hull))
 
 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that together
-    prove V' <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, where each is negative for one P > 0.
-    The lambda_k are the last q of their multipliers."""
+    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that prove V'
+    <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, if one P > 0 makes all of them negative. The
+    lambda_k are the last q of their multipliers. `hull` as in `falling`."""
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 def pushed(e: Uncertain, alpha: Any) -> Quadratic:
-    """Return the single quadratic form that proves V' <= -alpha V + sum_k lambda_k v_k^2 for all slopes of e, with a
-    multiplier S_jj >= 0 for each slope in the place of the corners of `driven`."""
+    """Return the noise inequality in continuous time as a single quadratic form for all slopes of e, with one
+    multiplier S_jj >= 0 for each slope instead of the corners of `driven`. It proves V' <= -alpha V + sum_k lambda_k
+    v_k^2."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 on the error system e of an explicit Runge-Kutta method (`tableau` a, b, c) that
-    evaluates the output error anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
+    """Return one step, of length h >= 0, of an explicit Runge-Kutta method (`tableau` a, b, c) on the error system e,
+    where the output error is evaluated anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
     unit = identity(size + s * p)[:n]
@@ -265,8 +275,9 @@ def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
 
 
 def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Return phi_1 = 1 + h L phi_2 and phi_2 (N, N) of exp(h L), as Arb's balls that hold the polynomials of the
-    program; infinite balls where these may differ from the exponential's by more than 2^-56."""
+    """Return phi_1 = 1 + h L phi_2 and phi_2 (N, N) of exp(h L), for the linear core L and step length h, as Arb's
+    balls that enclose the polynomials of the program; infinite balls where these may differ from the exponential's by
+    more than 2^-56."""
     X, known = L * number(h), number(WITHIN)
     halvings = _halvings(X)
     with ctx.workprec(BALLS):
@@ -316,9 +327,9 @@ def _balls(M: Array) -> Array:
 
 
 def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
-    """Return the step of length h >= 0 on the error system e of a method that realises its linear core L exactly or
-    nearly, X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), and reads samples at both ends; `realisation`
-    gives phi_1 and phi_2 of (L, h)."""
+    """Return one step, of length h >= 0, on the error system e of a method that integrates its linear core L exactly or
+    nearly, and uses samples at both ends: X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), r the
+    remainder. `realisation`: the function from (L, h) to phi_1 and phi_2."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
     unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
@@ -348,8 +359,8 @@ _GRID = 60  # bits after the point of the weights
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a method on an observer's `error`, at one `theta` and any length h, and the search for proofs that
-    they contract. `way` makes the `Inequality` of a step from h and the error system at theta."""
+    """The steps of a method on an observer's `error` at one `theta` and any length h, and the search for proofs that
+    they contract. `way`: the function from h and the error system at theta to the `Inequality` of the step."""
 
     error: Inclusion
     way: ErrorStep
@@ -365,8 +376,8 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Return whether a solver finds weights, in floats, with which the step of length h contracts: cheaper than a
-        proof. Raises: `NoSolver`."""
+        """Return whether a solver finds weights P and S in floats with which the step of length h contracts. This is
+        faster than a proof. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
@@ -381,9 +392,9 @@ class Steps:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """The matrix W = P^(-1/2) (N, N) of a V = e'P e that falls in continuous time, None where none is found. In the
-        coordinates W^-1 e a solver expects the P of a step near the unit matrix. Its first search is near the P of the
-        linear part, the second near its own first result."""
+        """The matrix W = P^(-1/2) (N, N) of a Lyapunov function V = e'P e in continuous time; None where there is none.
+        In the coordinates W^-1 e the P of a step is expected close to the unit matrix. The first search starts from the
+        P of the linear part, the second from the result of the first."""
         W = self.error.coordinates
         for _ in range(_PASSES):
             weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
@@ -393,8 +404,8 @@ class Steps:
         return W
 
     def proved(self, h: Fraction) -> "Contracts | None":
-        """Return a proof that the step of length h contracts, with an alpha near the largest for which weights are
-        found; None where there is none. Raises: `NoSolver`."""
+        """Return a proof that the step of length h contracts, with an alpha close to the largest for which a solver
+        finds weights; None where there is none. Raises: `NoSolver`."""
         if not self.may_contract(h):
             return None
         slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
@@ -437,8 +448,8 @@ class Contracts:
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
-    """Return, by bisection on a logarithmic scale, a value between `start`, where `holds` is true, and `end`, at which
-    `holds` is true and beyond which, by a factor of `close`, a value is known at which it is not; `end` if it is true
+    """Return, by bisection on a logarithmic scale, the value farthest from `start` and toward `end` at which the
+    predicate `holds` is true, up to a factor of `close`. It must be true at `start`; the result is `end` if it is true
     there."""
     if holds(end):
         return end
@@ -449,8 +460,8 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
 
 
 def unstable(step: Inequality) -> Array | None:
-    """Return constant slopes d (m) in [-1, 1] with which errors do not decay, e+ = T e with a spectral radius >= 1;
-    None where none of the corners that are tried has one."""
+    """Return constant slopes d (m) in [-1, 1] with which errors do not decay: e+ = T e with a spectral radius >= 1;
+    None where no tried corner of [-1, 1]^m has this property."""
     radius, d = _frozen(step)
     return d if radius >= 1 else None
 
@@ -474,8 +485,8 @@ class Piece:
 
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
-    """Return the pieces, in ascending order, that together prove contraction at every step length in (0, `longest`]; ()
-    where a part is not proved, or where the quadratic form is no polynomial in the length. Raises: `NoSolver`."""
+    """Return pieces, in ascending order, that together prove contraction at every step length in (0, `longest`]; ()
+    where a part is not proved, or where the quadratic form is no polynomial in h. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
     pending, pieces, tried = [(Fraction(0), longest)], [], 0

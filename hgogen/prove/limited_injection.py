@@ -80,10 +80,14 @@ _BITS = 24  # bits after the point of a multiplier
 
 @dataclass(frozen=True)
 class Shape:
-    """A law i(e) of the injected output error e: the `injected` function of (e, sat e), `text` in equations. `below`:
-    whether r must be below lambda; `drift`: the terms of mu in the quadratic form, a function of (N, K, C, lambda, r)
-    with a block (n, n), a column (n) and a corner; `kept`: factors of 2 eps_1 s and s^2 (or q) in a bound of V over mu;
-    `most`: whether V decays no faster than sigma; `fix`: advice where there is no proof."""
+    """The shape of a limited injection i(e) of the output error e: `injected`, the function of (e, sat e); `text`, its
+    formula.
+
+    `below`: whether r must be below the decay lambda of the level; `drift`: the terms of the weight mu in the quadratic
+    form, as a function of (N, K, C, lambda, r) that returns a block (n, n), a column (n) and a corner; `kept`: the
+    factors of 2 eps_1 s and of s^2 (or q) in a bound of V over mu; `most`: whether V decays no faster than the level
+    sigma; `fix`: advice where there is no proof.
+    """
 
     name: str
     text: str
@@ -130,15 +134,17 @@ SATURATION = Shape(
 
 @dataclass(frozen=True)
 class Adaptation:
-    """The law sigma' = theta (-`decay` sigma + `r` e^2) of the level sqrt sigma of an injection of that `shape`."""
+    """The adaptation law sigma' = theta (-`decay` sigma + `r` e^2) of the level sqrt(sigma) at which an injection of a
+    `shape` (dead zone or saturation) is limited."""
 
     shape: Shape
     decay: Fraction
     r: Fraction
 
     def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
-        """Return the symmetric matrix (n + 1, n + 1), a bound of V'/theta in (eps, s) or (eps, q), for N, P (n, n), K
-        (n), in floats or rationals; for k values of mu and tau as many matrices (k, n + 1, n + 1)."""
+        """Return the symmetric matrix (n + 1, n + 1) of a quadratic form that bounds V'/theta, in (eps, s) or (eps, q),
+        eps the error. N, P (n, n), K (n), in floats or rationals; for k values of mu and tau it is (k, n + 1, n +
+        1)."""
         number = Fraction if isinstance(mu, Fraction) else float
         n, (decay, r) = len(K), (number(self.decay), number(self.r))
         C = np.array([number(1), *[number(0)] * (n - 1)])
@@ -149,15 +155,16 @@ class Adaptation:
         return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
 
     def value(self, P: Any, mu: Any) -> Any:
-        """Return the symmetric matrix (n + 1, n + 1) that bounds V in (eps, s) or (eps, q); in floats or rationals."""
+        """Return the symmetric matrix (n + 1, n + 1) of a quadratic form that bounds V, in (eps, s) or (eps, q), in
+        floats or rationals."""
         side, corner = np.array([self.shape.kept[0] * mu, *[mu * 0] * (len(P) - 1)]), self.shape.kept[1] * mu
         return np.vstack([np.column_stack([P, side]), [*side, corner]])
 
 
 @dataclass(frozen=True)
 class Decay:
-    """A proof that eps' = N eps - K (..) decays with its level: a V with `P` (n, n), `mu` and the multiplier `tau`
-    whose form is negative in the coordinates `growth`^(i-1) eps_i."""
+    """A proof that the linear error eps' = N eps - K i(e) and the level decay: the function V of `P` (n, n) and the
+    weight `mu`, with the multiplier `tau`, has a negative derivative in the coordinates `growth`^(i-1) eps_i."""
 
     adaptation: Adaptation
     growth: Fraction
@@ -172,16 +179,16 @@ class Decay:
 
 
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
-    """Return proofs that the linear error with a Hurwitz A - K C, K (n), and this adaptive law decays, each in its
-    coordinates growth^(i-1) eps_i."""
+    """Return proofs that the linear error, with a Hurwitz matrix A - K C, K (n), and this adaptation law, decays; each
+    in other coordinates growth^(i-1) eps_i, empty where there is none."""
     growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
     proofs = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
     return tuple(one for one in proofs if one is not None)
 
 
 def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
-    """Return the check `MAKER.core`: the linear error decays by one of the `proofs`. `numbers`: the observer's
-    arguments."""
+    """Return the check `MAKER.core`, that the linear error behind the limited injection decays, by the first of the
+    `proofs`. `maker`: the observer's name; `numbers`: its arguments for the certificate."""
     id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in proofs:
@@ -210,9 +217,9 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
 
 @dataclass(frozen=True)
 class LimitedInjection(Flow):
-    """The search for a V that falls for all slopes of b, of an observer with gains `K` (n) and a limited injection;
-    each V tried is that of one of the `decays` of the linear error. `error`: the error where all of y - C z is
-    injected."""
+    """The search for a Lyapunov function of an observer with gains `K` (n) and a limited injection, valid for all
+    partial derivatives of b. The candidates are the functions V of the `decays` of the linear error. `error`: the error
+    dynamics if all of y - C z were injected."""
 
     how: str = "one function"
     K: tuple[Fraction, ...] = ()
@@ -225,11 +232,13 @@ class LimitedInjection(Flow):
         return because("the linear core is not shown to decay")
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Return why there is no proof at the declared theta; `states` name the z_j in it."""
+        """Return the reason why there is no proof at the declared theta. `states`: the symbols of the z_j in this
+        text."""
         return self.unstable(states) or because("no function is found for all slopes in their ranges")
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """Return a proof of V' <= -alpha V at a theta by the first V that gives one; None for none."""
+        """Return a proof of V' <= -alpha V at the gain theta, by the first candidate V for which it holds; None for
+        none."""
         holding = (one for one in self.decays if self._holds(one, theta, alpha))
         return next(filter(None, (self._proof(one, theta, alpha) for one in holding)), None)
 
@@ -311,8 +320,8 @@ def _multiplier(v: Array) -> Fraction:
 def limited_injection(
     chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
 ) -> LimitedInjection | Nothing:
-    """Return the search for a V of an observer with gains K (n) on a chain of integrators at theta, or why there is
-    none; `numbers`: the observer's arguments for certificates."""
+    """Return the search for a Lyapunov function of an observer with gains K (n) and a limited injection, on a chain of
+    integrators at `theta`; or the reason why there is none. `numbers`: the observer's arguments for certificates."""
     reason = obstacle(chain.form)
     if reason:
         return Nothing(reason)
@@ -350,8 +359,9 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """Return the observer `dead_zone` or `stubborn`, by its name and shape, with the checks `NAME.core`, `.convergence`
-    and `.theta`. Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`."""
+    """Return the observer `dead_zone` or `stubborn`, by its `name` and `shape`, with the checks `NAME.core`,
+    `.convergence` and `.theta`; other arguments as of these observers. Raises: `Refuted`; `BadPoles`; `NotHurwitz`;
+    `BadGain`."""
     accept = demand_form(name, form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)

@@ -109,9 +109,10 @@ def lipschitz_remainder(
     moving: Column,
     linear: Sequence[bool],
 ) -> tuple[Fraction, ...] | None:
-    """Return bounds (n) of |x(t + h) - Phi_h(x)|/h for a Runge-Kutta method a, b, c: `steepness` L (n, n + m) of the
-    flow in states and inputs, `moving` (n + m) their largest rates, `linear` (n) whether F_i is linear. None for
-    weights that are not exact for constants."""
+    """Return bounds (n) of the local error |x(t + h) - Phi_h(x)|/h of one step Phi_h of a Runge-Kutta method with
+    coefficients `a`, `b`, `c`; None where these do not integrate constants exactly. `steepness` (n, n + m): Lipschitz
+    constants of the flow in states and inputs; `moving` (n + m): the largest rates of these; `linear` (n): whether F_i
+    is linear."""
     if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
         return None
     L = np.array(steepness, dtype=object)
@@ -147,7 +148,8 @@ _NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
 
 @dataclass(frozen=True)
 class StageDeviation:
-    """The deviation of the plant from a step of an explicit Runge-Kutta method, given by its `tableau`."""
+    """The deviation of the `plant` over one step from the step of an explicit Runge-Kutta method with this
+    `tableau`."""
 
     plant: PlantStep
     tableau: Tableau
@@ -174,8 +176,8 @@ class StageDeviation:
         return ErrorInput(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
-        """Return, for each stage (s), the largest difference between the line through two samples of an output and the
-        output at this stage. Raises: `Unbounded`."""
+        """Return, for each stage (s), the largest difference between an output at this stage and the linear
+        interpolation of its two samples; `output`: its index. Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
         second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _ZERO)
         away = [sum(map(abs, row), _ZERO) for row in a]  # distance of a stage from the start, over h sup|F|
@@ -186,7 +188,8 @@ class StageDeviation:
         return tuple(sizes)
 
     def remainder(self) -> tuple[Fraction, ...]:
-        """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h a step of the method. Raises: `Unbounded`."""
+        """Return bounds (n) of the local error |x(t + h) - Phi_h(x)|/h, Phi_h a step of the method. Raises:
+        `Unbounded`."""
         return tuple(row.size for row in self._rows)
 
     @cached_property
@@ -310,8 +313,9 @@ class StageDeviation:
 
 @dataclass(frozen=True)
 class Row:
-    """A bound `size` of |x(t + h) - Phi_h(x)|_i/h: h^q (`flow` + `step`), the Taylor coefficients of both for q =
-    `order`; the Lipschitz bound for order 0."""
+    """A bound `size` of the local error |x(t + h) - Phi_h(x)|_i/h of one state. For an `order` q > 0 it is h^q (`flow`
+    + `step`), the bounds of the Taylor coefficients of the plant's flow and of the method's step; for order 0 it is the
+    bound by Lipschitz constants."""
 
     order: int
     flow: Fraction
@@ -321,8 +325,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Bounds of Taylor coefficients on a cell: of the `flow` and of the `step` (.., n), from the second on; and the
-    third ones of the `lines`, differences between interpolated samples and stages (.., n)."""
+    """Bounds of Taylor coefficients in the step length on a part of the ranges: of the plant's `flow` and of the
+    method's `step` (.., n), from the second coefficient on; and the third coefficients of `lines` (.., n), the
+    differences between interpolated samples and stages."""
 
     flow: Rows
     step: Rows
@@ -336,13 +341,14 @@ class Coefficients:
         return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
 
     def rows(self, h: Fraction) -> tuple[Row, ...]:
-        """Return for each state (n) the least bound of the remainder over all orders, for a step of length h."""
+        """Return, for each state (n), the smallest bound of the local error over all orders, for a step of length h."""
         each = enumerate(zip(self.flow, self.step, strict=True), 1)
         orders = [[Row(q, x, y, h**q * (x + y)) for x, y in zip(*pair, strict=True)] for q, pair in each]
         return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
 
     def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
-        """Return the largest ratio, over the states, of the remainder's bound to its negligible size `little` (n)."""
+        """Return the largest ratio, over the states, of the bound of the local error to `little` (n), the size that is
+        negligible."""
         pairs = zip(self.rows(h), little, strict=True)
         return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
 
@@ -360,8 +366,9 @@ _SMOOTH = 5  # number of Taylor coefficients of the plant, up to its third deriv
 
 @dataclass(frozen=True, eq=False)
 class CoreDeviation:
-    """The deviation of the plant from a step of a method that realises the linear core of an observer's `error` at
-    `theta`. For a plant that is not `smooth`, Lipschitz constants replace derivatives."""
+    """The deviation of the `plant` over one step from the step of a method that integrates the linear core of an
+    observer's `error` at `theta`. `smooth`: whether the plant has the derivatives that its bounds use; if not,
+    Lipschitz constants replace them."""
 
     plant: PlantStep
     error: Inclusion
@@ -369,9 +376,9 @@ class CoreDeviation:
     smooth: bool = True
 
     def error_input(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
-        """Return the largest deviation of each component of e after one step from the plant's own state, and the
-        numbers from which a certificate derives it; `local`: the error of the `realisation` (phi_1, phi_2). Raises:
-        `Unbounded`."""
+        """Return the largest deviation of each component of e, after one step, from that of the plant's own state, and
+        the numbers from which a certificate derives it. `realisation`: the function to phi_1 and phi_2; `local`: its
+        local error. Raises: `Unbounded`."""
         self._demand_chain()
         try:
             return self._by_derivatives(realisation, local)
@@ -434,8 +441,8 @@ class CoreDeviation:
         return columns
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
-        """Return sup (n) of the first or second time derivatives (`order`) of expressions `rows`; for a plant that is
-        not smooth, 4/h times the first in the place of the second. Raises: `Unbounded`."""
+        """Return sup (n) of the time derivatives, of the first or second `order`, of expressions `rows`; for a plant
+        that is not smooth, 4/h times the first in place of the second. Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.input_rates))
@@ -469,8 +476,9 @@ class CoreDeviation:
 
 @dataclass(frozen=True)
 class LocalError:
-    """The error of a realisation with w = B y + beta known at both ends of a step: `alpha` gives its bounds (N), from
-    the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`."""
+    """The local error of a method that integrates w' = L w + B y + beta exactly for y and beta linear in time. `alpha`:
+    the function to its bounds (N); `flow`: the order of the time derivative of z' in these bounds; `nonlinear`: the
+    highest order of time derivatives of b in them."""
 
     flow: int
     nonlinear: int
@@ -485,8 +493,9 @@ def by_bilinear_rule(step: CoreDeviation) -> Array:
 
 
 def by_matrix_exponential(step: CoreDeviation) -> Array:
-    """Return the bound (N) of the local error alpha of the matrix exponential: the integral of exp((h - s) L) (w -
-    line)(s), and the part by which a program's phi_2 may differ. Raises: `Unbounded`."""
+    """Return the bound (N) of the local error of the matrix exponential: the integral of exp((h - s) L) times the
+    deviation of the source B y + beta from a line in time, plus the part by which the program's phi_2 may differ.
+    Raises: `Unbounded`."""
     source, rates = np.hstack([step.sample_input, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([rates, step.most(2, step.plant.nonlinear_part)])
     any_of_it = 0 * step.L + number(inequality.WITHIN)

@@ -53,8 +53,8 @@ UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
 
 @dataclass(frozen=True)
 class PlantStep:
-    """The plant z' = F(z, u) of a `form` over one step of length `h`, whose inputs u vary between samples at speeds of
-    at most `rates` (m), None where unknown."""
+    """The plant z' = F(z, u) of a `form` over one step of length `h`, with bounds of its change on the declared ranges.
+    `rates` (m): the largest speeds of the inputs u between samples, None where unknown."""
 
     form: Form
     h: Fraction
@@ -62,8 +62,8 @@ class PlantStep:
 
     @cached_property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """The right-hand side F = A z + b (n) in states, inputs and parameters; parameters without a range have their
-        values."""
+        """The right-hand side F = A z + b (n) of z' = F, expressions of states, inputs and parameters; parameters
+        without a range have their values."""
         return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
 
     @property
@@ -81,8 +81,8 @@ class PlantStep:
 
     @cached_property
     def stated_speeds(self) -> tuple[Fraction, ...]:
-        """The bounds of sup|F_i| (n) in a certificate: up to 0.1 % above `speeds`, so that weaker arithmetic proves
-        them."""
+        """The bounds of sup|F_i| (n) that a certificate states: up to 0.1 % above `speeds`, so that less accurate
+        arithmetic proves them too."""
         return tuple(map(loose, self.flow, self.speeds))
 
     @property
@@ -96,8 +96,8 @@ class PlantStep:
         return loose(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """Return sum_i sup|dy/dz_i| most_i, the largest change of an output's y' where the rates z_i' change by at most
-        `most` (n). Raises: `Unbounded`."""
+        """Return sum_i sup|dy/dz_i| most_i, a bound of the change of an output's derivative y' where each rate z_i'
+        changes by at most `most` (n). Raises: `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
         return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
@@ -122,8 +122,9 @@ class PlantStep:
         return sum((sp.diff(expression, x) * rate for x, rate in by), sp.S(0))
 
     def change(self, most: Sequence[Fraction]) -> Rows:
-        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates z = T(x), x the states of the plant as first declared;
-        0 in columns j where `most` (n), the sizes of disturbances of x_j', is 0. Raises: `Unbounded`."""
+        """Return the suprema sup|dT_i/dx_j| (n, n) of the coordinates z = T(x) of the form, x the states of the plant
+        as first declared; 0 in columns j where `most` (n), the sizes of disturbances of x_j', is 0. Raises:
+        `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = system.box_with(plant.states)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
@@ -139,8 +140,8 @@ class PlantStep:
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
     def by_parameters(self, most: Sequence[Fraction]) -> Rows:
-        """Return sup|dF_i/dp_j| (n, q) in the parameters p, where the plant's differ from the program's by at most
-        `most` (q); 0 in columns where `most` is 0. Raises: `Unbounded`."""
+        """Return the suprema sup|dF_i/dp_j| (n, q) in the parameters p, where the plant's parameters differ from the
+        program's by at most `most` (q); 0 in columns where `most` is 0. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
         read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
@@ -158,7 +159,7 @@ class PlantStep:
 
     @cached_property
     def steepness(self) -> Rows:
-        """The suprema sup|dF_i/dz_j| (n, n) on the declared ranges. Raises: `Unbounded`."""
+        """The suprema sup|dF_i/dz_j| (n, n) of the Jacobian of the flow on the declared ranges. Raises: `Unbounded`."""
         return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
 
     def steep(self, rows: Iterable[sp.Expr]) -> Rows:
@@ -167,8 +168,8 @@ class PlantStep:
         return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
 
     def steepest(self, row: sp.Expr, x: sp.Symbol) -> Fraction:
-        """Return sup|d row/dx| of an expression in one state or input, at a kink of both one-sided slopes. Raises:
-        `Unbounded` for an expression that jumps."""
+        """Return the supremum sup|d row/dx| of an expression `row` in one state or input x; at a kink both one-sided
+        derivatives count. Raises: `Unbounded` for an expression that jumps."""
         if not row.has(*JUMPS, *KINKS):
             slope = sp.diff(row, x)
             with suppress(Unbounded):
@@ -185,8 +186,8 @@ class PlantStep:
         return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
 
     def series(self, order: int, cell: Ranges) -> list[list[Any]]:
-        """Return for each state its Taylor coefficients in time (n, order), in balls that hold those of every solution
-        of z' = F from a point of `cell`, a part of the ranges."""
+        """Return the Taylor coefficients in time (n, order) of each state, as balls that enclose those of every
+        solution of z' = F from a point of `cell`, a part of the ranges."""
         first, input_rates, constant = self.balls(cell)
         states, inputs = [[ball] for ball in first], [list(pair) for pair in input_rates]
         for k in range(order - 1):
@@ -211,8 +212,8 @@ class PlantStep:
 
     @cached_property
     def read(self) -> Ranges:
-        """The ranges, by symbol, of the states, inputs and parameters that F contains and whose range is more than a
-        point. Raises: `Unbounded`."""
+        """The ranges, by symbol, of the states, inputs and parameters that F depends on, without constants. Raises:
+        `Unbounded`."""
         names = sp.Matrix(self.flow).free_symbols
         return {x: (low, high) for x, (low, high) in self._ranges.items() if x in names and low < high}
 
@@ -258,7 +259,7 @@ class Unbounded(ArithmeticError):
 
 
 def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return the product of a matrix, given by `rows`, with a column `sizes`."""
+    """Return the matrix-vector product of the matrix `rows` (k, n) with the column `sizes` (n)."""
     return tuple(sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows)
 
 
@@ -267,8 +268,8 @@ def _rate_of(u: sp.Symbol) -> sp.Symbol:
 
 
 def loose(expression: sp.Expr, most: Fraction) -> Fraction:
-    """Return `most`, a supremum of the expression, larger by 0.1 %, so that a weaker arithmetic proves it too; by 1e-9
-    for a number, unchanged for a symbol, whose range is exact."""
+    """Return a number slightly above `most`, a supremum of the expression, so that less accurate arithmetic proves it
+    as well: by 0.1 %, by 1e-9 for a number, unchanged for a symbol, whose range is exact."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
 
 
@@ -283,7 +284,7 @@ def _largest(expression: sp.Expr, where: Box) -> Fraction:
 
 
 def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
-    """Return the largest slope, in the symbol p on the box `where`, of an expression that does not jump. Raises:
+    """Return the supremum of |d expression/dp| on the box `where`, for an expression that does not jump. Raises:
     `Unbounded`."""
     try:
         known = lipschitz_bound((expression,), (p,), where, relative=0.005)
@@ -303,8 +304,8 @@ Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place: the place of
 
 
 def heads_of(form: Form) -> Heads | None:
-    """Return, by the index of each measured output, the index of the first state z_i of its chain and the slope
-    dy/dz_i; None where a slope contains parameters."""
+    """Return, by the index of each measured output, the pair (index of the first state z_i of its chain, dy/dz_i); None
+    where a derivative dy/dz_i contains parameters."""
     known, slopes = dict(fixed(form)), dict[int, tuple[int, Any]]()
     for j, head in heads(form).items():
         row = exact(sp.sympify(form.output[j]).xreplace(known))
@@ -316,9 +317,10 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """The largest sizes of the inputs of an error e over one step, () for none: `samples` (p), errors of the samples at
-    both ends; `stages` (p, s), errors of an output at each stage; `deviation` (n), of the plant from a step of the
-    method over h, in units of the form's states; `fields` (N), errors of the program's memory over h, in units of e."""
+    """The largest sizes of the inputs of an error e over one step; () for an input that does not exist. `samples` (p):
+    errors of the samples at both ends; `stages` (p, s): errors of an output at each stage; `deviation` (n): the
+    deviation of the plant from a step of the method, over h, in units of the form's states; `fields` (N): errors of the
+    program's memory, over h, in units of e."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
@@ -332,7 +334,7 @@ class Sizes:
         return max((*self.samples, *stages, *self.deviation, *self.fields), default=_ZERO)
 
     def over(self, size: Fraction) -> "Sizes":
-        """Return the sizes divided by `size` > 0, in whose unit they are then."""
+        """Return the sizes divided by the number `size` > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         samples, deviation, fields = (
             tuple(x / size for x in each) for each in (self.samples, self.deviation, self.fields)
@@ -340,8 +342,8 @@ class Sizes:
         return Sizes(samples, rows, deviation, fields)
 
     def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], heads: Heads) -> Inputs:
-        """Return the terms that the inputs of nonzero size add to `step`, each scaled by its size; `scales` (N) as
-        `Inclusion.scales` gives them, `heads` as `heads_of`."""
+        """Return the effect of all inputs of nonzero size on a `step`, each scaled by its size. `scales` (N): the
+        factors of `Inclusion.scales`; `heads`: the result of `heads_of`."""
         each, lifted = list[Inputs](), error.lifted(scales)
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]
@@ -359,8 +361,8 @@ class Sizes:
 
 @dataclass(frozen=True)
 class ErrorInput:
-    """The `sizes` of one cause of errors, such as noise, and `follows`, the numbers from which a certificate derives
-    them."""
+    """The `sizes` of one cause of errors, such as noise; `follows`: the numbers from which a certificate derives these
+    sizes."""
 
     sizes: Sizes
     follows: Evidence
@@ -368,9 +370,9 @@ class ErrorInput:
 
 @dataclass(frozen=True)
 class Share:
-    """The part of an error bound that one cause `what` contributes, by inputs of these `sizes`. `proofs`: by component
-    of e, the proved bound for inputs of the sizes over `unit`; `follows`: the declared numbers and suprema from which
-    the sizes are derived, {} where a certificate does not write them."""
+    """The share of one cause, called `what`, in an error bound, for inputs of the `sizes`. `proofs`: by index of a
+    component of e, the proved bound for inputs of the sizes over `unit`; `follows`: the declared numbers and suprema
+    from which a certificate derives the sizes, {} where it does not."""
 
     what: str
     sizes: Sizes
@@ -379,7 +381,7 @@ class Share:
     follows: Evidence = field(default_factory=dict)
 
     def bound(self, field: int) -> Fraction:
-        """Return the largest error under these inputs of the state that component `field` of e estimates."""
+        """Return the largest error, under these inputs, of the state to which component `field` of e belongs."""
         return self.unit * self.proofs[field].bound
 
     def evidence(self, form: Form) -> Evidence:

@@ -36,8 +36,8 @@ _NIL, _TENTH = 1e-12, 0.1  # of the largest reading: one of rounding errors, and
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The quadratic form sum over `pairs` (X, Y) of X'P Y + Y'P X, plus Q'S Q - Z'S Z + `constant`, as a function of P
-    (n, n) and a diagonal S (k): X, Y (n, N), `Q`, `Z` (k, N), `constant` (N, N), None for 0."""
+    """A symmetric matrix (N, N) that is linear in P (n, n) and a diagonal S (k): the sum over `pairs` (X, Y) of X'P Y +
+    Y'P X, plus Q'S Q - Z'S Z + `constant`. Shapes: X, Y (n, N); `Q`, `Z` (k, N); `constant` (N, N), None for 0."""
 
     pairs: tuple[tuple[Array, Array], ...]
     Q: Array
@@ -66,8 +66,9 @@ class Quadratic:
         return _array(fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
-        """Return the form in (v, w), w (q) inputs that add `onto` (x, y) (n, q) to each X v and Y v and `reads` (k, q)
-        to Q v, less sum_k lambda_k w_k^2; the lambda_k are the last q entries of its S."""
+        """Return the quadratic form with q additional inputs w, in (v, w): `onto` has a pair (x, y) (n, q) for each of
+        the `pairs`, and X v becomes X v + x w, Y v becomes Y v + y w, Q v becomes Q v + `reads` w, `reads` (k, q). Then
+        sum_k lambda_k w_k^2 is subtracted; the lambda_k are the last q entries of its S."""
         q, size = reads.shape[1], self.size
         one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
@@ -76,8 +77,8 @@ class Quadratic:
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]), constant)
 
     def over(self, pace: Any) -> "Quadratic":
-        """Return the form whose Y are divided by `pace` > 0; with S divided by it too, it is negative where this form
-        is."""
+        """Return the form in a unit of time 1/`pace`: each Y is divided by `pace` > 0. With S divided by `pace` as
+        well, it is negative exactly where this form is."""
         constant = None if self.constant is None else self.constant / pace
         return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z, constant)
 
@@ -97,7 +98,7 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Weights:
-    """Rational weights with which a quadratic form is negative: `P` (n, n), symmetric, and multipliers `S` (k) >= 0."""
+    """Rational weights that make a quadratic form negative: `P` (n, n), symmetric, and multipliers `S` (k) >= 0."""
 
     P: Matrix
     S: tuple[Fraction, ...]
@@ -109,7 +110,8 @@ class Weights:
 
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-    """Return rational weights near `P`, `S` (floats) with which all exact `forms` are proved negative, or None."""
+    """Return rational weights that are proved to make all exact `forms` negative, by rounding `P` and `S` (floats);
+    None where no rounding does."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(forms, *exactly):
@@ -124,10 +126,12 @@ def confirmed(
     most: Fraction | None = None,
     margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
-    """Return P and S, in FLINT's rationals, that make all exact `forms` negative; None where none are confirmed.
-    `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller one helps where the
-    forms have no room for it, a larger one where the solver uses all of it. The last `q` of S sum up to at most
-    `most`."""
+    """Return P and S, in FLINT's rationals, that are proved to make all exact `forms` negative; None where none are.
+
+    `by_margin(m)` searches P and S in floats with forms <= -m I, for each m of `margins`: a smaller m helps where the
+    forms do not admit a larger one, a larger m where the solver ends at the boundary. The last `q` entries of S sum up
+    to at most `most`.
+    """
     for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
             continue
@@ -141,8 +145,8 @@ def confirmed(
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The `originals`, forms in floats, in new coordinates: e = `W` x, and each multiplied input in units of `g`
-    (k)."""
+    """The quadratic forms `originals` (floats) in scaled coordinates: e = `W` x, and each multiplied input in units of
+    `g` (k)."""
 
     originals: Sequence[Quadratic]
     W: Array
@@ -150,15 +154,15 @@ class View:
 
     @classmethod
     def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["View", float]:
-        """Return the view of `forms` in a unit of time in which x changes at a speed near 1, g by `even`, and the
-        number of these units in one unit of time."""
+        """Return the scaled forms in a unit of time in which x changes at a speed close to 1, with the units g of
+        `even`; and this speed (1/time)."""
         fast = pace(forms[0], W)
         slow = [form.over(fast) for form in forms]
         return cls(slow, W, even(slow[0], W)), fast
 
     @cached_property
     def forms(self) -> list[Quadratic]:
-        """The quadratic forms in x, e = W x, and in multiplied inputs over g."""
+        """The quadratic forms in the scaled coordinates."""
         n, size = self.originals[0].pairs[0][0].shape
         whole, back, g, forms = np.eye(size), self._inverse, self.g[:, None], list[Quadratic]()
         whole[:n, :n] = self.W
@@ -175,13 +179,14 @@ class View:
         return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
-        """Return the weights P and S in the coordinates e, from P and S in x, e = W x."""
+        """Return the weights P and S in the original coordinates e, from P and S in the scaled ones x, e = W x."""
         back = self._inverse.T @ P @ self._inverse
         return (back + back.T) / 2, S / self.g**2  # symmetric after rounding
 
 
 def lyapunov(N: Array, W: Array | None = None) -> Array | None:
-    """Return P (n, n) with N'P + P N = -W, by default -I, in floats; None where there is none."""
+    """Return the solution P (n, n), in floats, of the Lyapunov equation N'P + P N = -W, W = I by default; None where
+    the equation is singular."""
     n, one = len(N), np.eye(len(N))
     try:
         P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -(one if W is None else W).ravel()).reshape(n, n)
@@ -191,7 +196,8 @@ def lyapunov(N: Array, W: Array | None = None) -> Array | None:
 
 
 def balance(N: Array) -> Array:
-    """Return scales d (n) such that in diag(d)^-1 N diag(d) each row is as long as its column (Osborne 1960)."""
+    """Return scales d (n) that balance a matrix: in diag(d)^-1 N diag(d) the off-diagonal entries of each row and of
+    its column have equal sums of magnitudes (Osborne 1960)."""
     d = np.ones(len(N))
     for _ in range(_SWEEPS):
         for i in range(len(N)):
@@ -202,15 +208,17 @@ def balance(N: Array) -> Array:
 
 
 def pace(form: Quadratic, W: Array) -> float:
-    """Return the norm of W^-1 Y W of the first pair of a form in floats, e = `W` x: the speed at which x changes."""
+    """Return the speed at which x changes, e = `W` x: the norm of W^-1 Y W of the first pair of a form in floats; 1
+    where it is 0 or not finite."""
     n = len(W)
     fast = float(np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, :n] @ W))
     return fast if 0 < fast < math.inf else 1.0
 
 
 def even(form: Quadratic, W: Array) -> Array:
-    """Return units g (k) of the multiplied inputs in which each acts on x, e = `W` x, as much as x acts on it by its
-    row of Q. Rows of Q W below 1e-6 of the longest count as 1e-6, rows of rounding errors alone as a tenth."""
+    """Return units g (k) of the multiplied inputs that balance the form: each input then acts on x, e = `W` x, as
+    strongly as x acts on this input through its row of Q. Rows of Q W below 1e-6 of the longest count as 1e-6, rows of
+    rounding errors alone as a tenth."""
     n = len(W)
     columns = np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(form.Q[:, :n] @ W, axis=1)
@@ -220,15 +228,15 @@ def even(form: Quadratic, W: Array) -> Array:
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
-    """Return whether all `forms` (floats) are negative at P and S, P > 0, by a margin of 1e-8 for rounding to a grid,
-    in coordinates e = `W` x in which P is near the unit matrix."""
+    """Return whether P > 0 and all `forms` (floats) are negative at P and S, by a margin of 1e-8 for rounding, in
+    coordinates e = `W` x in which P is close to the unit matrix; None for e itself."""
     values, P = _valued(forms, P, S, W)
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
 def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
-    """Return the largest r such that (1 - r) F + r T is negative at P and S, for each F of `forms` and T of `towards`,
-    in coordinates e = `W` x; 0 where an F is not."""
+    """Return the largest r such that (1 - r) F + r T is negative at P and S for each pair F of `forms` and T of
+    `towards`, in coordinates e = `W` x; 0 where an F is not negative, inf where every r will do."""
     values, _ = _valued((*forms, *towards), P, S, W)
     first, last = np.split(values, 2)
     try:
@@ -248,8 +256,8 @@ def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> 
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Return whether P > 0, S >= 0 and all `forms` are negative at these, in exact arithmetic or Arb's balls; P and S
-    are FLINT's rationals."""
+    """Return whether P > 0, S >= 0 and all `forms` are negative at P and S, decided in exact arithmetic or Arb's balls;
+    P and S are FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
     with ctx.workprec(BALLS):
@@ -263,7 +271,7 @@ def extent(P: Array, c: Array) -> Fraction:
 
 
 def inverse_root(P: Array) -> Array:
-    """Return P^(-1/2) of a P > 0 in floats: in coordinates x of e = P^(-1/2) x, P is the unit matrix."""
+    """Return P^(-1/2) (n, n), in floats, of a P > 0: in the coordinates x, e = P^(-1/2) x, e'P e is x'x."""
     values, vectors = np.linalg.eigh(P)
     return np.asarray(vectors / np.sqrt(values) @ vectors.T)
 
@@ -317,5 +325,5 @@ def _product(*factors: Array) -> tuple[Any, Any]:
 
 
 def stacked(rows: Sequence[Array], size: int) -> Array:
-    """Return the matrix (k, size), in FLINT's rationals, of k `rows`; (0, size) for none."""
+    """Return the matrix (k, size), in FLINT's rationals, with these k `rows`; (0, size) for none."""
     return np.array([list(row) for row in rows], dtype=object).reshape(len(rows), size)

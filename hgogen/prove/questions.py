@@ -69,8 +69,9 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 
 @dataclass(frozen=True)
 class InputBound:
-    """A proof that |c e| <= `bound` in the end, for inputs of at most 1: |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k
-    lambda_k v_k^2, sum_k lambda_k <= `alpha`; `weights`: P, and S, whose last entries are the lambda_k."""
+    """A proof that |c e| is finally at most `bound` for inputs |v_k| <= 1, by the inequality |e+|_P^2 <= (1 - alpha h)
+    |e|_P^2 + h sum_k lambda_k v_k^2 with sum_k lambda_k <= `alpha`. `weights`: P, and S, whose last entries are the
+    lambda_k."""
 
     alpha: Fraction
     weights: Weights
@@ -78,10 +79,14 @@ class InputBound:
 
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
-    """Return a small proved bound of |c e|, c (N) in FLINT's rationals, for `q` inputs of at most 1, of any course: the
-    noise inequality with sum_k lambda_k <= alpha, then |c e|^2 <= c P^-1 c'. None where none is proved.
-    `bounded(alpha)` gives the forms, the lambda_k the last multipliers; alpha is searched up to `most`. `W`:
-    coordinates e = W x, near which P is expected. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N) in FLINT's rationals, under `q` inputs |v_k| <= 1 that vary arbitrarily;
+    None where none is proved. By the noise inequality with sum_k lambda_k <= alpha, |e|_P <= 1 is invariant, so that |c
+    e|^2 <= c P^-1 c'.
+
+    `bounded(alpha)`: the quadratic forms of the noise inequality, whose last multipliers are the lambda_k; `most`: the
+    largest alpha of the search for the smallest bound; `W`: coordinates e = W x in which P is expected close to the
+    unit matrix, None for none. Raises: `NoSolver`.
+    """
     if W is None:
         return None
     tried, coordinates = dict[Fraction, float](), W
@@ -100,8 +105,8 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
 
 
 def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
-    """Return a proved bound of |c e|, c (N), under `inputs` of at most 1 at each call, for the step that contracts by
-    `proof`: `input_bound` with `Inequality.driven`. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N), under `inputs` of at most 1 at each call, for the step whose contraction
+    is proved by `proof`; None where none is proved. Raises: `NoSolver`."""
     step, q = proof.step, inputs.D.shape[1]
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
@@ -120,9 +125,8 @@ def _search_shares(bound: Callable[[Fraction], float]) -> None:
 
 
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    """Return a proved bound of |c e|, c (N), for `q` inputs of at most 1, by the
-    noise inequality at this `alpha`, or None. `bounded(alpha)`: the quadratic
-    forms; `W`: coordinates e = W x of the search. Raises: `NoSolver`."""
+    """Return a proved bound of |c e|, c (N), under `q` inputs of at most 1, by the noise inequality at this `alpha`;
+    None where none is proved. `bounded`, `W` as in `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
@@ -132,9 +136,9 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """Return an unproved bound of |c e|, c (N), for `q` inputs of at most 1, by the
-    noise inequality at this `alpha`, and W = P^(-1/2) (N, N) of its P, in floats;
-    or None. `bounded(alpha)`: the quadratic forms; the search starts in e = W x."""
+    """Return an unproved bound of |c e|, c (N), under `q` inputs of at most 1, by the noise inequality at this `alpha`,
+    and W = P^(-1/2) (N, N) of its P, in floats; None where the solver finds no P. `bounded`, `W` as in
+    `input_bound`."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
@@ -145,8 +149,9 @@ def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fractio
 def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
-    """Return P and S, in floats, that make the `forms` negative with sum_k lambda_k <= alpha (the last q of S), and max
-    c P^-1 c' over the `rows` c (r, n) small; the search starts in coordinates e = W x. Raises: `NoSolver`."""
+    """Return P and S, in floats, that make the `forms` negative by `margin`, with sum_k lambda_k <= `alpha` (the last
+    `q` entries of S) and a small largest c P^-1 c' over the `rows` c (r, n); None where the solver finds none. `W`: the
+    coordinates e = W x of the first program. Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
@@ -161,18 +166,21 @@ def weights_in_floats(
 
 @dataclass(frozen=True)
 class Confined:
-    """A proof, by the `weights` P and S, that errors which begin in a box have |c e| <= `bounds` for ever, by the key
-    of c."""
+    """A proof, by the `weights` P and S, that errors with initial values in a box always have |c e| <= bound; `bounds`:
+    by key of the row c."""
 
     weights: Weights
     bounds: Mapping[int, Fraction]
 
 
 def confined(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
-    """Return a proof with a small largest |c e| over the `rows` c (N), by key, from errors in the box with these
-    `corners` (k, N), one of each opposite pair; None for none. `form`: the inequality that |e|_P does not grow; `W`:
-    coordinates e = W x, near which P is expected. Raises: `NoSolver`. Each c is in the unit in which its bound counts;
-    all numbers are FLINT's rationals."""
+    """Return a proof of small bounds of |c e| for all times, for initial errors in a box; None where there is none.
+
+    `form`: the quadratic form that is negative where |e|_P does not grow; `W`: coordinates e = W x in which P is
+    expected close to the unit matrix, None for none; `corners` (k, N): those of the box, one of each opposite pair;
+    `rows`: the rows c (N) by key, each in the unit in which its bound counts. All numbers are FLINT's rationals.
+    Raises: `NoSolver`.
+    """
     if W is None:
         return None
     in_floats, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
@@ -188,8 +196,8 @@ def confined(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int
 
 
 def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
-    """Return, by the key of each c of `rows`, sqrt(c P^-1 c' max e(0)'P e(0)) over the `corners` e(0): the largest |c
-    e|."""
+    """Return, by key of the `rows` c, the largest |c e| for all times if |e|_P does not grow from initial errors in the
+    box with these `corners` e(0): sqrt(c P^-1 c' max e(0)'P e(0))."""
     begins = fraction(max(corner @ P @ corner for corner in corners))
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
@@ -199,15 +207,16 @@ def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """An error system `e` with inputs v (q) and the output `C` e (r), of which the L2 gain is bounded; `C` (r, N)."""
+    """An error system `e` with inputs v (q) and the weighted error `C` e, C (r, N), as the output whose L2 gain is
+    bounded."""
 
     e: Uncertain
     C: Array
 
     @property
     def form(self) -> Quadratic:
-        """The quadratic form that proves V' <= -|C e|^2 + sum_k lambda_k v_k^2, V = e'P e, where it is negative: the
-        bounded real lemma. The lambda_k are its last q multipliers."""
+        """The quadratic form that is negative where V' <= -|C e|^2 + sum_k lambda_k v_k^2, V = e'P e (bounded real
+        lemma). The lambda_k are its last q multipliers."""
         form = pushed(self.e, NOW)
         counted, square = 0 * identity(form.size), self.C.T @ self.C
         counted[: len(square), : len(square)] = square
@@ -233,9 +242,13 @@ class L2Bound:
 
 
 def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
-    """Return a small proved bound mu of the L2 gain, by one V for all systems `each`; None for none. Raises:
-    `NoSolver`. `W` (N, N): coordinates e = W x, in which P is expected near the unit matrix; `growing`: a D (N, N), in
-    rationals, such that e' also has a term -r D e, r >= 0 of any size, which demands D'P + P D >= 0."""
+    """Return a proved bound mu of the L2 gain from v to C e, by one V = e'P e for all systems `each`; None where none
+    is proved.
+
+    `W` (N, N): coordinates e = W x in which P is expected close to the unit matrix; `growing`: a matrix D (N, N) in
+    rationals for an e' with an additional term -r D e, r >= 0 of any size, which requires D'P + P D >= 0; None for
+    none. Raises: `NoSolver`.
+    """
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
     k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.peak_response for one in each)
     if growing is not None:
@@ -263,7 +276,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 
 
 def error_inclusion(observer: Observer) -> Inclusion | Nothing:
-    """Return the error of an observer with a constant injection, e' = M e + uncertain slopes; `Nothing` for other
+    """Return the error dynamics of an observer with a constant injection gain; `Nothing`, with the reason, for other
     observers."""
     known: Inclusion | Nothing | None = observer.error
     why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
@@ -278,9 +291,9 @@ def theta_of(observer: Observer) -> Fraction:
 
 @asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
-    """Return, by (state, output), the largest error in the end of a state of the form, in continuous time, for noise of
-    at most 1 in the output, at the declared gains of an observer with a constant injection; or why there is no proof.
-    Raises: `NoSolver`."""
+    """Return the ultimate bounds of errors under noise, in continuous time, by (name of a state of the form, name of an
+    output): the largest error of the state for noise of at most 1 in this output; or the reason why there is no proof.
+    The observer has a constant injection gain at its declared theta. Raises: `NoSolver`."""
     error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error
@@ -292,14 +305,15 @@ def noise_bounds(observer: Observer) -> Bounds | Nothing:
 
 
 def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
-    """Return bounds by (state, output) names, from `known` bounds by their indices."""
+    """Return the bounds by (state, output) names, from `known` bounds by their indices."""
     outputs = names_of(form.system.outputs)
     return {(form.names[i], outputs[j]): bound for (i, j), bound in known.items()}
 
 
 def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
-    """Return, by (state, output) indices, the proved bound of the state's error under noise of at most 1 in the output,
-    in continuous time, for an error that decays by `falls`; or the reason why there is none. Raises: `NoSolver`."""
+    """Return, by (state, output) indices, the proved ultimate bound of the state's error under noise of at most 1 in
+    the output, in continuous time, for an error that decays by the proof `falls`; or the reason why there is none.
+    Raises: `NoSolver`."""
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
         return NO_SCALES
@@ -324,9 +338,12 @@ def joint_bound_in_floats(
     error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
 ) -> float:
     """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of at
-    most `sizes` (p) in the outputs together, in continuous time; infinite where none is found. Raises: `NoSolver`. One
-    V bounds all rows, at the best of four rates near `alpha`. Where noise alone changes the error faster than `fastest`
-    (1/time) in the norm of V, the bound is multiplied by the ratio."""
+    most `sizes` (p) in all outputs together, in continuous time; infinite where the solver finds none.
+
+    One V bounds all rows, for the best of four values close to `alpha` in the noise inequality. Where noise alone
+    changes the error faster than `fastest` (1/time) in the norm of V, the bound is multiplied by the ratio. Raises:
+    `NoSolver`.
+    """
     scales = error.scales(falls.theta)
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))

@@ -39,8 +39,9 @@ _CHAINS = ("triangular", "block_triangular")
 
 @dataclass(frozen=True)
 class Region:
-    """A proof, by `weights` P and S of a V = e'P e that does not grow, that V(e(0)) <= `level` keeps the errors of
-    periodic outputs below half a turn; `first` (n): initial errors of the states, all together within the level."""
+    """A proof that initial errors with V(e(0)) <= `level` keep the errors of periodic outputs below half a turn, where
+    V = e'P e, with the `weights` P and S, does not grow. `first` (n): initial errors of the states that together have V
+    <= level."""
 
     weights: Weights
     level: Fraction
@@ -58,8 +59,10 @@ class _Question:
 
 
 def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, ...]:
-    """Return the checks `MAKER.convergence`, that errors converge above some theta, and `MAKER.theta`, that `theta` is
-    above it, with the rate; for periodic outputs also `MAKER.region`, from which initial errors they do."""
+    """Return the checks of an observer's convergence: `MAKER.convergence`, that errors converge for every theta above
+    some bound, and `MAKER.theta`, that `theta` is above this bound, with the rate. For periodic outputs these hold for
+    small initial errors, whose size is the check `MAKER.region`. `maker`: the observer's name; `error`: its error
+    dynamics."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
     search = (OneSided if error.endless else Flow)(error, Fraction(theta))
@@ -92,8 +95,8 @@ def _within(maker: str, form: Form, search: Flow, known: Sequence[Check], turnin
 
 
 def region(form: Form, search: Flow) -> Region | Reason:
-    """Return a region of initial errors in which the errors of periodic outputs stay below half a turn, for an observer
-    whose error converges by `search`, or why none is proved."""
+    """Return a region of initial errors from which the errors of periodic outputs stay below half a turn, for an
+    observer whose convergence is proved by `search`; or the reason why none is proved."""
     known = _question(form, search)
     if isinstance(known, Reason):
         return known
@@ -146,8 +149,8 @@ def _question(form: Form, search: Flow) -> _Question | Reason:
 
 
 def no_corners(form: Form) -> Reason:
-    """Return why the corners of a box of initial errors of a form's states are not computed: a state without a range,
-    or more than 8 states; `NONE` where they are."""
+    """Return the reason why the corners of the box of initial errors cannot be listed: a state without a range, or more
+    than 8 states; `NONE` where they can."""
     endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
     if endless:
         return because("initial errors are those of states in ranges, and {names: and } has none", names=endless)

@@ -45,7 +45,8 @@ _SLACKS = (Fraction(1, 2**24), Fraction(1, 2**16), Fraction(1, 2**8))
 
 @dataclass(eq=False)
 class NoSolver(HgogenError):
-    """A linear matrix inequality that needs a solver which is not installed; `what` names its purpose."""
+    """The error that a linear matrix inequality needs a solver which is not installed; `what`: the purpose of the
+    inequality."""
 
     what: str
 
@@ -59,7 +60,8 @@ class NoSolver(HgogenError):
 
 
 def no_solver(what: str) -> Reason:
-    """Return the reason that Clarabel is not installed, which `what`, a purpose, needs; `NONE` where it is."""
+    """Return the reason that the solver Clarabel, which the purpose `what` needs, is not installed; `NONE` if it is
+    installed."""
     try:
         cones(what)
     except NoSolver as missing:
@@ -85,8 +87,8 @@ def verified(candidate: Lyapunov) -> bool:
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
-    """Return a P near the smallest one with N'P + P N <= -I, proved, for a rational N (n, n); None where N is not
-    Hurwitz. N'P + P N = -I is n(n + 1)/2 linear equations, which are solved in rationals."""
+    """Return a proved P with N'P + P N <= -I, close to the smallest one, for a rational N (n, n); None where N is not
+    Hurwitz. N'P + P N = -I is a system of n (n + 1)/2 linear equations, solved in rationals."""
     n = len(N)
     places = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n) for j in range(i, n))}
     rows = [[fmpq(0)] * len(places) for _ in places]
@@ -112,10 +114,12 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
 
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
-    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None where
-    none is found. Raises: `NoSolver`. `corners`: A (n, n) and C (n) at the ends of their ranges. With Y = P K the
-    inequality A'P + P A - Y C - C'Y' <= -I is linear; K'P K <= largest^2 p and P >= p I bound the gain. `convergence`
-    proves the K returned."""
+    """Return a gain K (n), |K| <= `largest`, with one Lyapunov matrix P for all A - K C and a small largest eigenvalue
+    of P; None where the solver finds none. `corners`: A (n, n) and C (n) at the ends of their ranges.
+
+    With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear; K'P K <= largest^2 p and P >= p I bound the
+    gain. The result is in floats: `convergence` proves it. Raises: `NoSolver`.
+    """
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
     one = np.eye(n)
@@ -134,7 +138,8 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
 
 
 def cones(what: str) -> tuple[Any, Any]:
-    """Return the modules `clarabel` and `scipy.sparse`. Raises: `NoSolver`, which names the purpose `what`."""
+    """Return the modules `clarabel` and `scipy.sparse`. Raises: `NoSolver` with the purpose `what` where they are not
+    installed."""
     try:
         import clarabel  # a slow import, seldom needed
         from scipy import sparse
@@ -158,8 +163,8 @@ Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it holds ma
 
 @dataclass(frozen=True)
 class Group:
-    """Multipliers S_j of a form whose columns are r_j u, parallel to one u: their indices `places`, their `weights`
-    r_j, the largest 1, and the index `column` of u in the merged form."""
+    """A group of multipliers S_j whose columns in a form are parallel, r_j u: their indices `places`, the ratios r_j as
+    `weights`, the largest 1, and the index `column` of u in the form with merged columns."""
 
     places: tuple[int, ...]
     weights: tuple[float, ...]
@@ -168,9 +173,9 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """The largest `margin` m with F(P, S) <= -m I for all forms F, below 0 where no weights make them negative, with
-    its `P` (n, n) and `S` (k) in floats; `prices` (N, N) for each form: a small change D of the form reduces m by
-    <price, D>."""
+    """The result of a margin program: the largest `margin` m with F(P, S) <= -m I for all forms F, m <= 0 where no
+    weights make them negative; `P` (n, n) and `S` (k) in floats; `prices` (N, N) for each form: a small change D of the
+    form reduces m by <price, D>."""
 
     P: Array
     S: Array
@@ -180,8 +185,9 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A solution of a program in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the minimised
-    `value`, infinite where these weights do not make the forms negative, and the P of x, `near` the unit matrix."""
+    """The solution of a program in coordinates x, e = W x: the weights `P` (n, n) and `S` (k) in the coordinates e; the
+    minimised `value`, infinite where these weights do not make the forms negative; `near`: P in the coordinates x,
+    which shows the scaling of the program."""
 
     P: Array
     S: Array
@@ -190,10 +196,13 @@ class Solution:
 
 
 def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
-    """Return P and S with the least value among several solutions of a program; None where it has none. `solve(W)`
-    solves the program in coordinates e = W x, first those given, then those in which its own P is the unit matrix,
-    until P is near that, or the value falls by less than a hundredth. A solver neglects what is small in its
-    coordinates: far from those of the solution it ends at up to several times the least value."""
+    """Return P and S with the smallest value among several solutions of one program in improving coordinates; None
+    where it has no solution.
+
+    `solve(W)` solves the program in coordinates e = W x: first in the initial `W`, then in those in which its last P is
+    the unit matrix, until P is close to it or the value decreases by less than a hundredth. A solver neglects what is
+    small in its coordinates: far from those of the solution its result may be several times the smallest value.
+    """
     best: Solution | None = None
     for _ in range(_SOLVES):
         solution = solve(W)
@@ -210,15 +219,16 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Return P and S, in floats, with which a solver finds all `forms` negative, or None. `W` (n, n): coordinates e = W
-    x, in which P is expected near the unit matrix. Raises: `NoSolver`, which names the purpose `what`."""
+    """Return P and S, in floats, for which a solver makes all `forms` negative; None where there are none. `W` (n, n):
+    coordinates e = W x in which P is expected close to the unit matrix; `what`: the purpose. Raises: `NoSolver`."""
     best = widest(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
-    """Return the P and S with the largest margin, in coordinates e = `W` x, also where the forms are not negative; with
-    its prices where `priced`. Raises: `NoSolver`."""
+    """Return the P and S with the largest margin m, F <= -m I for all `forms` F, also where m <= 0, in coordinates e =
+    `W` x; None where the solver fails. `priced`: with the prices of the forms; `what`: the purpose. Raises:
+    `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
     view, fast = View.paced([form.floats for form in forms], W)
@@ -231,8 +241,9 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 
 @np.errstate(over="ignore", invalid="ignore")
 def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
-    """Return the largest margin of `forms` (floats) for one P and S, P = sum_i y_i B_i where a `span` gives the B_i and
-    rows >= 0 on y; None where the solver fails. Columns of a single form are merged. Raises: `NoSolver`, for `what`."""
+    """Return the largest margin m, F <= -m I for all `forms` F (floats), with its P and S; None where the solver fails.
+    `span`: matrices B_i and rows r with P = sum_i y_i B_i, r y >= 0, None for any P; `priced`: with the prices of the
+    forms; `what`: the purpose. Parallel columns of a single form are merged. Raises: `NoSolver`."""
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
@@ -250,9 +261,9 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
 
 @np.errstate(over="ignore", invalid="ignore")
 def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
-    """Return P and S with a small max c P^-1 c' over the rows c of `reads` (r, n) in x, where the forms of the `view`
-    are at most -`by` I, and x/`unit` satisfies the `limits`; None where the solver fails. Raises: `NoSolver`, for
-    `what`."""
+    """Return P and S with a small largest c P^-1 c' over the rows c of `reads` (r, n), for which the forms of the
+    `view` are at most -`by` I and x/`unit` satisfies the `limits`, all in the scaled coordinates x; None where the
+    solver fails. `what`: the purpose. Raises: `NoSolver`."""
     whole, (A, b) = view.forms, limits
     forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
     of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
@@ -270,8 +281,8 @@ def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, w
 
 @np.errstate(over="ignore", invalid="ignore")
 def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
-    """Return P and S with a small largest of the last `q` entries of S, where `forms` (floats) are at most -`by` I;
-    None where the solver fails. Raises: `NoSolver`, for the purpose `what`."""
+    """Return P and S for which all `forms` (floats) are at most -`by` I, with the last `q` entries of S at most t and a
+    small t; None where the solver fails. `what`: the purpose. Raises: `NoSolver`."""
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
     last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
     rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
@@ -330,13 +341,14 @@ def _solved(
 
 
 def sum_limit(form: Quadratic, q: int, most: float) -> Limits:
-    """Return A and b of the limit A (P, S) <= b that the last `q` entries of S sum up to at most `most`."""
+    """Return A and b of the linear constraint A (P, S) <= b by which the last `q` entries of S sum up to at most
+    `most`."""
     n, k = len(form.pairs[0][0]), len(form.Q)
     return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
 
 
 def norm_limits(form: Quadratic, points: Array) -> Limits:
-    """Return A and b of the limits A (P, S) <= b that x'P x <= 1 at the `points` x (r, n)."""
+    """Return A and b of the linear constraints A (P, S) <= b by which x'P x <= 1 at each of the `points` x (r, n)."""
     n, k = points.shape[1], len(form.Q)
     i, j = _places(n)
     squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
@@ -344,7 +356,8 @@ def norm_limits(form: Quadratic, points: Array) -> Limits:
 
 
 def reaching(c: Array, count: int) -> Rows:
-    """Return the cone [t, c; c', P] >= 0, which is c P^-1 c' <= t, for `count` variables, P the first, and then t."""
+    """Return the cone [t, c; c', P] >= 0, which means c P^-1 c' <= t, in `count` variables that begin with P, followed
+    by t."""
     n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
     end[0, 1:] = end[1:, 0] = c
     wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
@@ -353,27 +366,29 @@ def reaching(c: Array, count: int) -> Rows:
 
 
 def definite(brings: Array, last: Array, end: Array) -> Rows:
-    """Return the cone `end` - sum_i x_i `brings`_i - t `last` >= 0 of symmetric matrices, in variables x and t."""
+    """Return the cone of symmetric matrices `end` - sum_i x_i `brings`_i - t `last` >= 0, in the variables x and t."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
 def program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) -> Array | None:
-    """Return the variables x with the least <goal, x> at which every block, a matrix that is affine in x, is positive
-    semidefinite; None where the solver finds none. Raises: `NoSolver` for `what`."""
+    """Return the solution x of a semidefinite program: the smallest <goal, x> for which all `blocks`(x), matrices
+    affine in x, are positive semidefinite; None where the solver finds none. `what`: the purpose. Raises:
+    `NoSolver`."""
     known = solved(goal, affine(blocks, len(goal)), CLOSER, what)
     return None if known is None else known[0]
 
 
 def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
-    """Return the cones that the matrices `blocks`(x), affine in x (`count`), are positive semidefinite."""
+    """Return the cones in which the matrices `blocks`(x), affine in the `count` variables x, are positive
+    semidefinite."""
     first, *others = (blocks(x) for x in np.vstack([np.zeros(count), np.eye(count)]))
     each = zip(first, zip(*others, strict=True), strict=True)
     return [(_packed(end - np.array(ones)), _packed(end[None])[:, 0], True) for end, ones in each]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
-    """Return x with the least <goal, x> under the cones `rows`, A x + s = b, and their dual variables; None where the
-    solver, of accuracy `close`, fails. Raises: `NoSolver`, which names the purpose `what`."""
+    """Return the solution x of a cone program and its dual variables: the smallest <goal, x> under the cones `rows`, A
+    x + s = b; None where the solver, of accuracy `close`, fails. `what`: the purpose. Raises: `NoSolver`."""
     cones(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
@@ -403,8 +418,9 @@ def _solution(
 
 
 def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
-    """Return the coefficient matrices (p + k + t, N, N) of a form, which is linear in the entries of P on and above the
-    diagonal, in S, and in a T of each group; where its X have more columns, P is part of [P, Y], Y after P."""
+    """Return the coefficient matrices (p + k + t, N, N) of a quadratic form, which is linear in the entries of P on and
+    above the diagonal, in S, and in a T of each of the `groups`. Where its X have more than n rows, P is part of [P,
+    Y], and the entries of Y follow those of P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
     i, j = _places(n)
@@ -425,7 +441,8 @@ def basis(n: int) -> Array:
 
 
 def upper_triangles(matrices: Array) -> Array:
-    """Return the entries on and above the diagonal, column by column, of symmetric matrices (q, N, N), as (.., q)."""
+    """Return the entries on and above the diagonal, column by column, of symmetric matrices (q, N, N), as columns (..,
+    q)."""
     i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
 
@@ -457,8 +474,8 @@ def symmetric(entries: Array, size: int) -> Array:
 
 
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
-    """Return the form, in floats, in which the multiplied columns that are parallel are one column u, and the groups of
-    multipliers that belong to each such u."""
+    """Return a form (floats) with fewer columns, in which parallel multiplied columns are one column u, and the groups
+    of multipliers that belong to each u."""
     n, each = len(form.pairs[0][0]), tuple(_directions(form))
     T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
     T[:n, :n] = np.eye(n)

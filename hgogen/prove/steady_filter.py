@@ -81,14 +81,16 @@ def steady_gain(
     at: Mapping[str, float],
     u: Mapping[str, float] | None = None,
 ) -> tuple[float, ...] | Rows:
-    """Return the constant gain K of the observer `riccati` settled at a point: (n), for several chains rows (n, q).
-    `high_gain(form, theta=theta, gains=K)` has at this theta the gains P C'R^-1 of the Riccati equation's solution.
+    """Return the constant gain K of the observer `riccati` after its Riccati equation has settled at an operating
+    point: (n), for several chains rows (n, q). The observer `high_gain(form, theta=theta, gains=K)` then has the
+    injection P C'R^-1 of this equation's solution P.
 
-    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit
-    y^2 s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values. Proofs
-    about the observer are those of any constant gain: they do not assume the point. Raises: `BadGain` for Q, R,
-    theta that are not positive, a point outside its ranges, or one at which not every state is observable;
-    `BadNames`; `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not have; `Misfit`.
+    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit y^2
+    s; `at`: the operating point, every state of the plant by name; `u`: every input by name; parameters have their
+    nominal values. Proofs about the observer are those of any constant gain: they do not assume the operating point.
+    Raises: `BadGain` for Q, R, theta that are not positive, a point outside its ranges, or one at which not every state
+    is observable; `BadNames`; `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not
+    have; `Misfit`.
     """
     in_chains(form)
     noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
@@ -114,7 +116,7 @@ def steady_gain(
 
 
 def in_chains(form: Form) -> None:
-    """Demand a form with a chain for each output, whose constant gain may replace that of a filter. Raises:
+    """Demand a form with a chain for each output, as a constant gain needs in place of a filter's. Raises:
     `BadGain`."""
     constant_chains("steady_gain", form)
     if form.jacobian is not None or len(form.leads) < len(form.output):
@@ -179,7 +181,8 @@ class Linear:
 
 
 def linear(form: Form) -> Linear | Reason:
-    """Return A and C of a form z' = A z + b(u), y = C z + d(u) with constant rational A and C; or why it has none."""
+    """Return the constant matrices A and C of a linear form z' = A z + b(u), y = C z + d(u), in rationals; or the
+    reason why the form has none."""
     z = {*form.states}
     if form.n > STATES:
         return because("the ranks of more than {most} states are not computed", most=STATES)

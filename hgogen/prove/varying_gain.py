@@ -128,8 +128,9 @@ _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # increases of s, 
 
 @dataclass(frozen=True, eq=False)
 class VaryingGain:
-    """A gain gamma in [`low`, `high`] with gamma' >= -`sigma` gamma^2, of an observer whose `error` is that at a
-    constant gamma; `plant` G_1 (n, m), `measurement` G_2 (m): w' = .. + G_1 v, y = w_1 + G_2 v, v a disturbance."""
+    """An observer on a chain of integrators whose gain gamma varies in [`low`, `high`] with gamma' >= -`sigma` gamma^2,
+    under a disturbance v: w' = .. + G_1 v, y = w_1 + G_2 v. `error`: its error dynamics at a constant gamma; `plant`:
+    G_1 (n, m); `measurement`: G_2 (m)."""
 
     error: Inclusion
     low: Fraction
@@ -139,8 +140,8 @@ class VaryingGain:
     measurement: tuple[Fraction, ...]
 
     def attenuation(self, P: Matrix) -> L2Bound | None:
-        """Return a proved bound of the L2 gain from v to w - what, by one V near e'`P` e for every course of gamma;
-        None where none is found, or there is no solver."""
+        """Return a proved bound of the L2 gain from the disturbance v to the error of w, by one Lyapunov function close
+        to e'`P` e for every permitted gamma(t); None where none is proved, or no solver is installed."""
         try:
             return l2_bound([*self._systems()], inverse_root(floats(rational(P))), self._powers)
         except NoSolver:
@@ -168,8 +169,8 @@ class VaryingGain:
 
 @dataclass(frozen=True)
 class Candidate:
-    """K (n), a symmetric P (n, n) and sigma >= 0, which may satisfy (A - K C)'P + P (A - K C) + sigma (D P + P D) < 0
-    (54), A and C a chain of integrators, D = diag(b, .., b + n - 1)."""
+    """A gain K (n), a symmetric P (n, n) and sigma >= 0 that are to satisfy the inequality (A - K C)'P + P (A - K C) +
+    sigma (D P + P D) < 0 (54 of Alessandri 2020), A and C a chain of integrators, D = diag(b, .., b + n - 1)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
@@ -199,24 +200,25 @@ class Candidate:
 
     @cached_property
     def decay(self) -> Fraction:
-        """A lambda, near the largest, for which `rate` >= lambda I is proved; not positive where there is none above
-        0."""
+        """A lambda with a proof of `rate` >= lambda I, close to the largest; 0 or negative where no positive one
+        exists."""
         return smallest(self.rate)[0]
 
     @cached_property
     def peak(self) -> Fraction:
-        """A proved upper bound of lambda_max(P), near the least."""
+        """A proved upper bound of the largest eigenvalue of P, close to it."""
         return largest(exact(self.P))[1]
 
     def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
-        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)), rounded up (88): k the `slope`, lambda by default `decay`
-        of (54)."""
+        """Return the least sufficient gain gamma, max(1, (4 k lambda_max(P) + 1)/(2 lambda)) (88), in exact arithmetic;
+        k is the Lipschitz constant `slope`, lambda = `decay`, by default the attribute of this name."""
         return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """The matrices G_1 (`plant`, (n, m)) and G_2 (`measurement`, (m)), rational: w' = .. + G_1 v, y = w_1 + G_2 v."""
+    """The matrices of a disturbance v in w' = .. + G_1 v, y = w_1 + G_2 v, rational: `plant` G_1 (n, m), `measurement`
+    G_2 (m)."""
 
     plant: Matrix
     measurement: tuple[Fraction, ...]
@@ -230,7 +232,7 @@ class Disturbance:
 
     @property
     def reason(self) -> Reason:
-        """The text of both matrices."""
+        """The text of both matrices, for messages."""
         rows = [because("{row: }", row=map(float, row)) for row in self.plant]
         return because("G_1 = [{rows:; }], G_2 = [{row: }]", rows=rows, row=map(float, self.measurement))
 
@@ -240,9 +242,10 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """The range [`low`, `high`] of gamma; the `slope` k >= |T^-1 dc/dw T| from gamma = `low` on with its proof `steep`,
-    None where not known, for the `reason`; the `disturbance`; `moving`: the error under it, where slopes have
-    ranges."""
+    """The assumptions of a proof about a varying gain gamma in [`low`, `high`]. `slope`: a Lipschitz constant k >=
+    |T^-1 dc/dw T|, T = diag(gamma, .., gamma^n), for all gamma >= `low`, with its proof `steep`; None where it is not
+    known, for the `reason`; `disturbance`, or None; `moving`: the error under this disturbance where the partial
+    derivatives of b have ranges, else None."""
 
     low: Fraction
     high: Fraction
@@ -255,14 +258,16 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Attenuating:
-    """The evidence of an L2 gain mu from a disturbance, of a `candidate` K, P, sigma under the `assumptions`."""
+    """The evidence of an L2 gain mu from a disturbance to the error, for a `candidate` K, P, sigma under the
+    `assumptions`."""
 
     candidate: Candidate
     assumptions: Assumptions
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return P, lambda_max(P), k, the disturbance, s of (87) and mu, under a certificate's keys; s and mu for the
-        written k, a little larger than the proved one."""
+        """Return P, lambda_max(P), k, the disturbance, s of (87) and mu, under the keys of a certificate; None where
+        one of them has no proof. s and mu belong to the k of the certificate, which is slightly above the proved
+        one."""
         one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
         slope = steep.evidence(form) if steep else None
         if slope is None or disturbed is None:
@@ -276,8 +281,9 @@ class Attenuating:
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
-    """Return K (n), P and sigma as exact rationals, P as (P + P')/2 where it is symmetric up to rounding. Raises:
-    `BadGain` for other shapes, for less symmetry, for sigma < 0, and for what is not finite."""
+    """Return the `Candidate` of K (n), P (n, n) and sigma as exact rationals; P is replaced by (P + P')/2 if it is
+    symmetric up to rounding. Raises: `BadGain` for other shapes, for a P that is not symmetric, for sigma < 0, and for
+    numbers that are not finite."""
     gain, matrix, shrink = reals("K", K), reals("P", P), reals("sigma", sigma)
     n = gain.size if n is None else n
     if gain.shape != (n,):
@@ -296,7 +302,7 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
 
 
 def disturbance(pair: Any, n: int) -> Disturbance:
-    """Return the `pair` (G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
+    """Return the `Disturbance` of a `pair` (G_1 (n, m), G_2 (m)) as rationals. Raises: `BadGain` for other shapes."""
     if not isinstance(pair, Sequence) or len(pair) != 2:
         raise BadGain("disturbance", "must be a pair, G_1 of the plant and G_2 of the measurement")
     G, g = reals("G_1", pair[0]), reals("G_2", pair[1])
@@ -309,8 +315,8 @@ def disturbance(pair: Any, n: int) -> Disturbance:
 
 
 def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
-    """Return a proved k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), on the declared ranges for all g >= `gamma`; or why
-    not."""
+    """Return a proved Lipschitz constant k >= |T^-1 dc/dw T|, T = diag(g, .., g^n), on the declared ranges for all g >=
+    `gamma`, c the nonlinear part in the coordinates w of integrators; or the reason why there is none."""
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
@@ -319,8 +325,8 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
 
 
 def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
-    """Return [rate - lambda I, -P, -P K; -P, alpha_1 I, 0; -K'P, 0, alpha_2], lambda = `decay`, which is >= 0 where
-    (87) holds; in FLINT's rationals."""
+    """Return the matrix [rate - lambda I, -P, -P K; -P, alpha_1 I, 0; -K'P, 0, alpha_2], lambda = `decay`, in FLINT's
+    rationals: it is >= 0 exactly where (87) holds, which bounds the L2 gain."""
     n, P = candidate.n, rational(candidate.P)
     M = np.array((candidate.rate - unit(n) * number(decay)).tolist(), dtype=object)
     Y, last = P @ rational(candidate.K)[:, None], rational([[alpha_2]])
@@ -329,8 +335,8 @@ def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_
 
 
 def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
-    """Return the checks `MAKER.definite`, P > 0, `MAKER.shrink`, D P + P D >= 0, and `MAKER.decay`, (54) with lambda =
-    `decay`, by default above 0."""
+    """Return the checks of a candidate's three inequalities: `MAKER.definite`, P > 0; `MAKER.shrink`, D P + P D >= 0;
+    `MAKER.decay`, (54) with lambda = `decay`, by default any lambda > 0. `maker`: the observer's name."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
@@ -346,8 +352,8 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
-    """Return the check that a symmetric matrix M is > 0, or >= 0 if not `strict`, with its extreme eigenvalue; the text
-    `claim` is about `sign` M, sign 1 or -1."""
+    """Return the check, decided exactly, that a symmetric matrix M is > 0, or >= 0 if not `strict`, with its smallest
+    eigenvalue. `claim`: the text of the claim, which is about M for `sign` 1, about -M for `sign` -1."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
     extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
     side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
@@ -361,7 +367,8 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) -> tuple[Check, ...]:
-    """Return the checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain from it is bounded."""
+    """Return the checks of `facts`, and for a disturbance also `MAKER.attenuation`, that the L2 gain from the
+    disturbance to the error is bounded. `maker`: the observer's name."""
     known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
     checks = [replace(check, proofs=(Grounds(built, candidate),)) for check in known]
@@ -394,20 +401,20 @@ def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) 
 
 
 def numbers(candidate: Candidate, assumptions: Assumptions) -> dict[str, Any]:
-    """Return the range of gamma, sigma and K, the observer's arguments in a certificate, by name."""
+    """Return the observer's arguments for a certificate, by name: the range of gamma, sigma and the gains K."""
     return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
 
 
 def gain(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return a proved bound mu of the L2 gain, sqrt(2 s) high^n, near the least by the paper's inequality (87); None
-    where (70) or (87) fails."""
+    """Return a proved bound mu = sqrt(2 s) high^n of the L2 gain, by the inequality (87) with a small s; None where
+    (70) or (87) does not hold."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
 
 def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return the s of `share_of` for lambda = (4 k lambda_max(P) + 1)/(2 low) (70); None without a slope k or a
-    disturbance."""
+    """Return the s of `share_of` for lambda = (4 k lambda_max(P) + 1)/(2 low) (70); None without a Lipschitz constant k
+    or a disturbance, or where `share_of` is None."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
     decay = (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low)
@@ -415,8 +422,8 @@ def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | 
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
-    """Return a small s with rate - lambda I - (delta_1 P P + delta_2 P K K'P)/s >= 0, lambda = `decay`, proved: (87)
-    with delta_i alpha_i = s; None for none."""
+    """Return a small s for which (87) is proved with delta_i alpha_i = s: rate - lambda I - (delta_1 P P + delta_2 P K
+    K'P)/s >= 0, lambda = `decay`; None where there is none."""
     M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
@@ -438,8 +445,9 @@ _DEFAULT_B = Fraction(1, 4)  # b of D: nearly the best one for two to four state
 
 @dataclass(frozen=True)
 class Law:
-    """The law of a varying gain l >= `least`: l'/l^2 >= -`fall`, with `easing` >= -fall (1 - least/l). `name`: that of
-    the least value, in claims; `b` of D = diag(b, b + 1, ..) and `P` (n, n), in errors of w, to try first."""
+    """The bounds of a time-varying gain l >= `least` and its rate: l'/l^2 >= -`fall`; if `easing`, the stronger l'/l^2
+    >= -fall (1 - least/l). `name`: that of the least value in claims; `b`: that of D = diag(b, b + 1, ..); `P` (n, n):
+    the first candidate, for errors of w, or None."""
 
     name: str
     least: float
@@ -452,8 +460,9 @@ class Law:
 def varying_gain_checks(
     maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
 ) -> tuple[Check, Check]:
-    """Return the checks `MAKER.convergence`, that errors converge at every rate of the gain that the `law` permits,
-    from some least value on, and `MAKER.theta`, that its least value is above it. K: gains (n) on the `chain`."""
+    """Return the checks of convergence for every gain that the `law` permits: `MAKER.convergence`, that errors converge
+    if the least value of the gain is above some bound, and `MAKER.theta`, that it is above this bound. `maker`: the
+    observer's name; `K` (n): its gains on the `chain`; `numbers`: its arguments for a certificate."""
     form = chain.form
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
@@ -486,7 +495,8 @@ def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
 
 
 def proved_above(checks: Sequence[Check], maker: str) -> bool:
-    """Return whether the check `MAKER.theta`, the gain's least value is above its bound, is proved."""
+    """Return whether the check `MAKER.theta`, that the least value of the gain is above its bound, is proved among the
+    `checks`."""
     return any(check.id == ClaimId(maker, "theta") and check.verdict is Verdict.PROVED for check in checks)
 
 
@@ -496,9 +506,10 @@ BOXES = 500  # enough for sup Gamma, which need not be tight
 def update_checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
-    """Return the checks `updated_gain.p_1`, `.p_3` and `.cap` on L' = L (p_1 (p_2 - L) + p_3 Gamma), and those of
-    `varying_gain_checks` about p_2; K: gains (n). Raises: `BadGain` where D P + P D is not positive definite for the P
-    of N'P + P N <= -I, N = A - K C."""
+    """Return the checks of the observer `updated_gain`, whose gain obeys L' = L (p_1 (p_2 - L) + p_3 Gamma):
+    `updated_gain.p_1`, `.p_3` and `.cap`, and those of `varying_gain_checks` about p_2. `K` (n): gains on the `chain`;
+    `b`: that of D = diag(b, b + 1, ..). Raises: `BadGain` where D P + P D is not positive definite for the P of N'P + P
+    N <= -I, N = A - K C."""
     gains = tuple(map(Fraction, K.tolist()))
     proof = lyapunov(tuple(map(tuple, companion(np.array(gains)))))
     assert proof is not None  # N is Hurwitz
@@ -544,8 +555,8 @@ def _positive(fact: str, claim: str, M: Any, b: Fraction, pattern: str, fix: str
 
 
 def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
-    """Return the check p_1 (p_2 - cap) + p_3 sup Gamma(cap) < 0: L' < 0 at L = `cap`, Gamma clamped to the declared
-    ranges."""
+    """Return the check p_1 (p_2 - cap) + p_3 sup Gamma(cap) < 0, by which L' < 0 at the upper limit L = `cap` of the
+    gain; Gamma is evaluated at an estimate clamped to the declared ranges."""
     id, claim = (
         ClaimId("updated_gain", "cap"),
         "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
@@ -584,8 +595,8 @@ _ROUND = Fraction(1, 2**20)  # relative increase of `up` and `down` over their f
 
 @dataclass(frozen=True)
 class DwellProof:
-    """A proof of a dwell time of two gains: V that `falls` at the rate alpha in the high gain, and the factors `up` and
-    `down` by which V grows at most when the gain switches up and down."""
+    """A proof of a dwell time for an observer that switches between a high and a low gain: V `falls` at a rate alpha in
+    the high gain, and grows at most by the factors `up` and `down` when the gain switches up and down."""
 
     falls: Falls
     up: Fraction
@@ -597,16 +608,18 @@ class DwellProof:
         return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
 
     def evidence(self, form: Form) -> Evidence:
-        """Return alpha, P of the high gain, and both factors, under a certificate's keys; P of the low gain is in the
-        claim of theta."""
+        """Return alpha and P of the high gain, and both factors, under the keys of a certificate; P of the low gain is
+        in the evidence of the claim about theta."""
         return {"alpha": self.falls.alpha, "V": self.falls, "up": self.up, "down": self.down}
 
 
 def switching(
     maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
 ) -> tuple[Check, ...]:
-    """Return the checks `MAKER.convergence`, that errors converge in every gain above some theta, `MAKER.theta`, that
-    the `low` gain is above it, and `MAKER.hold`, that the dwell time `hold` in the high gain `theta` is long enough."""
+    """Return the checks of an observer that switches between the gains `theta` and `low` < theta: `MAKER.convergence`,
+    that errors converge at every constant gain above some bound; `MAKER.theta`, that the low gain is above this bound;
+    `MAKER.hold`, that the dwell time `hold` (time) in the high gain is long enough. `maker`: the observer's name;
+    `error`: its error dynamics."""
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     why = because("theta_low is not above a proved bound")
     hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
