@@ -42,7 +42,7 @@ _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
 
 @dataclass(eq=False)
 class NoAlignment(HgogenError):
-    """An argument `align` that is none of "top", "end", "cascade"."""
+    """The error that the argument `align` is none of "top", "end", "cascade"."""
 
     name: object
     text = "align={name!r} is none of top, end, cascade; leave it out to take the first that is proved"
@@ -50,11 +50,11 @@ class NoAlignment(HgogenError):
 
 @Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
 def block_triangular(plant: System, align: str | None = None) -> Form:
-    """The plant as a chain z_(i,j)' = a_(i,j+1)(u) z_(i,j+1) + b_(i,j)(z, u), y_i = a_(i,1)(u) z_(i,1) for each output,
-    by permutation and sign.
+    """Return the plant in block-triangular form, with a chain of states for each output, z_(i,j)' = a_(i,j+1)(u)
+    z_(i,j+1) + b_(i,j)(z, u), y_i = a_(i,1)(u) z_(i,1), by permutation and sign of its states.
 
-    Args: `align` is "top", "end" or "cascade"; by default the first of these that is proved, else the first that is not
-    refuted.
+    Args: `align`: "top", "end" or "cascade", the states on which b may depend; by default the first of these that is
+    proved, else the first that is not refuted.
 
     Checks: `block_triangular.structure`, of the alignment; `block_triangular.a_i_j` (0 < a_m <= a_(i,j) <= a_M on the
     box of inputs and parameters); `block_triangular.offset_i` where output i has one; `block_triangular.lipschitz`. A

@@ -34,7 +34,8 @@ from hgogen.system import System
 
 @dataclass(eq=False)
 class BadOrder(HgogenError):
-    """An argument `order` that does not list each state of the plant once; `order` here is its text in the message."""
+    """The error that the argument `order` does not list each state of the plant once; the field `order` is its text in
+    the message."""
 
     system: str
     order: str
@@ -44,8 +45,8 @@ class BadOrder(HgogenError):
 
 @Asking(6, costly=True, discrete=True)  # its Lipschitz constant takes seconds, and no theorem covers it
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
-    """The plant z' = A(u) z + b(z, u), y = h(z, u) in its own coordinates, its states in `order`, signals or their
-    names; by default as declared. The only form of a discrete plant, z+ = A(u) z + b(z, u).
+    """Return the plant in its own coordinates, z' = A(u) z + b(z, u), y = h(z, u), its states in `order`, signals or
+    their names; by default as declared. It is the only form of a discrete plant, z+ = A(u) z + b(z, u).
 
     Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states),
     `original.convergence` (unknown); of differential equations `original.order` (the structure that a high gain needs:

@@ -39,18 +39,20 @@ _RANGES = "Declare rates=((low, high), ..) of the input, one pair for each deriv
 
 
 class NoPhase(NoForm):
-    """The error for a plant not proved to have coordinates z = (y, y', .., y^(n-1))."""
+    """The error that a plant is not proved to have the coordinates z = (y, y', .., y^(n-1))."""
 
 
 @Asking(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
-    """The plant in phase form z_i' = z_(i+1), z_n' = phi(z, u, u', ..), y = z_1, or in its own coordinates with
-    dPhi/dx, z = Phi(x, u, ..) = (y, y', .., y^(n-1)).
+    """Return the plant in phase form z_i' = z_(i+1), z_n' = phi(z, u, u', ..), y = z_1, whose coordinates are the
+    output and its derivatives, z = Phi(x, u, ..) = (y, y', .., y^(n-1)); or the plant in its own coordinates, with
+    dPhi/dx, where Phi has no inverse in formulas, or its full rank is not proved.
 
-    With `original` the plant always keeps its coordinates: phi, and the derivatives of inputs that only phi reads, are
-    then not needed. With `recovered` an observer evaluates phi at Psi(z) clamped to the plant's ranges, as it always
-    does where phi may have poles in the box of z. The image of the plant's box is often a thin part of the box of z;
-    phi is far larger elsewhere and would require a larger theta. No bound on theta is proved with `recovered`.
+    Args: `original`: the plant always keeps its coordinates; phi, and the derivatives of inputs that only phi contains,
+    are then not needed. `recovered`: an observer evaluates phi at Psi(z), the inverse of Phi, clamped to the plant's
+    ranges, as it always does where phi may have poles in the box of z. The image of the plant's box is often a thin
+    part of the box of z; phi is far larger elsewhere and would require a larger theta. No bound on theta is proved with
+    `recovered`.
 
     Checks: `phase.chain` (by construction, where the plant has a value and y .. y^(n-2) have derivatives);
     `phase.inputs` (the derivatives of inputs that occur have ranges); `phase.rank` (det dPhi/dx has no zero on the

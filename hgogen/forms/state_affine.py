@@ -35,7 +35,8 @@ _FIX = "Measure the states that enter nonlinearly."
 
 @Asking(5, candidate=False)
 def state_affine(plant: System) -> Form:
-    """The plant in state-affine form z' = A(u, y) z + b(u, y), y = C(u) z + d(u), in its own coordinates.
+    """Return the plant in state-affine form up to output injection, z' = A(u, y) z + b(u, y), y = C(u) z + d(u), in its
+    own coordinates.
 
     Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded;
     `state_affine.connected`, refuted, where no output depends on some states for any input. A plant without the

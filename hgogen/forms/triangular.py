@@ -28,17 +28,17 @@ _ONE = (
 
 @Asking(1, ({}, {"measured": True}), most=1)
 def triangular(plant: System, *, measured: bool = False) -> Form:
-    """The plant in triangular form z_i' = a_(i+1)(u) z_(i+1) + b_i(z_1..z_i, u), y = a_1(u) z_1 + c(u), by permutation
-    and sign.
+    """Return the plant in triangular form z_i' = a_(i+1)(u) z_(i+1) + b_i(z_1..z_i, u), y = a_1(u) z_1 + c(u), by
+    permutation and sign of its states.
 
-    Args: `measured` lets a_2..a_n vary with the measured state z_1 as well, A(u, z_1).
+    Args: `measured`: a_2..a_n may also vary with the measured state z_1, A(u, z_1).
 
-    The form equals the plant whatever the verdicts: where the structure is not proved, b holds the terms that A does
+    The form equals the plant whatever the verdicts: where the structure is not proved, b contains the terms that A does
     not. A plant whose structure is refuted keeps its own order and has only that check; observers refuse it.
 
-    Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of
-    inputs, parameters and, where a_i varies with it, z_1); `triangular.offset` (c is defined there) where there is
-    one; `triangular.lipschitz`, of b and the a_i(u, z_1) z_i.
+    Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of inputs,
+    parameters and, where a_i varies with it, z_1); `triangular.offset` (c is defined there) where there is one;
+    `triangular.lipschitz`, of b and the a_i(u, z_1) z_i.
 
     Raises: `OneOutput`.
     """

@@ -29,7 +29,7 @@ _ONE = ", and the uniform form takes one; keep one of them, or use the form bloc
 
 @Asking(2, most=1)
 def uniform(plant: System) -> Form:
-    """The plant in uniform form z_i' = F_i(z_1..z_(i+1), u), y = h(z_1, u), by permutation.
+    """Return the plant in uniform form z_i' = F_i(z_1..z_(i+1), u), y = h(z_1, u), by permutation of its states.
 
     Checks: `uniform.structure`; `uniform.slope_1` (dh/dz_1) .. `uniform.slope_n` (dF_{n-1}/dz_n), each bounded away
     from zero; `uniform.lipschitz` (F and h are Lipschitz in the state). A plant without the structure keeps its own

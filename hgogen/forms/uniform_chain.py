@@ -33,18 +33,20 @@ _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
 class NoUniformChain(NoForm):
-    """The error for a plant not proved to have coordinates xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
+    """The error that a plant is not proved to have coordinates xi with xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
 
 
 @Asking(5, most=1, costly=True, slow=True)
 def uniform_chain(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
-    """The plant as xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u'), y = xi_1 + o(u), or in its own coordinates with dxi/dx.
+    """Return the plant as a chain of integrators xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u'), y = xi_1 + o(u); or the
+    plant in its own coordinates, with dxi/dx, where the map xi(x) has no inverse in formulas, or is not proved to be
+    smooth and one to one.
 
-    With `original` the plant always keeps its coordinates: b and u' are then not needed. With `recovered` an observer
-    evaluates b at Psi(xi) clamped to the plant's ranges, as it always does where b may have poles in the box of xi. No
-    bound on theta is then proved.
+    Args: `original`: the plant always keeps its coordinates; b and u' are then not needed. `recovered`: an observer
+    evaluates b at Psi(xi), the inverse of xi(x), clamped to the plant's ranges, as it always does where b may have
+    poles in the box of xi. No bound on theta is then proved.
 
-    Checks: `uniform_chain.structure` (y reads one state, each row reads one new state, and xi has no jump or kink);
+    Checks: `uniform_chain.structure` (y depends on one state, each rate on one new state, and xi has no jump or kink);
     `uniform_chain.slope_1` (c) .. `uniform_chain.slope_n` (dF_{n-1}/dz_n), each bounded away from zero;
     `uniform_chain.smooth` (xi is differentiable and finite on the box); `uniform_chain.inputs` (u' has a range where it
     occurs); `uniform_chain.lipschitz` (b, as a function of xi).

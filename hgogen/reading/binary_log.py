@@ -25,17 +25,17 @@ Arrays = dict[str, np.ndarray]
 
 
 class Damaged(ValueError):
-    """A file that could not be read; the text says why."""
+    """The error that a log file could not be read; its text gives the reason."""
 
 
 class Unsupported(ValueError):
-    """A version of a file format that cannot be read."""
+    """The error that a file has a version of its format that cannot be read."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns (N,) by name; where they have clocks of their own, the name of each one's times, which count in s, and
-    units."""
+    """The columns of a log file. `arrays`: the values (N,) of each column by name; `clocks`: for a column with its own
+    times, the name of the column of these times, in s; `units`: the unit of a column, where the file has one."""
 
     arrays: Arrays
     clocks: dict[str, str] = field(default_factory=dict)
@@ -43,7 +43,9 @@ class Columns:
 
 
 def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Columns:
-    """Return the columns of a file of a kind. Raises: `Damaged`; `Unsupported`."""
+    """Return the columns of a binary log file with this `content`, of the `kind` "parquet", "mat", "xlsx", "ulog" or
+    "mdf". It is read in a process of its own, with limited memory, for at most `seconds`. Raises: `Damaged`;
+    `Unsupported`."""
     command = [sys.executable, "-P", __file__, kind]
     environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
     try:
@@ -69,8 +71,8 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Columns:
 
 
 def frame_columns(frame: Any) -> Arrays:
-    """Return the columns of a DataFrame by name, with its index if that has a name or holds times. Numbers and times
-    keep their numpy type, with NaN for a missing number; all other values become texts, "" where one is missing.
+    """Return the columns of a DataFrame by name, together with its index if this has a name or holds times. Numbers and
+    times keep their numpy type, with NaN for a missing number; all other values become texts, "" where one is missing.
     Raises: `ValueError` for several columns of one name."""
     if not frame.columns.is_unique:
         raise ValueError("has several columns of one name; rename all but one")
@@ -163,7 +165,8 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def main() -> None:
-    """Read a file from standard input and write its columns to standard output."""
+    """Read a binary log from standard input and write its columns to standard output: the process that `columns_of`
+    starts."""
     content = sys.stdin.buffer.read()
     try:
         import resource

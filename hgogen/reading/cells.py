@@ -36,19 +36,20 @@ _QUANTITY = re.compile(rf"([+-]?[\d.,](?:[\d.,]|{_BLANK.pattern})*(?:[eE][+-]?\d
 
 
 class BadRecord(BadArgument):
-    """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
+    """The error that a log cannot be read; the message names the file, what is wrong and the fix."""
 
     text = "{what}: {reason}"
 
 
 class Undecided(ValueError):
-    """Cells that can be read in two ways; the text names one, and the option that decides."""
+    """The error that cells can be read in two ways; the text names one cell, and the option that decides."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column as numbers (N,), NaN where a cell is empty, `blank` (N,), or no finite number, such as `example`; the
-    `unit` of the numbers, "" for none; `notes`: what was decided on reading."""
+    """A column of a log as numbers. `values` (N,): the numbers, NaN for an empty cell and for one that is no finite
+    number; `blank` (N,): which cells are empty; `example`: a cell that is no number, "" without any; `unit`: that of
+    the numbers, "" for none; `notes`: the decisions made on reading, for the report."""
 
     name: str
     values: np.ndarray
@@ -64,15 +65,16 @@ class Column:
 
     @property
     def not_numbers(self) -> int:
-        """The number of cells that are neither empty nor a finite number; NaN is not a finite number."""
+        """The number of cells that are neither empty nor a finite number; a cell NaN counts."""
         return int(np.count_nonzero(np.isnan(self.values))) - self.empty
 
     def select_rows(self, rows: np.ndarray) -> "Column":
-        """Return the column in the given rows (N,), a mask or indices, only."""
+        """Return the column in some rows only; `rows`: a mask (N,) or indices."""
         return replace(self, values=self.values[rows], blank=self.blank[rows])
 
     def without_codes(self) -> "Column":
-        """Return the column with empty cells for a code of a missing number, far from all other numbers."""
+        """Return the column with empty cells in place of a code for a missing number, such as -999, that is far below
+        all other numbers."""
         for code in CODES:
             coded = self.values == code
             others = self.values[np.isfinite(self.values) & ~coded]
@@ -88,8 +90,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a log that are taken: from `begin` to `end`, a time or "row:100", and of these one in
-    `every`."""
+    """The selection of rows of a log: from `begin` to `end`, each a time or "row:100", and one in `every` of these."""
 
     begin: str | None = None
     end: str | None = None
@@ -111,12 +112,13 @@ NUMBERS: Mapping[DecimalSign, re.Pattern[str]] = {".": _pattern(r"\.", ","), ","
 
 
 def signs_of(cell: str) -> list[DecimalSign]:
-    """Return the decimal signs with which a cell is a number."""
+    """Return the decimal signs, "." or ",", with which a cell can be read as a number; empty for a cell that is no
+    number."""
     return [sign for sign, pattern in NUMBERS.items() if pattern.fullmatch(cell)]
 
 
 def decimal_signs(cells: Iterable[str]) -> set[DecimalSign]:
-    """Return the decimal signs of the cells that are a number with one sign only."""
+    """Return the decimal signs, "." or ",", of those cells that can be read as a number in one way only."""
     every = (signs_of(cell) for cell in cells if "," in cell or "." in cell)
     return {signs[0] for signs in every if len(signs) == 1}
 
@@ -124,8 +126,9 @@ def decimal_signs(cells: Iterable[str]) -> set[DecimalSign]:
 def with_points(
     cells: Sequence[str], decimal: DecimalSign | None, others: Callable[[], set[DecimalSign]]
 ) -> tuple[Sequence[str], tuple[str, ...]]:
-    """Return numbers with decimal points and without separators of thousands, and notes. `decimal`: the decimal sign;
-    None: as the cells tell, or else `others()`, the signs in other columns. Raises: `Undecided`."""
+    """Return the cells with decimal points and without thousands separators, and notes for the report. `decimal`: the
+    decimal sign; None: decided by the cells, or else by `others()`, the signs that occur in other columns. Raises:
+    `Undecided`."""
     if decimal != "," and not _SEPARATED.search("\n".join(cells)) and "," not in others():
         return cells, ()
     cells = [_BLANK.sub("", cell) if _GROUPS.fullmatch(cell) else cell for cell in cells]
@@ -154,8 +157,8 @@ def is_value(cell: str) -> bool:
 
 
 def quantities(cells: Sequence[str]) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the numbers and the units of cells, as of "3.2 V"; all units are "" unless most of the first cells have
-    one."""
+    """Return the numbers and the units of cells such as "3.2 V"; unless most of the first cells have a unit, the cells
+    as they are and "" for each unit."""
     sample = list(islice((cell for cell in cells if cell.lower() not in EMPTY), _SAMPLE))
     if 2 * sum(bool(_with_unit(cell)[1]) for cell in sample) <= len(sample):
         return cells, [""] * len(cells)
@@ -170,7 +173,7 @@ def _with_unit(cell: str) -> tuple[str, str]:
 
 
 def numbers_of(name: str, cells: Sequence[str]) -> Column:
-    """Return cells with decimal points as numbers."""
+    """Return cells with decimal points as a column of numbers; `name`: that of the column."""
     values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
     for first in range(0, len(cells), PIECE):
         piece = cells[first : first + PIECE]
@@ -214,7 +217,8 @@ Part = tuple[tuple[str, ...], int]  # year, month and day with their mark, in th
 
 @dataclass(frozen=True)
 class Stamps:
-    """Times (N,) in s since the first of them, NaN where a cell is none; `dated`: whether they have a date."""
+    """The times of cells: `seconds` (N,) since the first of them, NaN for a cell that is no time; `dated`: whether they
+    have a date; `notes`: the decisions made on reading."""
 
     seconds: np.ndarray
     dated: bool = False
@@ -227,14 +231,14 @@ def is_stamp(cell: str) -> bool:
 
 
 def has_dates(cells: Iterable[str]) -> bool:
-    """Return whether a cell is a date."""
+    """Return whether one of the cells is a date."""
     return any(part[0] for part in map(_part, cells) if part)
 
 
 def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: bool = True) -> Stamps:
-    """Return cells as times: ISO 8601; a time of day hh:mm:ss(.fff), with am or pm, or hours that count on; a date with
-    such a time or alone. `order`: of day, month and year; None: as the cells tell. `overnight`: whether times of day
-    without a date run on over midnight. Raises: `Undecided`."""
+    """Return the times in cells: in ISO 8601; a time of day hh:mm:ss(.fff), with am or pm, or with hours above 24; a
+    date with such a time or alone. `order`: the order of day, month and year, None: decided by the cells; `overnight`:
+    whether times of day without a date continue after midnight. Raises: `Undecided`."""
     parts = [_part(cell) for cell in cells]
     dates = {part[0] for part in parts if part and part[0]}
     timed = {k: part for k, part in enumerate(parts) if part and bool(part[0]) == bool(dates)}
@@ -253,7 +257,8 @@ def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: b
 
 
 def _readings(parts: Sequence[Part], order: DateOrder | None) -> dict[DateOrder, np.ndarray]:
-    """Return the times (N,) in ns since the first one, by each order in which all dates are."""
+    """Return the times (N,) in ns since the first one, for each order of day, month and year in which all dates are
+    valid."""
     keys, clock = zip(*parts, strict=True)
     readings = dict[DateOrder, np.ndarray]()
     for each in get_args(DateOrder):
@@ -265,7 +270,8 @@ def _readings(parts: Sequence[Part], order: DateOrder | None) -> dict[DateOrder,
 
 
 def _running(readings: Mapping[DateOrder, np.ndarray], example: str) -> tuple[np.ndarray, list[str]]:
-    """Return the times (N,) of the orders whose longest pause is the shortest, with a note. Raises: `Undecided`."""
+    """Return the times (N,) in the order of day, month and year that makes the longest pause shortest, with a note.
+    Raises: `Undecided`."""
     if not readings:
         raise Undecided(f"dates such as {example!r}, which are not all in one order of day, month and year")
     pauses = {each: int(np.abs(np.diff(at)).max(initial=0)) for each, at in readings.items()}
@@ -289,7 +295,7 @@ def _part(cell: str) -> Part | None:
 
 
 def _iso(cell: str) -> Part | None:
-    """Return a time in another notation of ISO 8601, as 20260301T100000 or of weeks."""
+    """Return a time in another notation of ISO 8601, such as 20260301T100000 or with weeks; None for no time."""
     if not ("T" in cell or "W" in cell) or not cell[:4].isdigit():
         return None
     try:
@@ -302,7 +308,8 @@ def _iso(cell: str) -> Part | None:
 
 
 def _nanoseconds(clock: Mapping[str, str | None]) -> int | None:
-    """Return the time of day of the groups of a match, None for none, as 25:00 with am."""
+    """Return the time of day in ns from the groups of a match of `_STAMP`; None if it is invalid, such as 25:00 with
+    am."""
     hours, minutes, whole = (int(clock[key] or 0) for key in "hms")
     if clock["half"]:
         if not 1 <= hours <= 12:
@@ -321,7 +328,7 @@ def _nanoseconds(clock: Mapping[str, str | None]) -> int | None:
 
 
 def _day(key: tuple[str, ...], order: DateOrder) -> int | None:
-    """Return the number of the day of a date whose parts are in that order, None if they are not."""
+    """Return the day number of a date whose parts have this order; None if they are invalid in it."""
     parts = dict(zip(order, (key[0], key[2], key[3]), strict=True))
     year, short = parts["y"], all(len(part) < 3 or part.isalpha() for part in parts.values())
     if (

@@ -34,7 +34,7 @@ Pairs = Iterable[tuple[Graph, Signal | Iterable[Signal]]]
 
 
 class BadGraph(BadArgument):
-    """An inconsistent CasADi model; the sentence names the part and the fix."""
+    """The error that a CasADi model is inconsistent; the message names the part and the fix."""
 
     text = "CasADi model {what!r}: {reason}"
 
@@ -50,16 +50,16 @@ def from_casadi(
     parameters: Pairs = (),
     time: str = "s",
 ) -> System:
-    """Return the System of a CasADi model.
+    """Return the System of a model whose equations are CasADi graphs.
 
     Args: `states`, `inputs`, `parameters`: pairs (symbol, Signal), or (vector symbol, a Signal for each entry); the
-    symbols all SX or all MX. `flow` (n) and `output` (p): graphs of them, or lists of scalar graphs. `time`: as of
-    `hg.System`.
+    symbols all SX or all MX. `flow` (n) and `output` (p): graphs of these symbols, or lists of scalar graphs. `time`:
+    as of `hg.System`.
 
-    A float in a graph becomes the rational of its shortest decimal.
+    A float in a graph becomes the rational number of its shortest decimal.
 
-    Raises: `BadGraph` for symbols that are none, are given twice or are missing, for MX that does not expand to SX, and
-    for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
+    Raises: `BadGraph` for a symbol that is no CasADi symbol, occurs twice or is undeclared, for MX that does not expand
+    to SX, and for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
     """
     groups = {"states": states, "inputs": inputs, "parameters": parameters}
     declared = {kind: _pairs(name, kind, pairs) for kind, pairs in groups.items()}
@@ -127,7 +127,7 @@ MOST = 2000  # points, so that a certificate holds their text, 100 000 character
 
 
 class BadTable(BadArgument):
-    """An invalid table; the sentence names it and the fix."""
+    """The error that a table is invalid; the message names the table and the fix."""
 
     text = "table {what!r}: {reason}"
 
@@ -173,8 +173,8 @@ def _argument(name: str, x: Any) -> sp.Expr:
 
 
 def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
-    """Return the table with the breakpoints `axes` (one list or two) and its `values`; `kind` and errors as of
-    `table`."""
+    """Return the table with these breakpoints and values. `axes`: one list of breakpoints, or two for a map; `values`:
+    at the breakpoints; `kind`, `name` and errors as of `table`."""
     check_name(name)
     if name in NAMES:
         raise BadTable(name, "has the name of a function; choose another")
@@ -263,15 +263,16 @@ def _number(name: str, what: str, value: Any) -> Fraction:
 def with_disturbance(
     plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str | None = None
 ) -> System:
-    """Return the plant with an unknown input d, a further state, that is added to the rate of a state.
+    """Return the plant with an unknown input d that is added to the rate of one state, and is itself a further state,
+    d' = 0.
 
-    Args: `on` the state whose rate has d, or its name; `order` the number of states of the input: d, and from 2 on its
-    derivatives, named NAME_dot, NAME_ddot, ..; `signal` the input, whose range is that of its estimate, and whose
-    `rates` are the ranges of the derivatives, one for each from order 2 on; `name` the new plant's, by default the
-    plant's own.
+    Args: `on`: the state whose rate contains d, or its name; `order`: the number of states of the disturbance: d, and
+    from 2 on its derivatives, named NAME_dot, NAME_ddot, ..; `signal`: d, whose range is that of its estimate, and
+    whose `rates` are the ranges of the derivatives, one for each from order 2 on; `name`: that of the new plant, by
+    default the plant's own.
 
-    `hg.observability`, `hg.survey` and the checks of a form say whether d is observable too. Raises: `BadSystem` for an
-    unknown state, a missing range, a recast plant or a name in use.
+    `hg.observability`, `hg.survey` and the checks of a form report whether d is observable. Raises: `BadSystem` for an
+    unknown state, a missing range, a plant in new coordinates (`recast`) or a name in use.
     """
     if plant.origin is not None:
         fix = "give the disturbance to the plant that it was recast from, and recast that"

@@ -44,7 +44,7 @@ from hgogen.sentence import NONE, Reason, because
 
 
 class Demand(NamedTuple):
-    """A condition under which an expression has a real value: `expression` is not zero (relation "=") or not negative
+    """A condition for an expression to have a real value: `expression` is not zero (`relation` "="), or not negative
     ("<")."""
 
     relation: str
@@ -82,8 +82,8 @@ def power_demands(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 
 
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
-    """Return the conditions of real values that the text as `written` makes and its `reading` by SymPy does not, each
-    once."""
+    """Return, without repetitions, the conditions for a real value that the text as `written` has, but its `reading` by
+    SymPy does not have, such as x != 0 of x/x."""
     written = dict.fromkeys(written)
     demanded: set[Demand] = set()
     for node in parts(reading) if written else ():
@@ -122,15 +122,16 @@ def _zeros(value: sp.Expr) -> Iterator[Demand]:
 
 @dataclass(frozen=True)
 class Fold:
-    """A text, the expression that SymPy makes of it (`reading`), and the conditions of real values that SymPy `lost`,
-    as x != 0 of x/x."""
+    """The result of reading a text: the expression `reading` that SymPy makes of it, and the conditions for a real
+    value that SymPy `lost`, such as x != 0 of x/x."""
 
     text: str
     reading: sp.Expr
     lost: tuple[Demand, ...]
 
     def on(self, box: Box) -> Reason:
-        """Return a sentence on the places in the closed box where reading and text differ; `NONE` without any."""
+        """Return a reason that names the places in a closed box where the expression has a value but the text has none;
+        `NONE` without any."""
         places: dict[sp.Expr, str] = {}
         for relation, a in self.lost:
             if not _met(relation, a, box):
@@ -167,10 +168,10 @@ NO_TABLES: Mapping[str, Cells] = MappingProxyType({})
 
 
 def parse(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NO_TABLES) -> sp.Expr:
-    """Return the SymPy expression of a text.
+    """Return a text as a SymPy expression.
 
     Args: `symbols`: every declared name with its symbol; a declared name has precedence over pi, E and, unless an
-    opening parenthesis follows, over a function. `tables` by name; no table has the name of a function.
+    opening parenthesis follows, over a function; `tables`: the tables by name; no table has the name of a function.
 
     Raises: `BadExpression` for a text outside the grammar, too long, too deep, or with numbers too large; for a
     division by zero and for a value that is not real.
@@ -179,8 +180,8 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cell
 
 
 def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NO_TABLES) -> Fold:
-    """Return the expression of a text with the conditions of real values that SymPy lost; arguments and errors as of
-    `parse`."""
+    """Return a text as a SymPy expression, together with the conditions for a real value that SymPy lost; arguments and
+    errors as of `parse`."""
     if not isinstance(text, str):
         raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
     if len(text) > CHARACTERS:
@@ -214,7 +215,7 @@ _FIXES = {
 
 @dataclass(eq=False)
 class BadExpression(HgogenError):
-    """A text outside the grammar, or without a finite real value; `column` counts from 1."""
+    """The error that a text is outside the grammar, or has no finite real value; `column` counts from 1."""
 
     source: str
     column: int
@@ -236,7 +237,8 @@ class Token(NamedTuple):
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """Yield the tokens of a text, the last of the kind "end". Raises: `BadExpression` for an unknown character."""
+    """Yield the tokens of a text, the last of the kind "end". Raises: `BadExpression` for a character outside the
+    grammar."""
     for match in _TOKEN.finditer(text):
         kind = str(match.lastgroup)
         token = Token(kind, match[kind], match.start(kind) + 1)

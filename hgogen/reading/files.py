@@ -30,7 +30,7 @@ SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a
 
 
 class Unread(BadArgument):
-    """A path whose content was not read."""
+    """The error that the content of a path cannot be read, or is refused."""
 
     text = "{what}: {reason}"
 
@@ -83,7 +83,8 @@ READERS: dict[str, Callable[[str], Any]] = {
 
 
 def declares(path: Path) -> bool:
-    """Return whether a file declares a plant; a file with a syntax error may be meant to, and counts."""
+    """Return whether a TOML or JSON file declares a plant; a file with a syntax error counts as one, since it may be
+    intended."""
     try:
         table = READERS[path.suffix](content_of(path, BYTES).decode("utf-8-sig"))
     except Unread:
@@ -102,23 +103,23 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 class BadFileName(BadArgument):
-    """A quoted name that cannot be part of a path."""
+    """The error that a name cannot be part of a path."""
 
     text = "the name {what} {reason}; it becomes part of the names of files: take letters, digits, - and _"
 
 
 def quoted(name: Any) -> str:
-    """Return a name for a sentence, quoted and cut to 60 characters."""
+    """Return a value as text for a message, in quotes and shortened to 60 characters."""
     return cut(repr(name))
 
 
 def cut(text: str, most: int = 60) -> str:
-    """Return a text for a sentence, cut to `most` characters."""
+    """Return a text shortened to `most` characters, for a message."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def file_name_fault(name: str) -> str:
-    """Return why a name cannot be part of a path, "" if it can."""
+    """Return the reason why a name cannot be part of a path, "" if it can."""
     if not name:
         return "is empty"
     if len(name.encode(errors="surrogatepass")) > LONGEST:
@@ -140,5 +141,5 @@ def demand_file_name(name: str) -> str:
 
 
 def name_key(name: str) -> str:
-    """Return a key that is equal for names that differ only in case, or in how accents are encoded."""
+    """Return a key of a file name, equal for names that differ only in case, or in the encoding of accents."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())

@@ -36,9 +36,9 @@ S = TypeVar("S", bound=sp.Symbol)
 
 @dataclass(eq=False)
 class BadGain(HgogenError):
-    """A gain of the wrong length, sign or kind; the sentence names it and the fix.
+    """The error that an argument, such as a gain, has the wrong length, sign or kind; the message names it and the fix.
 
-    `because`: the check that gives the reason, if there is one; `fix`: the remedy in that case.
+    `because`: the check that gives the reason, or None; `fix`: the remedy in this case.
     """
 
     gain: str
@@ -52,8 +52,8 @@ class BadGain(HgogenError):
 
 
 def reals(name: str, value: Any) -> np.ndarray:
-    """Return `value`, a number or an array, as floats, NaN where it is masked. Raises: `BadGain`, with `name`, for
-    anything else."""
+    """Return a number or an array from the user as an array of floats, NaN where it is masked. Raises: `BadGain`, which
+    names the argument `name`, for anything else."""
     try:
         array = np.asarray(unmasked(value))
         if value is None or array.dtype.kind in "USc":  # numpy would convert these to NaN or numbers, or truncate
@@ -64,7 +64,8 @@ def reals(name: str, value: Any) -> np.ndarray:
 
 
 def real(name: str, value: Any) -> float:
-    """Return a number as a float. Raises: `BadGain` for anything else."""
+    """Return a number from the user as a float. Raises: `BadGain`, which names the argument `name`, for anything
+    else."""
     array = reals(name, value)
     if array.ndim:
         raise BadGain(f"{name} of shape {array.shape}", "must be a single number")
@@ -72,7 +73,8 @@ def real(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """Return a number above 0 as a float. Raises: `BadGain` for anything else."""
+    """Return a positive finite number from the user as a float. Raises: `BadGain`, which names the argument `name`, for
+    anything else."""
     number = real(name, value)
     if not 0 < number < np.inf:
         raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
@@ -80,7 +82,8 @@ def positive(name: str, value: Any) -> float:
 
 
 def names(what: str, value: Any) -> tuple[Any, ...]:
-    """Return names or signals as a tuple; one alone may be given without a list. Raises: `BadGain`."""
+    """Return names or signals from the user as a tuple; a single one needs no list. Raises: `BadGain`, which names the
+    argument `what`, for anything else."""
     if isinstance(value, str | sp.Symbol):
         return (value,)
     if not isinstance(value, Iterable):
@@ -91,8 +94,9 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
 def signals_named(
     what: str, value: Any, signals: Iterable[S], unknown: Callable[[str, str], HgogenError]
 ) -> tuple[S, ...]:
-    """Return the `signals` that `value` lists, by name or as signals, in the order of `signals`. Raises:
-    `BadGain` if `value` holds no names; for an unknown name the error `unknown(name, suggestion)`."""
+    """Return the `signals` that the user lists in `value`, by name or as signals, in the order of `signals`. Raises:
+    `BadGain`, which names the argument `what`, if `value` holds no names; the error `unknown(name, suggestion)` for an
+    unknown name."""
     every = {str(signal): signal for signal in signals}
     wanted = set(map(str, names(what, value)))
     for name in sorted(wanted.difference(every)):
@@ -102,12 +106,13 @@ def signals_named(
 
 
 def among(value: object, choices: Iterable[str | None]) -> bool:
-    """Return whether `value` is None or a text, and one of the choices; an array or a list is not."""
+    """Return whether `value` is one of the choices, each a text or None; False for an array or a list."""
     return (value is None or isinstance(value, str)) and value in choices
 
 
 def count(name: str, value: Any, low: int, high: int) -> int:
-    """Return a whole number from `low` to `high`. Raises: `BadGain` for anything else."""
+    """Return a whole number from the user, from `low` to `high`. Raises: `BadGain`, which names the argument `name`,
+    for anything else."""
     number = real(name, value)
     if isinstance(value, bool) or not low <= number <= high or number != round(number):
         raise BadGain(f"{name} = {value!r}", f"must be a whole number, from {low} to {high}")
@@ -115,8 +120,8 @@ def count(name: str, value: Any, low: int, high: int) -> int:
 
 
 def unmasked(value: Any) -> Any:
-    """Return the value with NaN for each masked entry, also in arrays inside sequences. Raises: `TypeError`,
-    `ValueError` if a masked array holds no numbers."""
+    """Return a value from the user with NaN in place of each masked entry, also in arrays inside sequences. Raises:
+    `TypeError`, `ValueError` if a masked array holds no numbers."""
     if isinstance(value, np.ma.MaskedArray):
         return np.ma.filled(value.astype(float), np.nan)
     if isinstance(value, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in value):
@@ -125,7 +130,8 @@ def unmasked(value: Any) -> Any:
 
 
 def scalar(value: Any, what: str) -> sp.Expr:
-    """Return a number or an expression as a SymPy expression. Raises: `Misfit`."""
+    """Return a number or an expression from the user as a SymPy expression. Raises: `Misfit` with `what`, the name of
+    the argument."""
     try:
         expression = sp.sympify(value, strict=True)
     except (sp.SympifyError, TypeError):
@@ -136,7 +142,8 @@ def scalar(value: Any, what: str) -> sp.Expr:
 
 
 def limits(what: str, boxes: int, relative: float = 0.0) -> None:
-    """Raise `Misfit` unless the number of boxes is at least 1, and `relative` is a number from 0 on."""
+    """Check the limits of a bisection: raise `Misfit` unless the number of boxes is at least 1, and `relative` is a
+    number from 0 on."""
     if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:
         raise Misfit(f"{what}, boxes=", boxes, "a whole number from 1 on")
     if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative <= float_info.max:
@@ -152,7 +159,7 @@ _ANSWERS = 64  # cached results of each function
 
 @dataclass(eq=False)
 class Misfit(HgogenError):
-    """A `value` of the wrong kind; `wanted` says what to give instead."""
+    """The error that an argument `what` has a `value` of the wrong kind; `wanted`: what to give instead."""
 
     what: str
     value: Any
@@ -165,8 +172,9 @@ class Misfit(HgogenError):
 def requires(
     kind: type | tuple[type, ...], wanted: str, plant_of: Callable[[Any], System] | None = None
 ) -> Callable[[Decorated], Decorated]:
-    """Return a decorator that raises `Misfit`, "give `wanted`", unless the function's first argument is of the type
-    `kind`, and `DiscretePlant` where its plant, by `plant_of`, is no x' = f(x, u)."""
+    """Return a decorator for functions whose first argument must be of the type `kind`: another raises `Misfit`, with
+    the fix "give `wanted`". With `plant_of`, the function from this argument to its plant, a plant that is not x' =
+    f(x, u) raises `DiscretePlant`."""
 
     def guards(function: Decorated) -> Decorated:
         name = next(iter(signature(function).parameters))
@@ -186,13 +194,13 @@ def requires(
 
 
 def demand_switch(what: str, value: object) -> None:
-    """Raise `Misfit` for anything but True or False."""
+    """Raise `Misfit` for a `value` other than True or False of the argument `what`."""
     if not isinstance(value, bool | np.bool_):
         raise Misfit(what, value, "True or False")
 
 
 def requires_switches(function: Decorated) -> Decorated:
-    """Return the function with a check that its keywords of type bool are True or False. Raises: `Misfit`."""
+    """Return the function with a check that its arguments of type bool are True or False. Raises: `Misfit`."""
     names = [each.name for each in signature(function).parameters.values() if each.annotation in (bool, "bool")]
 
     @wraps(function)
@@ -211,8 +219,8 @@ requires_form = requires(Form, "a form: hg.forms.triangular(plant)", lambda form
 
 
 def cached(function: Decorated) -> Decorated:
-    """Return the function with a cache of its last results: surveys, candidate observers and commands repeat questions
-    on a plant or form. Calls with unhashable arguments are not cached."""
+    """Return the function with a cache of its last results, because surveys, candidate observers and commands repeat
+    questions about a plant or form. Calls with unhashable arguments are not cached."""
 
     @lru_cache(maxsize=_ANSWERS)
     def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
@@ -231,7 +239,7 @@ def cached(function: Decorated) -> Decorated:
 
 
 def has_expressions(value: Any) -> bool:
-    """Whether numbers by name have expressions among them."""
+    """Return whether a mapping of numbers by name contains an expression."""
     return isinstance(value, Mapping) and any(isinstance(each, str | sp.Basic) for each in value.values())
 
 
@@ -248,7 +256,7 @@ _SIZE = "must be a finite number, not negative"
 
 
 class BadNames(BadArgument):
-    """Values by name with a name that is missing, unknown or given twice."""
+    """The error that in values by name a name is missing, unknown or occurs twice."""
 
 
 def in_order(
@@ -260,12 +268,12 @@ def in_order(
     aliases: Mapping[str, str] = NOTHING,
     elsewhere: Mapping[str, str] = NOTHING,
 ) -> Any:
-    """Return the values of a mapping as a list in the order of `names`; anything but a mapping is returned as it is.
+    """Return the values of a mapping as a list in the order of `names`; anything but a mapping is returned unchanged.
 
-    `names`: optionally a mapping from each name to its description in a sentence; `default`: the values of names that
-    may be left out; `aliases`: other names for these; `elsewhere`: for names that are none of these, the reason.
+    `names`: may map each name to its description in messages; `default`: the values of names that may be left out;
+    `aliases`: other spellings of names; `elsewhere`: for names outside of `names`, the reason in the message.
 
-    Raises: `BadNames`.
+    Raises: `BadNames`, which names the argument `what`.
     """
     if not isinstance(values, Mapping):
         return values
@@ -297,8 +305,8 @@ def _unknown(name: Any, labels: Mapping[str, str]) -> str:
 
 
 def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
-    """Return the diagonal (n), or the rows of a symmetric matrix (n, n), of a quadratic form in the order of `names`,
-    from a mapping by names; anything but a mapping is returned as it is. `others`: further arguments of `in_order`.
+    """Return the diagonal (n), or the rows (n, n), of a symmetric matrix in the order of `names`, from a mapping by
+    name; anything but a mapping is returned unchanged. `others`: further arguments of `in_order`.
 
     An entry off the diagonal may be given in one of its two rows only; an entry in neither row is 0.
 
@@ -320,9 +328,10 @@ def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[st
 
 
 def by_coordinate(what: str, values: Any, form: Form) -> Any:
-    """Return the diagonal (n), or the rows of a symmetric matrix (n, n), in the order of the form's coordinates z, from
-    a mapping by `Form.names`. Where z_i is minus a state, the values are those of the state. Raises: `BadNames`; for a
-    state that is no coordinate it says which names to give instead."""
+    """Return the diagonal (n), or the rows (n, n), of a symmetric matrix in the order of the form's coordinates z, from
+    a mapping by `Form.names`; anything but a mapping is returned unchanged. Where z_i is minus a state, the values are
+    those of the state. Raises: `BadNames`; for a state that is no coordinate its message says which names to give
+    instead."""
     if not isinstance(values, Mapping):  # skip the definitions of the names, which are long in a phase form
         return values
     entry = zip(form.names, form.entry, strict=True)  # a coordinate other than a state or its negative has a definition
@@ -338,7 +347,8 @@ def by_coordinate(what: str, values: Any, form: Form) -> Any:
 
 
 def by_output(what: str, values: Any, form: Form) -> Any:
-    """Return the values of a mapping by the names of the plant's outputs, in their order. Raises: `BadNames`."""
+    """Return the values of a mapping by name of the plant's outputs, in the order of the outputs. Raises:
+    `BadNames`."""
     return in_order(what, values, names_of(form.system.outputs))
 
 
@@ -348,7 +358,8 @@ def names_of(signals: Iterable[sp.Symbol]) -> tuple[str, ...]:
 
 
 def values_by_name(field: Field) -> dict[str, float] | list[float] | float:
-    """Return a field's values, by the names of its elements if they have names."""
+    """Return the initial values of a field of the program: by name if its elements have names, else a list, or a single
+    number."""
     values = [float(value) for value in field.initial]
     if field.labels:
         return dict(zip(field.labels, values, strict=True))
@@ -356,7 +367,7 @@ def values_by_name(field: Field) -> dict[str, float] | list[float] | float:
 
 
 def gains_by_name(gains: Iterable[Field]) -> dict[str, Any]:
-    """Return the values of gains by name, those of several coordinates or outputs by the name of each."""
+    """Return the values of gains by name; for a gain with several elements, those by the names of states or outputs."""
     return {gain.name: values_by_name(gain) for gain in gains}
 
 
@@ -364,7 +375,7 @@ FACTORED = "y y'"  # the unit of the gain R where it is D of R = L D L'
 
 
 def field_text(field: Field) -> str:
-    """Return a field's values as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
+    """Return the initial values of a field of the program as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
     values, name = values_by_name(field), f"D of {field.name} = L D L'" if field.unit == FACTORED else field.name
     if isinstance(values, dict) and len(values) > 1:
         return f"{name} = {_braces({name: tidy(value) for name, value in values.items()})}"
@@ -372,7 +383,8 @@ def field_text(field: Field) -> str:
 
 
 def matrix_line(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
-    """Return a line for the banner with the rows, by state, of a matrix (n, n) that is not diagonal."""
+    """Return a line for the banner of the generated code with the rows, by state, of a matrix (n, n); () if it is
+    diagonal."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return ()
     rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
@@ -396,21 +408,23 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
 
 
 def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
-    """Return exact numbers from 0 on (error sizes, noise) in the order of `names`, from a mapping by name, the default
-    for a missing one. Raises: `BadNames`, `BadGain`."""
+    """Return exact nonnegative numbers, such as sizes of errors or noise, in the order of `names`, from a mapping by
+    name; `default` for a missing name. Raises: `BadNames`, `BadGain`."""
     each = each_by_name(what, values, names, default)
     return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
 
 
 def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
-    """Return the values of a mapping in the order of `names`, the default for a missing one. Raises: `BadNames`."""
+    """Return the values of a mapping by name in the order of `names`, `default` for a missing name. Raises:
+    `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
 
 
 def size(what: str, value: Any) -> Fraction:
-    """Return a finite number from 0 on, exactly. Raises: `BadGain` for anything else."""
+    """Return a finite nonnegative number from the user as an exact fraction. Raises: `BadGain`, which names the
+    argument `what`, for anything else."""
     number = real(what, value)
     if isinstance(value, bool) or not 0 <= number < math.inf:
         raise BadGain(f"{what} = {value if isinstance(value, bool) else f'{number:g}'}", _SIZE)

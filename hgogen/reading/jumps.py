@@ -30,12 +30,13 @@ _SAME = 0.03  # relative difference of two turns that count as one
 
 
 class JumpsByTurn(ReportedWarning):
-    """Samples of an output without a period that jump by a whole turn."""
+    """The warning that samples of an output jump by a whole turn although the output has no declared period."""
 
 
 def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | None:
-    """Return the number of the sample after the first jump by a `turn` in a course (N,), NaN where missing; None if it
-    is no course of an angle in one turn. `through`: whether it must pass the middle of the turn."""
+    """Return the index of the first sample after a jump by a `turn`, of samples (N,) of an angle that is wrapped into
+    one turn, NaN where missing; None if they are no such angle. `through`: whether the angle must pass through the
+    middle of the turn."""
     there = np.flatnonzero(np.isfinite(values))
     course = values[there]
     if len(course) < _LEAST or np.ptp(course) > (1 + (_BEYOND if through else _HARDLY)) * turn:
@@ -59,9 +60,9 @@ def first_jump(values: np.ndarray, turn: float, through: bool = True) -> int | N
 
 
 def turn_of(signal: Signal, values: np.ndarray, widths: Iterable[float]) -> tuple[float, int] | None:
-    """Return the turn by which the course (N,) of a signal jumps, of radians, of degrees, one of the `widths` of
-    declared ranges, a power of two, as of counts, or a round number that the course fills, as of 400 gon, with the
-    number of the first sample after it; None without one."""
+    """Return the turn by which samples (N,) of a signal jump, with the index of the first sample after a jump; None
+    without one. Tried are 2 pi, 360, the `widths` of declared ranges, a power of two (counts of an encoder), and a
+    round number that is the width of the samples' range, such as 400 (gon)."""
     course = values[np.isfinite(values) & (np.abs(values) < _LARGEST)]
     if len(course) < _LEAST or 2 * (1 + _BEYOND) * np.abs(np.diff(course)).max() < np.ptp(course):
         return None  # a jump is longer than half of a turn, which the course hardly leaves
@@ -82,8 +83,9 @@ Course = tuple[int, Signal, tuple[float, ...], str]
 
 
 def unwrapped_outputs(plant: System) -> tuple[Course, ...]:
-    """Return for each output without a declared period its index, the signal, the widths of the declared ranges of it
-    and of the state that it equals, and the names of what would have the period: its own, and those of states in it."""
+    """Return, for each output without a declared period, its index, its signal, the widths of the declared ranges of
+    the output and of the state that it equals, and the names for which a period would have to be declared: the output's
+    and those of the states in it."""
     courses = []
     for j, (y, row) in enumerate(zip(plant.outputs, plant.output, strict=True)):
         if y.period is None:
@@ -95,8 +97,8 @@ def unwrapped_outputs(plant: System) -> tuple[Course, ...]:
 
 
 def jumps_by_turns(courses: Iterable[Course], samples: np.ndarray, dt: float, time: str) -> Iterator[str]:
-    """Yield a sentence for each of the outputs whose column of `samples` (N, p), one each `dt` in the unit `time`,
-    jumps by a whole turn."""
+    """Yield a sentence for each of the outputs whose samples jump by a whole turn. `courses`: the result of
+    `unwrapped_outputs`; `samples` (N, p): one row each `dt`, in the unit `time`."""
     for j, y, widths, names in courses:
         column = samples[:, j]
         jump = turn_of(y, column, widths)
@@ -113,8 +115,8 @@ def jumps_by_turns(courses: Iterable[Course], samples: np.ndarray, dt: float, ti
 
 
 def other_angle(signal: Signal, values: np.ndarray) -> str | None:
-    """Return "degrees" for the course (N,) of a periodic signal that is declared in radians and jumps by 360, "radians"
-    for the converse, else None."""
+    """Return "degrees" if samples (N,) of a periodic signal that is declared in radians jump by 360, "radians" for the
+    converse, else None."""
     pairs = {"degrees": (RADIANS, DEGREES), "radians": (DEGREES, RADIANS)}
     return next(
         (
@@ -127,5 +129,5 @@ def other_angle(signal: Signal, values: np.ndarray) -> str | None:
 
 
 def written(turn: float) -> str:
-    """Return a turn as text, as it is declared."""
+    """Return a turn as text for a declaration: 2*pi, or the number."""
     return "2*pi" if turn == RADIANS else f"{turn:g}"

@@ -71,9 +71,10 @@ _EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the he
 
 @dataclass(frozen=True)
 class Table:
-    """Header and columns (N,), of cells or, from a library, arrays; `malformed` counts the rows longer than the header,
-    which are left out; `units`: those of a row below the header, by name; `decimal`, `dates`: the decimal sign and the
-    order of dates, None as the cells tell; `read`: the columns read so far."""
+    """A log as a table: the `header` and the `columns` (N,), whose cells are texts or, from a binary file, numbers.
+    `malformed`: the number of rows longer than the header, which are left out; `notes`: the decisions made on reading;
+    `units`: those of a row below the header, by name; `decimal`, `dates`: the decimal sign and the order of day, month
+    and year, None where the cells decide; `read`: a cache of the columns read so far."""
 
     path: str
     header: tuple[str, ...]
@@ -91,7 +92,7 @@ class Table:
         return len(self.columns[0])
 
     def column(self, name: str) -> Column:
-        """Return the column `name` as numbers; a missing value is an empty cell. Raises: `BadRecord`."""
+        """Return the column `name` as numbers; a missing value counts as an empty cell. Raises: `BadRecord`."""
         if name not in self.read:
             self.read[name] = self._read(name)
         return self.read[name]
@@ -150,12 +151,13 @@ class Table:
         return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
     def called(self, name: str) -> str:
-        """Return the header of the only column with this name and a unit in brackets; any other name as it is."""
+        """Return the full header of the only column with this name and a unit in brackets, such as "t [s]" for "t"; any
+        other name unchanged."""
         named = [column for column in self.header if _UNIT.sub("", column).strip() == name]
         return named[0] if len(named) == 1 and name not in self.header else name
 
     def no_column(self, name: str) -> str:
-        """Return a sentence why no single column is called `name`, with the names of the columns."""
+        """Return the sentence that no column, or more than one, is called `name`, with the names of the columns."""
         named = [column for column in self.header if column]
         if name in named:
             return f"has {named.count(name)} columns named {name!r}; rename all but one"
@@ -170,9 +172,10 @@ def log_of(
     decimal: DecimalSign | None = None,
     dates: DateOrder | None = None,
 ) -> Table:
-    """Return the table of a path to a file of any kind, packed by gzip, bzip2 or xz or not, or of a DataFrame.
-    `wanted`: names of columns, or expressions with such names, by which the header of a text is found; `decimal`,
-    `dates`: as of the `Table`. Raises: `BadRecord`; `NotInstalled` if the library for the file is missing."""
+    """Return the log at a path as a table, of any supported kind of file, uncompressed or compressed by gzip, bzip2 or
+    xz; or that in a DataFrame; a `Table` is returned unchanged. `wanted`: names of columns, or expressions with such
+    names, by which the header of a text is recognised; `decimal`, `dates`: as of the `Table`. Raises: `BadRecord`;
+    `NotInstalled` if the library for the file is missing."""
     if isinstance(source, Table):
         return source
     if hasattr(source, "columns") and hasattr(source, "to_numpy"):
@@ -197,8 +200,9 @@ def log_of(
 
 @dataclass(frozen=True)
 class _Head:
-    """A line that may be the header: its number, the delimiter and the names; `values`: how many cells of the rows that
-    fit it are values, less those that are text; `known`: how many of its names are wanted."""
+    """A line of a text log that may be its header: its number, the `delimiter` and the `names`; `values`: the number of
+    cells with a value minus the number with other text, in the rows that fit the header; `known`: the number of its
+    names that are wanted."""
 
     line: int
     delimiter: str
@@ -208,17 +212,19 @@ class _Head:
 
     @property
     def rank(self) -> tuple[bool, float, int]:
-        """The sort key of a header, which is largest."""
+        """The sort key of candidates for the header: the largest wins."""
         return len(self.names) > 1, round(self.values / len(self.names), 6), self.known
 
 
 def table(path: str | Path, content: bytes | None = None, wanted: Iterable[str] = ()) -> Table:
-    """Return the table of the text file at `path`, or of its `content`, whose columns are `wanted`.
+    """Return the table in the text file at `path`, or in its `content`; `wanted`: the names of columns by which its
+    header is recognised.
 
-    Header and delimiter (comma, semicolon, tab, bar, blanks, or two blanks and more) are those with which most cells of
-    the rows are values: the header is a line above them with as many names, perhaps in a comment; of several the one
-    with the most wanted names, else the last that does not hold units. Lines above it, comments, its repetitions and
-    other lines of text are left out. Each line is parsed alone, so a stray quote spoils only its own line.
+    Header and delimiter (comma, semicolon, tab, bar, blanks, or at least two blanks) are those for which most cells of
+    the rows are values. The header is a line above the rows with as many names, perhaps in a comment; of several such
+    lines the one with the most wanted names, else the last that does not hold units. Lines above it, comments,
+    repetitions of it and other lines of text are left out. Each line is parsed alone, so a stray quote spoils only its
+    own line.
 
     Raises: `BadRecord`.
     """
@@ -263,7 +269,8 @@ def _uncommented(line: str) -> bool:
 
 
 def _value_balance(cells: Sequence[str]) -> int | None:
-    """Return how many cells are values, less those that are text; None for text alone."""
+    """Return the number of cells that are values minus the number of those that are other text; None if all are other
+    text."""
     texts = [cell for cell in cells if cell.lower() not in NEUTRAL]
     values = sum(map(is_value, texts))
     return 2 * values - len(texts) if values or not texts else None
@@ -292,7 +299,7 @@ def _head(path: str, lines: list[str], wanted: set[str]) -> _Head:
 
 
 def _heads(lines: list[str], delimiter: str, wanted: set[str]) -> Iterator[_Head]:
-    """Yield the lines that may be the header if that is the delimiter, the last first."""
+    """Yield the candidates for the header with this delimiter, the last line first."""
     split = [_cells(line.lstrip(" \t#%/"), delimiter) for line in lines]
     rows = [
         (k, len(_trimmed(cells)), len(cells), balance)
@@ -310,8 +317,8 @@ def _heads(lines: list[str], delimiter: str, wanted: set[str]) -> Iterator[_Head
 
 
 def _names_of(lines: list[str], delimiter: str) -> Iterator[tuple[int, tuple[str, ...]]]:
-    """Yield the number of each line and what would be its names, the last line first. A comment may have names by
-    another delimiter than the rows, a number before each, and a label before all."""
+    """Yield the number of each line and its cells as column names, the last line first. A comment may have another
+    delimiter than the rows, a number before each name, and a label before all."""
     for k, line in reversed(list(enumerate(lines))):
         if _uncommented(line):
             yield k, _trimmed(_cells(line.lstrip(), delimiter))
@@ -350,8 +357,8 @@ def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
 
 
 def _ragged(lines: list[str], delimiter: str, width: int) -> _Columns:
-    """Return the columns of rows that may have other lengths. Between blanks no cell is empty, so that a short row does
-    not tell which one it lacks."""
+    """Return the columns of rows with different numbers of cells. With blanks as the delimiter no cell can be empty, so
+    that a short row is malformed: it is unknown which cell is missing."""
     aligned, malformed, short_rows, texts = [], 0, 0, 0
     for row in (_cells(line, delimiter) for line in lines):
         short = len(row) < width
@@ -366,7 +373,7 @@ def _ragged(lines: list[str], delimiter: str, width: int) -> _Columns:
 
 
 def bytes_of(path: Path) -> bytes:
-    """Return the content of a log. Raises: `BadRecord`."""
+    """Return the content of a log file. Raises: `BadRecord`."""
     try:
         return content_of(path, BYTES)
     except Unread as error:
@@ -374,7 +381,7 @@ def bytes_of(path: Path) -> bytes:
 
 
 def unpacked(path: str, content: bytes) -> bytes:
-    """Return the content of a file packed by gzip, bzip2 or xz, of another as it is. Raises: `BadRecord`."""
+    """Return the content of a file, decompressed if it is compressed by gzip, bzip2 or xz. Raises: `BadRecord`."""
     name = next((name for mark, name in PACKED.items() if content.startswith(mark)), None)
     if name is None:
         return content
@@ -452,8 +459,8 @@ def _binary(path: str, kind: str, content: bytes, wanted: Iterable[str]) -> Tabl
 
 
 def _joined(path: str, columns: Columns, wanted: set[str]) -> Table:
-    """Return the wanted columns in the rows of all their clocks, NaN where a column has no sample, with these times in
-    s as the column "time"; others are NaN."""
+    """Return the wanted columns of a file whose columns have different clocks, in the rows of all these times, in s as
+    the column "time", NaN where a column has no sample. Columns that are not wanted are NaN."""
     chosen = {name: columns.clocks[name] for name in columns.arrays if name in columns.clocks and name in wanted}
     if not chosen:
         raise BadRecord(path, f"has none of the columns given; its columns are time, {', '.join(columns.clocks)}")
@@ -482,19 +489,19 @@ _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
 def column_named(text: str) -> str:
-    """Return the name in brackets that a text consists of, another text as it is."""
+    """Return the name inside the brackets of a text "[name]"; any other text unchanged."""
     match = _BRACKETS.fullmatch(text.strip())
     return match[1] if match else text
 
 
 def words_of(text: str) -> list[str]:
-    """Return the texts that may be names of columns in a name or an expression."""
+    """Return the parts of a name or an expression that may be names of columns."""
     return [text, *_BRACKETS.findall(text), *re.findall(r"[^\W\d]\w*", text)]
 
 
 def column_of(log: Table, text: str, column: Callable[[str], Column] | None = None) -> Column:
-    """Return a column, or an expression of columns, as numbers, NaN where one is missing; `column`: returns a column by
-    name, by default as numbers. Raises: `BadRecord`."""
+    """Return a column of a log, or an expression of columns, as numbers, NaN where one is missing. `column`: the
+    function from a name to its column, by default `log.column`. Raises: `BadRecord`."""
     column = column or log.column
     if text in log.header or not _SIGNS.search(text):
         return column(text)
@@ -522,7 +529,8 @@ def column_of(log: Table, text: str, column: Callable[[str], Column] | None = No
 
 
 def _identifiers(log: Table, text: str) -> tuple[str, dict[str, str]]:
-    """Return an expression with an identifier in the place of each name in brackets, and the columns by identifier."""
+    """Return an expression of columns with an identifier in place of each name in brackets, and the names of columns by
+    identifier."""
     placeholders = dict[str, str]()
     for bracketed in _BRACKETS.findall(text):
         name = f"column_{len(placeholders)}"
@@ -535,14 +543,14 @@ def _identifiers(log: Table, text: str) -> tuple[str, dict[str, str]]:
 
 
 def operand(log: Table, text: str) -> str:
-    """Return a column name, or an expression of columns, as text that can be an operand in a longer expression."""
+    """Return a column name, or an expression of columns, as text that can be an operand in a larger expression."""
     if text in log.header:
         return text if text.isidentifier() else f"[{text}]"
     return f"({text})"
 
 
 def quotient(text: str, divisor: int) -> str:
-    """Return a column, or an expression of columns, over a number as an expression."""
+    """Return the text of an expression of columns that divides `text`, a column or an expression, by a number."""
     expression = f"({text})" if re.search(r"[-+*/]", text) else f"[{text}]"
     return f"{text if text.isidentifier() else expression}/{divisor}"
 
@@ -552,30 +560,32 @@ def quotient(text: str, divisor: int) -> str:
 
 @dataclass(frozen=True)
 class Conversion:
-    """A conversion from a column's unit to a signal's, value -> factor value + offset, with a note for the report."""
+    """A conversion from a column's unit to a signal's: value -> `factor` value + `offset`, with a `note` for the
+    report."""
 
     factor: float
     offset: float
     note: str
 
     def operand(self, column: str) -> str:
-        """Return the converted column as an operand in an expression of columns."""
+        """Return the converted column as text that can be an operand in an expression of columns."""
         shift = f" {'+' if self.offset > 0 else '-'} {abs(self.offset):.12g}" if self.offset else ""
         return f"({self.factor:.12g}*{column}{shift})"
 
 
 class Inconvertible(ValueError):
-    """Two units of different kinds, such as m and s, that do not convert."""
+    """The error that two units of different kinds, such as m and s, have no conversion."""
 
 
 def named_unit(column: str) -> str:
-    """Return the unit in brackets at the end of a column's name, "" for none."""
+    """Return the unit in brackets at the end of a column's name, such as s of "t [s]"; "" for none."""
     match = _UNIT.search(column)
     return match[1].strip() if match and re.search(r"[^\W\d]|[%°]", match[1]) else ""
 
 
 def is_unit(text: str) -> bool:
-    """Return whether a text is a unit, or the mark of none; without Pint, any without digits and blanks is."""
+    """Return whether a text is a unit, or the mark of a pure number ("", "-", "1"). Without Pint, any text without
+    digits and blanks counts."""
     try:
         return text in ("", "-", "1") or _parsed(_registry(), text) is not None
     except NotInstalled:
@@ -583,9 +593,9 @@ def is_unit(text: str) -> bool:
 
 
 def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
-    """Return the log with a note on the conversion, the column converted to `unit`, that of the signal `name`, and the
-    operand for it in an expression. `text`: the column's name, or an expression, which is not converted. Raises:
-    `BadRecord` if the units do not convert."""
+    """Return the log with a note on the conversion; the `column` converted to `unit`, that of the signal `name`; and
+    its operand in an expression of columns. `text`: the column's name, or an expression, which is not converted.
+    Raises: `BadRecord` if the units have no conversion."""
     plain = operand(log, text)
     if text not in log.header:
         read = [log.column(each) for each in dict.fromkeys(words_of(text)) if log.header.count(each) == 1]
@@ -604,9 +614,8 @@ def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tu
 
 
 def conversion(name: str, source: str, unit: str) -> Conversion | str:
-    """Return the conversion of a column in the unit `source` to the unit of the signal `name`. If the units are equal,
-    or cannot be compared, return a note instead, which may be empty. Raises: `Inconvertible` for units of different
-    kinds."""
+    """Return the conversion of a column in the unit `source` to the `unit` of the signal `name`; if the units are equal
+    or cannot be compared, a note instead, which may be "". Raises: `Inconvertible` for units of different kinds."""
     if not source or not unit or _normal(source) == _normal(unit):
         return ""
     try:
@@ -658,7 +667,8 @@ def _turns(first: Any, second: Any) -> bool:
 
 
 def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> str | None:
-    """Return the name of the signal that a text means; plain "u" and "y" mean the only input and the only output."""
+    """Return the name of the signal with this name; "u" and "y" also name the only input and the only output; None for
+    no signal."""
     names = [s.name for s in (*inputs, *outputs)]
     single = {"u": inputs, "y": outputs}
     if key not in names and len(single.get(key, ())) == 1:
@@ -669,8 +679,9 @@ def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) 
 def of_signals(
     path: str, option: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
 ) -> Iterator[tuple[str, str, str]]:
-    """Yield the option with its text, the signal's name and WHAT, for each text "SIGNAL=WHAT" of an option, or several
-    with commas. Raises: `BadRecord` for the name of no signal."""
+    """Yield the parts of texts "SIGNAL=WHAT" of a command-line option, several of which may be separated by commas: the
+    option with its text, the signal's name and WHAT. `path`: the log's, for errors. Raises: `BadRecord` for the name of
+    no signal."""
     for text in (part for each in texts for part in each.split(",")):
         key, _, what = (part.strip() for part in text.partition("="))
         name = signal_named(key, inputs, outputs)
@@ -681,7 +692,8 @@ def of_signals(
 
 
 def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
-    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", or several with commas. Raises: `BadRecord`."""
+    """Return shifts in samples by name of the signal, from texts "SIGNAL=SAMPLES", several of which may be separated by
+    commas. `path`: the log's, for errors. Raises: `BadRecord`."""
     shifts: dict[str, int] = {}
     for option, name, number in of_signals(path, "--shift", texts, inputs, outputs):
         if name in shifts:
@@ -699,9 +711,7 @@ def mapping(
 ) -> dict[str, str]:
     """Return the column name of each signal, from texts "SIGNAL=COLUMN", by default the name of the signal.
 
-    Plain "u" and "y" name the only input and the only output.
-
-    Raises: `BadRecord`.
+    "u" and "y" also name the only input and the only output. `path`: the log's, for errors. Raises: `BadRecord`.
     """
     names = [s.name for s in (*inputs, *outputs)]
     columns = {name: name for name in names}

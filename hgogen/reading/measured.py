@@ -71,8 +71,9 @@ _HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 @dataclass(frozen=True)
 class Caller:
-    """The names of options that error messages suggest: `column`, a pattern with {name} for a signal's column, `others`
-    in its place for particular signals; `times` for the column of times; `period` for the time between rows."""
+    """The names of options that error messages suggest, on the command line or in Python. `column`: a pattern with
+    {name} for a signal's column; `others`: the option in its place for particular signals; `times`: that for the column
+    of times; `period`: that for the time between rows."""
 
     column: str
     times: str
@@ -80,7 +81,7 @@ class Caller:
     others: Mapping[str, str] = field(default_factory=dict)
 
     def fix(self, name: str) -> str:
-        """Return the option that gives the column of a name."""
+        """Return the option by which the user gives the column of the signal `name`."""
         return self.others.get(name) or self.column.format(name=name)
 
 
@@ -123,7 +124,7 @@ class Report:
     ] = None
 
     def sentences(self) -> tuple[str, ...]:
-        """Return sentences on the contents of the log and their treatment, only on counts above 0."""
+        """Return sentences on the contents of the log and their treatment, without counts of 0."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
         lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         if self.spacing:
@@ -159,11 +160,14 @@ class Report:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Measured signals on a grid: times t (N,) from the first row's on, `values` (N, c) of the signals `names`, NaN
-    where missing or masked; the report; `operands`: the operand of each signal's column in an expression of --map;
-    `rates`: the names that are differences of other signals, with their order; `stamps` (rows,): the times as they are
-    written, `clock`: the name of their column and its operand, empty for times by a period; `cells` (rows, c): the
-    signals as they are written, `table`: the file, `rows`: the numbers of its rows that are taken."""
+    """Measured signals on a grid of times.
+
+    `t` (N,): the times, from the first row's on; `values` (N, c): the signals `names`, NaN where missing or masked;
+    `report`: on the reading; `operands`: the operand of each signal's column in an expression of --map; `rates`: the
+    names that are difference quotients of other signals, with source and order; `stamps` (rows,): the times as they are
+    written; `clock`: the name of their column and its operand, empty for times by a period; `cells` (rows, c): the
+    signals as they are written; `table`: the file; `rows`: the indices of the selected rows of the file.
+    """
 
     t: np.ndarray
     names: tuple[str, ...]
@@ -178,18 +182,18 @@ class Record:
     rows: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        """Replace a mask, which a selection of columns would lose, by NaN."""
+        """Replace masked values by NaN, because a selection of columns would lose the mask."""
         object.__setattr__(self, "values", unmasked(self.values))
 
     def of(self, signals: Sequence[Signal]) -> np.ndarray:
-        """Return the columns (N, k) of some signals, in their order."""
+        """Return the columns (N, k) of some signals, in the order of `signals`."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
     def with_rates(
         self, rates: Mapping[str, tuple[str, int]], signals: Mapping[str, Signal] = MappingProxyType({})
     ) -> "Record":
-        """Return the record with derivatives of signals as well, given by name as a source signal and an order;
-        `signals` by name, of which periodic ones go the short way."""
+        """Return the record with derivatives of signals as further columns, by difference quotients. `rates`: by name,
+        the source signal and the order; `signals`: by name; those with a period are unwrapped before."""
         courses = dict(zip(self.names, self.values.T, strict=True))
         dt = self.elapsed if self.report.spacing else self.report.dt
         courses |= {name: signals[name].unwrapped(values) for name, values in courses.items() if name in signals}
@@ -205,12 +209,13 @@ class Record:
 
     @property
     def elapsed(self) -> np.ndarray:
-        """The time (N,) since the sample before, 0 at the first."""
+        """The time (N,) since the previous sample, 0 for the first."""
         return np.diff(self.t, prepend=self.t[0])
 
     def shifted(self, shifts: Mapping[str, int]) -> "Record":
-        """Return the record with signals and their differences delayed by numbers of samples, or advanced if negative;
-        the samples at the end are missing. Raises: `BadRecord` if no sample of a signal remains."""
+        """Return the record with signals, and their difference quotients, delayed by numbers of samples, or advanced by
+        negative ones; samples without a value at the ends are missing. Raises: `BadRecord` if no sample of a signal
+        remains."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
@@ -228,8 +233,9 @@ class Record:
         return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
 
     def without(self, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> "Record":
-        """Return the record with samples missing that `texts` of the option --missing name: of one value, y=-999, that
-        repeat the one before, y=repeats, or by their numbers, y=150..199, both included. Raises: `BadRecord`."""
+        """Return the record with some samples declared missing by `texts` of the option --missing: those of one value,
+        y=-999; those that repeat the previous one, y=repeats; or those with numbers in a range, y=150..199, both
+        included. Raises: `BadRecord`."""
         values, notes, path = self.values.copy(), [], self.report.path
         for option, name, what in of_signals(path, "--missing", texts, inputs, outputs):
             column = values[:, self.names.index(name)]
@@ -245,7 +251,8 @@ class Record:
 
 
 def _lost(column: np.ndarray, what: str) -> np.ndarray | None:
-    """Return the mask (N,) of the samples that `what` means; None for no such text."""
+    """Return the mask (N,) of the samples of a column that a text of --missing declares missing; None for an invalid
+    text."""
     if match := _SAMPLES.fullmatch(what):
         first, last = map(int, match.groups())
         return (np.arange(len(column)) >= first) & (np.arange(len(column)) <= last)
@@ -258,7 +265,7 @@ def _lost(column: np.ndarray, what: str) -> np.ndarray | None:
 
 
 def shifted(values: np.ndarray, by: int) -> np.ndarray:
-    """Return a column (N,) delayed by `by` samples, or advanced if negative; NaN where there is no sample."""
+    """Return a column (N,) delayed by `by` samples, or advanced if negative; NaN where this leaves no sample."""
     whole = np.full(len(values), np.nan)
     count = len(values) - abs(by)
     if count > 0:
@@ -283,16 +290,17 @@ def read(
     dates: DateOrder | None = None,
     own_times: Literal["irregular", "always"] | None = None,
 ) -> Record:
-    """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period; or at
-    the times of its rows, if `own_times` says "always", or "irregular" of an irregular log and there is no `dt`.
+    """Return the log at `path`, a file or a DataFrame, sampled with the period `dt`, by default the log's own; or at
+    the times of its rows, if `own_times` is "always", or if it is "irregular", the log has no period and `dt` is None.
 
-    Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names the
-    column of times, or is an expression, or `period` is the time between rows; `unit`: that of all times, the model's;
-    `caller`: whose options error messages suggest; `inputs`: the names that are averaged if the log is faster or
-    irregular, with their windows, others are sampled; `signals`: those of the names, to whose unit a column with
-    another unit in its name is converted, and to whose turn the values of a periodic one are brought; `rates`: names
-    that are derivatives of others, with their order, computed as differences if the log has no such column; `rows`:
-    those that are taken; `decimal`, `dates`: the decimal sign and the order of dates, by default as the cells tell.
+    Args: `columns`: the column name of each signal, or an expression of columns (reading/log.py); `time`: the column of
+    times, or an expression; or `period`: the time between rows; `unit`: that of all times, which is the model's;
+    `caller`: whose options error messages suggest; `inputs`: the signals that are averaged over a window if the log is
+    faster than `dt` or irregular; others are sampled; `signals`: by name; a column with another unit in its name is
+    converted to the signal's, and values of a periodic signal are wrapped into its turn; `rates`: the names that are
+    derivatives of other signals, with source and order, computed as difference quotients if the log has no such column;
+    `rows`: the selection of rows; `decimal`, `dates`: the decimal sign and the order of day, month and year, None where
+    the cells decide.
 
     Raises: `BadRecord`.
     """
@@ -345,7 +353,7 @@ def _listed(log: Table) -> str:
 def _series(
     log: Table, columns: Mapping[str, str], signals: Mapping[str, Signal], caller: Caller
 ) -> tuple[Table, dict[str, Column], dict[str, str]]:
-    """Return the log with notes, and by name the column of each signal in its unit and turn, and its operand."""
+    """Return the log with notes; by name of the signal its column, in its unit and turn; and by name its operand."""
     for name in [name for name, column in columns.items() if name == column and name not in log.header]:
         raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {_listed(log)}")
     series = {name: column_of(log, text) for name, text in columns.items()}
@@ -360,8 +368,8 @@ def _series(
 
 
 def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Caller) -> tuple[Column, tuple[str, ...]]:
-    """Return the column of a periodic signal with its values in their turn, and notes; a value that a step rejects is
-    not changed. `written`: the column as an operand."""
+    """Return the column of a periodic signal with its values wrapped into its turn, and notes; values that a step would
+    reject are not changed. `written`: the column as an operand."""
     reduced = signal.reduced(column.values)
     values = np.where(np.isnan(reduced), column.values, reduced)
     low, high = signal.interval
@@ -374,8 +382,8 @@ def _in_turn(column: Column, name: str, signal: Signal, written: str, caller: Ca
 
 
 def _times(log: Table, text: str, unit: str, caller: Caller) -> tuple[Table, np.ndarray]:
-    """Return the log with notes, and the times (rows,) by a column or an expression of columns, NaN for a missing one.
-    Dates and times of day become times since the first one if the model's unit of time is known."""
+    """Return the log with notes, and the times (rows,) in `unit`, from a column or an expression of columns, NaN for a
+    missing one. Dates and times of day become times since the first one, if the model's unit of time is known."""
     dated = any(has_dates(log.cells(name)[:_CLOCK]) for name in log.header if name in words_of(text))
     column = column_of(log, text, lambda name: _clock(log, name, unit, not dated))
     log, column, _ = converted(log, column, "time", text, unit)
@@ -390,8 +398,8 @@ def _times(log: Table, text: str, unit: str, caller: Caller) -> tuple[Table, np.
 
 
 def _demand_days(log: Table, name: str, overnight: np.ndarray) -> None:
-    """Raise `BadRecord` if a column of dates has other days than the times of day of a column pass, which are the times
-    (rows,) `overnight`, in s."""
+    """Raise `BadRecord` if a column of dates has other days than the times of day in another column, which are the
+    times (rows,) `overnight`, in s."""
     for other in log.header:
         cells = log.cells(other)
         if log.header.count(other) > 1 or not has_dates(cells[:_CLOCK]) or any(":" in cell for cell in cells[:_CLOCK]):
@@ -407,7 +415,7 @@ def _demand_days(log: Table, name: str, overnight: np.ndarray) -> None:
 
 
 def _demand_one_run(path: str, times: np.ndarray, rows: np.ndarray) -> None:
-    """Raise `BadRecord` if the times of `rows` begin anew, as those of a logger that was started again."""
+    """Raise `BadRecord` if the times of the selected `rows` start again, as those of a logger that was restarted."""
     timed = np.flatnonzero(np.isfinite(times))
     steps = np.diff(times[timed], append=np.inf)
     back = np.flatnonzero(steps < -_RUN * np.median(np.abs(steps)))
@@ -419,8 +427,8 @@ def _demand_one_run(path: str, times: np.ndarray, rows: np.ndarray) -> None:
 
 
 def _clock(log: Table, name: str, unit: str, overnight: bool = True) -> Column:
-    """Return a column as times in the unit: dates, times of day, the times since 1970 that computers count, or numbers
-    of that unit."""
+    """Return a column as times in `unit`: dates, times of day, times since 1970 as computers count them, or plain
+    numbers."""
     column, known = log.column(name), seconds(unit)
     there = np.isfinite(column.values)
     if not known or column.unit:
@@ -474,7 +482,7 @@ def _selected(log: Table, rows: Rows, times: np.ndarray, time: str | None, unit:
 
 
 def _bound(log: Table, option: str, text: str, time: str | None, unit: str) -> float:
-    """Return the time in a text: a number, or a date or a time of day as the column of times has it."""
+    """Return the time in a text of --from or --to: a number, or a date or a time of day as in the column of times."""
     try:
         return float(text)
     except ValueError:
@@ -532,9 +540,9 @@ def _pace(subject: str, period: float, dt: float, unit: str) -> tuple[str, ...]:
 
 
 def _typical(times: np.ndarray) -> float:
-    """Return the period of ascending times, 0 for a single one, with the fewest
-    digits for which the end of the grid stays within the rounding of the times
-    or, if they jitter, `_BEAT` of a period: 0.01 and not 0.00999999999999979."""
+    """Return the period of ascending times, 0 for a single one. It has the fewest digits for which the end of the grid
+    stays within the rounding of the times or, if they jitter, within `_BEAT` of a period: 0.01 and not
+    0.00999999999999979."""
     steps = np.diff(times)
     if not len(steps):
         return 0.0
@@ -547,7 +555,8 @@ def _typical(times: np.ndarray) -> float:
 
 
 def irregular(steps: np.ndarray) -> bool:
-    """Return whether the `steps` (N,) between rows are of a log without a period: too many are no multiples of it."""
+    """Return whether a log has no period, from the `steps` (N,) between its rows: too many are no multiples of their
+    median."""
     periods = steps / np.median(steps)
     return bool(np.mean(np.abs(periods - np.rint(periods)) > UNEVEN) > SHARE)
 
@@ -568,10 +577,12 @@ def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """The samples of a log with times `stamps` (rows,): at multiples of `dt`, or at the times of the rows if `own`.
+    """The sampling of a log whose rows have the times `stamps` (rows,): at multiples of `dt`, or at the times of the
+    rows if `own`.
 
-    `ordered`: the numbers of the rows with a time, by time; `times`: theirs; `distinct`: without repetitions, `period`
-    between them; `point`: the sample of each of these rows, which is `away` in time.
+    `ordered`: the indices of the rows with a time, sorted by time; `times`: their times; `distinct`: the times without
+    repetitions, typically `period` apart; `point`: for each of the ordered rows the index of its sample; `away`: the
+    time between row and sample.
     """
 
     stamps: np.ndarray
@@ -586,7 +597,7 @@ class _Grid:
 
     @property
     def steps(self) -> np.ndarray:
-        """The times between distinct ones."""
+        """The differences of successive distinct times."""
         return np.diff(self.distinct)
 
     @property
@@ -596,11 +607,12 @@ class _Grid:
 
     @property
     def t(self) -> np.ndarray:
-        """The times (samples,) of the samples."""
+        """The times (samples,)."""
         return self.distinct if self.own else self.times[0] + np.arange(self.samples) * self.dt
 
     def first_numbers(self, columns: Iterable[np.ndarray]) -> np.ndarray:
-        """Return of each column (rows,) the number nearest to each sample (samples, columns), of equals the first."""
+        """Return, for each sample and column, the number of the row nearest in time (samples, columns), the first of
+        equally near ones; NaN where no row has a number."""
         nearest = np.lexsort((self.away, self.point))
         columns, point = [one[self.ordered][nearest] for one in columns], self.point[nearest]
         values = np.full((self.samples, len(columns)), np.nan)
@@ -716,8 +728,8 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
-    """Return whether inputs are averaged over samples: the `steps` (N,) between rows, typically `period`, are shorter
-    than `dt` or irregular."""
+    """Return whether inputs have to be averaged over samples, because the `steps` (N,) between rows, typically
+    `period`, are shorter than `dt` or irregular."""
     uneven = np.abs(steps / period - 1) > UNEVEN if period else np.zeros(0, bool)
     return bool(period < FASTER * dt or (len(uneven) and uneven.mean() > SHARE))
 
@@ -725,9 +737,10 @@ def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
 def window_means(
     times: np.ndarray, values: np.ndarray, first: float, samples: int, dt: float, window: Window, hold: float
 ) -> np.ndarray:
-    """Return the means (samples,) of a column (N,) at ascending times (N,) over the windows around first + k dt. If the
-    last number before a window is older than the time `hold`, the mean begins at the first number inside; NaN if there
-    is none."""
+    """Return the means (samples,) of a column over a window around each sample time first + k dt, each number held
+    until the next. `times`, `values` (N,): the column, times ascending; `window`: the ends of the window over dt. If
+    the last number before a window is older than `hold` (time), the mean begins at the first number inside; NaN if
+    there is none."""
     there = np.isfinite(values)
     times, index = np.unique(times[there], return_index=True)
     if not len(times):
@@ -750,7 +763,8 @@ def window_means(
 
 
 def difference_notes(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
-    """Return sentences on derivatives that the log does not hold, given by name as a source signal and an order."""
+    """Return sentences on derivatives that are computed because the log does not contain them. `rates`: by name, the
+    source signal and the order."""
     return tuple(
         f"{name} is taken as differences of {source} from sample to sample: no column gives it"
         for name, (source, _) in rates.items()
@@ -758,8 +772,8 @@ def difference_notes(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
 
 
 def difference(values: np.ndarray, order: int, dt: float | np.ndarray) -> np.ndarray:
-    """Return the difference quotient of the given order of a column (N,) whose samples are `dt` apart, or `dt` (N,)
-    after the one before, NaN if one of its samples is missing."""
+    """Return the difference quotient (N,), of the given order, of a column (N,); `dt`: the time between samples, or the
+    time (N,) since the previous one. NaN if one of its samples is missing."""
     if len(values) <= order:
         return np.full(len(values), np.nan)
     rates, elapsed = values, np.broadcast_to(dt, len(values))

@@ -103,7 +103,8 @@ _EXAMPLES = {
 
 @dataclass(eq=False)
 class BadModelFile(HgogenError):
-    """A faulty model file; `key` is the path of tables to the fault, empty for the file as a whole."""
+    """The error that a model file is faulty; `key` is the path of tables to the fault, empty for the file as a
+    whole."""
 
     file: str
     key: str
@@ -114,7 +115,7 @@ class BadModelFile(HgogenError):
 
 
 class NoText(BadArgument):
-    """A system that plain text cannot represent."""
+    """The error that plain text cannot represent a system."""
 
     text = "system {what!r} cannot be written as plain text: {reason}"
 
@@ -124,7 +125,7 @@ class PlainModel:
     """The content of a plain-text model.
 
     `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as written, empty if missing;
-    `folds`: the expressions of which SymPy lost a part, such as x/x.
+    `folds`: the expressions that SymPy simplified so that a condition for a real value was lost, such as x/x.
     """
 
     file: str
@@ -144,7 +145,7 @@ class PlainModel:
 
 
 def read(path: Path) -> PlainModel:
-    """Return the model of a .toml or .json file. Raises: `BadModelFile` with file, key and fix."""
+    """Return the model in a .toml or .json file. Raises: `BadModelFile` with file, key and fix."""
     try:
         text = content_of(path, BYTES).decode("utf-8-sig")
         table = READERS[path.suffix](text)
@@ -158,7 +159,8 @@ def read(path: Path) -> PlainModel:
 
 
 def from_table(table: Any, file: str = "model") -> PlainModel:
-    """Return the model of a dictionary as TOML and JSON give it; errors call it `file`. Raises: `BadModelFile`."""
+    """Return the model in a dictionary, as the TOML and JSON parsers return it; `file`: its name in errors. Raises:
+    `BadModelFile`."""
     demand_keys(file, "", table, TOP, "name")
     groups = {kind: table.get(kind, {}) for kind in KINDS}
     signals: dict[str, list[Signal]] = {}
@@ -192,7 +194,8 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
-    """Raise `BadModelFile` unless every key is known and its value of the right kind, and the needed key exists."""
+    """Check the keys of a `table` of a model file: raise `BadModelFile` unless every key is in `keys`, its value of the
+    kind that this maps it to, and the key `needed` exists. `where`: the path of the table, for errors."""
     if not isinstance(table, Mapping):
         raise BadModelFile(file, where, f"is {_described(table)}, not a table; write its keys, {', '.join(keys)}")
     for key, value in table.items():
@@ -255,7 +258,8 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
 
 
 def named(file: str, where: str, function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
-    """Return function(*args, **kwargs); an error in it becomes a `BadModelFile` with `file` and the key `where`."""
+    """Return function(*args, **kwargs), with an error in it replaced by a `BadModelFile` that names the `file` and, by
+    `where`, the key."""
     try:
         return function(*args, **kwargs)
     except HgogenError as error:
@@ -266,9 +270,9 @@ def named(file: str, where: str, function: Callable[..., Result], *args: Any, **
 
 
 def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> str:
-    """Return the plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
-    `beside`: the other top-level entries of the file by key, as `from_table` accepts them. Raises: `NoText` for a
-    recast plant, and for an expression outside the grammar."""
+    """Return the plant as TOML, which `read` reads as an equal system; a float is written as its shortest decimal.
+    `others`: the other top-level entries of the file by key, as `from_table` accepts them. Raises: `NoText` for a plant
+    in new coordinates (`recast`), and for an expression outside the grammar."""
     if plant.origin is not None:
         raise NoText(plant.name, f"it is recast; write the plant it comes from, {plant.origin.plant.name!r}")
     symbols = {signal.name: signal for signal in plant.signals}
@@ -301,7 +305,7 @@ def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> 
 
 
 def inline(value: Any) -> str:
-    """Return a TOML value in one line."""
+    """Return a value in the syntax of TOML, in one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(key)} = {inline(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -366,18 +370,18 @@ _BITS = 160
 
 
 class BadEntry(BadArgument):
-    """A model in the file of a library of models that cannot be read."""
+    """The error that a model in the file of a library of models cannot be read."""
 
     text = "model {what!r}: {reason}"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A model of a library: x' = flow (n), y = output (p), expressions of the symbols in `states`, `inputs`, `known`
-    and `unknown` (parameters).
+    """A model in a library of models: x' = flow (n), y = output (p), expressions of the symbols in `states`, `inputs`,
+    `known` and `unknown` (parameters).
 
-    `outer`, `inner`: the closed box of the ranges, rounded outward and inward where an end is irrational; `inner` is
-    None if it is empty. `boxed`: whether any range is declared. `queries`: expressions whose ranges are requested.
+    `outer`, `inner`: the closed box of the declared ranges, rounded outward and inward where an end is irrational;
+    `inner` is None if it is empty. `queries`: expressions whose ranges are requested.
     """
 
     name: str
@@ -394,7 +398,7 @@ class Entry:
 
     @property
     def boxed(self) -> bool:
-        """Return whether any range is declared."""
+        """Whether any range is declared."""
         return bool(self.outer)
 
     @property
@@ -403,13 +407,14 @@ class Entry:
         return {s.name: s for s in (*self.states, *self.inputs, *self.known, *self.unknown)}
 
     def declared(self, expression: sp.Expr) -> bool:
-        """Whether every symbol of the expression has a range."""
+        """Return whether every symbol of the expression has a range."""
         return bool(expression.free_symbols <= self.outer.keys())
 
 
 def entry(model: Any) -> Entry:
-    """Return the model of a dictionary as in the file of a library. Raises: `BadEntry`; `BadModelFile` for a fault in a
-    plain-text model; `BadExpression` for a text that is no expression of the listed names."""
+    """Return the model in a dictionary, an entry in the file of a library of models. Raises: `BadEntry`;
+    `BadModelFile` for a fault in a plain-text model; `BadExpression` for a text that is no expression of the listed
+    names."""
     if not isinstance(model, Mapping):
         raise BadEntry(quoted(model).strip("'"), f"is no object; write it as {FORMAT}")
     name = str(model.get("name", "without a name"))
