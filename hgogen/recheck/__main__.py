@@ -11,10 +11,9 @@ from .verification import Rechecked, load, recheck
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the claims as text or JSON.
-
-    Returns 0 if every claim that is said to be proved or refuted is verified, 1 if one is not or there is none, 2 if
-    the file is no certificate."""
+    """Verify the certificate file in the arguments and print the outcome of its claims, as text or JSON. Return the
+    exit status: 0 if every claim stated as proved or refuted is verified, 1 if one is not or there is none, 2 if the
+    file is no certificate."""
     parser = argparse.ArgumentParser(prog="recheck", description="Verify a certificate of hgogen again.")
     parser.add_argument("file", metavar="FILE", help="a certificate that hgogen check wrote")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

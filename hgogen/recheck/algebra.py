@@ -22,7 +22,7 @@ Polynomial = Mapping[Monomial, Fraction]
 
 
 class TooLarge(Exception):  # the claim it belongs to is then not verified
-    """An identity beyond the size limits."""
+    """The error that an identity is beyond the size limits of the algebra."""
 
 
 def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
@@ -65,7 +65,8 @@ _ONE = _constant(1)
 
 @dataclass(frozen=True)
 class Quotient:
-    """numerator / product of the denominator's factors, each with its power."""
+    """A quotient of polynomials with rational coefficients: the numerator `top`, and `bottom`, the factors of the
+    denominator with their powers."""
 
     top: Polynomial
     bottom: tuple[tuple[Polynomial, int], ...] = ()
@@ -95,12 +96,12 @@ class Quotient:
         return self * inverse
 
     def __bool__(self) -> bool:
-        """Return False if the quotient is written as 0."""
+        """Return False if the numerator has no term, so that the quotient is 0 as written."""
         return bool(self.top)
 
     @property
     def number(self) -> Fraction | None:
-        """The value of the quotient if it is written as a number, else None."""
+        """The value of the quotient if it is written as a rational number, else None."""
         if self.bottom or any(self.top.keys() - {()}):
             return None
         return self.top.get((), Fraction(0))
@@ -150,11 +151,12 @@ class _Kernel:
 
 
 class Algebra:
-    """An algebra whose letters are names first, then functions in the order of their use, with arguments in earlier
-    letters.
+    """Quotients of polynomials in letters: first the given names, then function values in the order of their use, whose
+    arguments are quotients in earlier letters.
 
-    `nonnegative`: names whose range is not negative, so that the root of a square is known; `names`: the value of each
-    name, its letter or, for a `fixed` one, its number."""
+    `nonnegative`: names whose range is not negative, so that sqrt(x^2) = x is known; `names`: the value of each name,
+    its letter or, for a `fixed` name, its number.
+    """
 
     def __init__(
         self, names: Iterable[str], nonnegative: Iterable[str] = (), fixed: Mapping[str, Fraction] | None = None
@@ -167,20 +169,21 @@ class Algebra:
         self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
 
     def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
-        """Return the value of an expression at these values, by default the letters. Raises: `Undefined`,
-        `TooLarge`."""
+        """Return the quotient of an expression with these `values` of its names, by default their letters. Raises:
+        `Undefined`, `TooLarge`."""
         value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
         return value
 
     def speed(
         self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
     ) -> Quotient:
-        """Return d/dt of an expression, `speeds` those of its names. Raises: `Undefined`, `TooLarge`."""
+        """Return the time derivative of an expression from the derivatives `speeds` of its names; a missing one is 0.
+        `values`: of its names, by default their letters. Raises: `Undefined`, `TooLarge`."""
         speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
         return speed
 
     def number(self, value: Fraction) -> Quotient:
-        """Return a rational number."""
+        """Return a rational number as a quotient."""
         return Quotient(_constant(value))
 
     def _at(self, index: int) -> Quotient:
@@ -190,7 +193,7 @@ class Algebra:
         raise Undefined("Min and Max have no slope in closed form")
 
     def power(self, x: Quotient, exponent: int) -> Quotient:
-        """Return an integer power."""
+        """Return x^exponent for an integer exponent. Raises: `TooLarge`."""
         if exponent < 0:
             return self.one / self.power(x, -exponent)
         if len(x.top) > 1 and exponent > 64:
@@ -204,7 +207,7 @@ class Algebra:
         return result
 
     def root(self, x: Quotient, exponent: Fraction) -> Quotient:
-        """Return x^(p/q) as the power p of a letter t = x^(1/q)."""
+        """Return x^(p/q), `exponent` = p/q, as the power t^p of the letter t = x^(1/q)."""
         p, q = exponent.numerator, exponent.denominator
         if self.is_zero(x):  # as a letter t, 1/t would have a value
             return self.power(self.zero, p)
@@ -245,7 +248,8 @@ class Algebra:
         return kind.name in ("root", "exp", "Abs", "cosh")
 
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
-        """Return a function's value as a letter; tan, and exp of a sum, by other functions."""
+        """Return the value of a function as a letter; tan x as sin x/cos x, exp of a sum as a product. Raises:
+        `Undefined`."""
         if name == "jump":
             raise Undefined("a side has no slope in closed form")
         name = "sign" if name == "side" else name
@@ -268,7 +272,7 @@ class Algebra:
         return self._kernel(_Kernel(name, args))
 
     def _exp(self, x: Quotient) -> Quotient:
-        """Return exp(sum of c m) as the product of exp(|c| m / k)^(k) with integer k, inverted for c < 0."""
+        """Return exp(sum of c m) over monomials m as the product of powers exp(m/k)^(c k), c k an integer."""
         if x.bottom:
             mirrored = self._find(_Kernel("exp", (-x,)))
             return self._kernel(_Kernel("exp", (x,))) if mirrored is None else self.one / self._at(mirrored)
@@ -300,7 +304,8 @@ class Algebra:
         return None
 
     def value(self, x: Quotient, letters: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-        """Return the value of a quotient in another arithmetic, for these values of its names. Raises: `Undefined`."""
+        """Return the value of a quotient in another arithmetic; `letters`: the value of each name there. Raises:
+        `Undefined`."""
 
         @cache
         def letter_value(letter: int) -> Any:
@@ -326,15 +331,16 @@ class Algebra:
         return quotient(x)
 
     def is_zero(self, x: Quotient) -> bool:
-        """Return whether x is proved zero wherever it is defined, and no factor of its denominator vanishes."""
+        """Return whether x is proved to be zero wherever it is defined, with a denominator that is not the zero
+        polynomial."""
         return self._vanishes(x.top) and self._has_value(x)
 
     def _has_value(self, x: Quotient) -> bool:
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
-        """Return whether a numerator is 0 by t^q = g for each
-        root t, cos^2 = 1 - sin^2, cosh^2 = 1 + sinh^2."""
+        """Return whether a numerator is 0 after substituting t^q = g for each root t, cos^2 = 1 - sin^2 and cosh^2 = 1
+        + sinh^2."""
         while top:
             relation = self._reducible(top)
             if relation is None:
@@ -366,8 +372,8 @@ class Algebra:
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
-        """Return a numerator after t^q = g, t the `letter`, q the `degree`, g
-        the `value`. Multiplying by the denominator of g changes no zero."""
+        """Return a numerator with t^q replaced by g, t the `letter`, q the `degree`, g the `value`, and multiplied by
+        the denominators of g, which has no effect on whether it is zero."""
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)

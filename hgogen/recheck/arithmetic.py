@@ -19,20 +19,21 @@ Value = TypeVar("Value")
 
 
 class Undefined(Exception):  # not an error of the user: the walk over the boxes catches it
-    """The error that a value is not proved to be a finite real number on this box."""
+    """The error that a value is not proved to be a finite real number on a box."""
 
 
 class Unproved(Exception):
-    """The error that the arithmetic does not confirm a statement; the text says which and where."""
+    """The error that a statement of the certificate is not confirmed; the text says which one and where."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The operations of a kind of value other than + - * /.
+    """The operations on a kind of values other than + - * /: `number` from a Fraction; `power` with an integer
+    exponent; `root` with a rational exponent; `function` by its name.
 
-    `number`: of a Fraction; `power`: integer exponents; `root`: rational exponents; `function`: by name; `hull`: of a
-    selector and two values, the first value if the selector is positive, the second if it is negative, else a value
-    that holds both (the slope of Min and Max)."""
+    `hull`, of a selector and two values: the first value if the selector is positive, the second if it is negative,
+    else a value that contains both (the slope of Min and Max).
+    """
 
     number: Callable[[Fraction], Any]
     power: Callable[[Any, int], Any]
@@ -42,7 +43,8 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """Return the value of an expression at values of its names. Raises: `Undefined`, and the arithmetic's errors."""
+    """Return the value of an expression in an arithmetic, for these `values` of its names. Raises: `Undefined`, and the
+    errors of the arithmetic."""
     computed: list[Any] = []
     for op, places, value in expression.instructions:
         args = [computed[place] for place in places]
@@ -60,7 +62,7 @@ def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arit
 
 
 def total(terms: Iterable[Value]) -> Value:
-    """Return the sum of at least one term."""
+    """Return the sum of the terms, at least one."""
     whole: Value = reduce(add, terms)
     return whole
 
@@ -80,7 +82,8 @@ def determinant(rows: Sequence[Sequence[Any]]) -> Any:
 
 @dataclass(frozen=True)
 class Dual:
-    """A value with its derivatives (`slopes`) by the index of a name; a missing slope is zero."""
+    """A dual number: a `value` with its partial derivatives, `slopes`, by the index of a name; a missing slope is
+    zero."""
 
     value: Any
     slopes: Mapping[int, Any]
@@ -104,7 +107,7 @@ class Dual:
         return Dual(value, {k: slope / other.value for k, slope in rise.items()})
 
     def scaled(self, factor: Any) -> dict[int, Any]:
-        """Return all slopes times a factor, as the chain rule wants."""
+        """Return all slopes multiplied by a factor, as the chain rule needs them."""
         return {k: factor * slope for k, slope in self.slopes.items()}
 
 
@@ -113,7 +116,7 @@ def _sum(a: Mapping[int, Any], b: Mapping[int, Any]) -> dict[int, Any]:
 
 
 def dual(base: Arithmetic) -> Arithmetic:
-    """Return the arithmetic of `Dual`s, values with derivatives, over another arithmetic."""
+    """Return the arithmetic of dual numbers (`Dual`) whose values and derivatives are in the arithmetic `base`."""
 
     def power(x: Dual, exponent: int) -> Dual:
         value = base.power(x.value, exponent)
@@ -156,7 +159,8 @@ def _function(base: Arithmetic, name: str, args: tuple[Dual, ...]) -> Dual:
 
 
 def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:
-    """Return the values as `Dual`s by name; each of `names` has the slope 1 at its own index."""
+    """Return the `values` by name as dual numbers for differentiation: each of `names` has the slope 1 at its own
+    index."""
     places, one = {name: k for k, name in enumerate(names)}, arithmetic.number(Fraction(1))
     return {name: Dual(value, {places[name]: one} if name in places else {}) for name, value in values.items()}
 
@@ -164,7 +168,8 @@ def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmet
 def jacobian(
     rows: Iterable[Expression], values: Mapping[str, Any], names: Sequence[str], arithmetic: Arithmetic
 ) -> list[list[Any]]:
-    """Return the derivatives (n, m) of n rows in m `names` at values by name. Raises: as `evaluate`."""
+    """Return the Jacobian (n, m) of n expressions, `rows`, in m `names`, at the `values` of all names. Raises: as
+    `evaluate`."""
     moving, zero, base = seeded(values, names, arithmetic), arithmetic.number(Fraction(0)), dual(arithmetic)
     slopes = [evaluate(row, moving, base).slopes for row in rows]
     return [[row.get(k, zero) for k in range(len(names))] for row in slopes]
@@ -173,7 +178,8 @@ def jacobian(
 def along(
     row: Expression, values: Mapping[str, Any], speeds: Mapping[str, Any], arithmetic: Arithmetic
 ) -> tuple[Any, Any]:
-    """Return the value of a row r and dr/dt at values by name, `speeds` the d/dt of names. Raises: as `evaluate`."""
+    """Return the value of an expression and its time derivative at the `values` of its names; `speeds`: the time
+    derivatives of the names. Raises: as `evaluate`."""
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in values.items()}
     result = evaluate(row, moving, dual(arithmetic))
     return result.value, result.slopes.get(0, arithmetic.number(Fraction(0)))
@@ -230,7 +236,7 @@ _LONGEST = 4096  # bits of an exact fraction; beyond it intervals answer
 
 
 class NotExact(Exception):
-    """The error that a value is no rational number, or too long a one."""
+    """The error that a value is not a rational number, or one with too many digits."""
 
 
 def _exact_power(x: Fraction, exponent: int) -> Fraction:

@@ -37,8 +37,9 @@ _duals = dual(intervals)
 
 @dataclass(frozen=True)
 class Attempt:
-    """The result of a proof on one box: whether the statement `holds`; the `slopes` of its expression by index of a
-    name, if known, for the choice of the side to cut; and the face on which the statement fails if anywhere."""
+    """The result of an attempt to prove a statement on one box: whether it `holds`; the `slopes` of its expression by
+    index of a name, if known, by which the side to cut is chosen; and the `face` of the box on which it fails if it
+    fails anywhere."""
 
     holds: bool
     slopes: Slopes | None = None
@@ -46,8 +47,8 @@ class Attempt:
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """Return the boxes into which the text `tree` bisects a box, in prefix order: a name cuts its
-    side, a dot ends a branch. Raises: `Unproved` for a text that is no bisection of this box."""
+    """Return the boxes into which a bisection `tree` divides a box. The tree is a text in prefix order: a name cuts
+    that side in its middle, a dot is a leaf. Raises: `Unproved` for a text that is no bisection of this box."""
     boxes: list[Box] = []
     pending = [box]
     for token in tree.split():
@@ -66,8 +67,8 @@ def leaves(tree: str, box: Box) -> list[Box]:
 
 
 def halves(box: Box, name: str) -> tuple[Box, Box]:
-    """Return the two halves of a box: a side is cut at its midpoint, an unbounded one at 0, or beyond 0 at twice its
-    end plus 1 away from 0."""
+    """Return the two halves of a box along the side `name`: cut in the middle, an unbounded side at 0 or, where 0 is
+    outside, at twice its end plus 1, away from 0."""
     low, high = box[name]
     cut = _middle(low, high)
     return {**box, name: (low, cut)}, {**box, name: (cut, high)}
@@ -82,9 +83,9 @@ def _middle(low: End, high: End) -> Fraction:
 
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Attempt], more: int = MORE) -> int:
-    """Return the number of boxes by which `attempt` proves a statement on the whole
-    box: the parts into which the bisection `tree` cuts it, and at most `more`
-    halves of these. Raises: `Unproved` with a box on which it is not proved."""
+    """Return the number of boxes with which a statement is proved on the whole box: `attempt` tries to prove it on each
+    leaf of the bisection `tree`, and where it fails on halves, at most `more` in all. Raises: `Unproved` with a box on
+    which it is not proved."""
     pending = leaves(tree, box)
     limit = len(pending) + more
     tried = 0
@@ -105,7 +106,7 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Attempt], more: int = 
 
 
 def centre_of(box: Box) -> Box:
-    """Return the centre of a box as a degenerate box."""
+    """Return the centre of a box, as a box whose sides are points."""
     return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
 
 
@@ -156,27 +157,27 @@ def _printed_end(end: End) -> str:
 
 
 def narrowed(box: Box, names: Iterable[str]) -> Box:
-    """Return the sides of a box with these names, sorted."""
+    """Return the box of these names only, in alphabetical order."""
     return {name: box[name] for name in sorted(names)}
 
 
 def cut(text: str) -> str:
-    """Return a text for a sentence, cut to 60 characters."""
+    """Return a text cut to 60 characters, for a sentence."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def sides(box: Box) -> dict[str, Interval]:
-    """Return the ranges of a box as intervals, by name."""
+    """Return the sides of a box as intervals, by name."""
     return {name: between(low, high) for name, (low, high) in box.items()}
 
 
 def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
-    """Return numbers as intervals, by name."""
+    """Return numbers by name as intervals."""
     return {name: point(value) for name, value in at.items()}
 
 
 def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove low <= expression <= high on it; a bound may be infinite."""
+    """Return a function that attempts to prove low <= expression <= high on a box; a bound may be infinite."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -204,18 +205,19 @@ def _meets(value: Interval, limit: End, sign: int) -> bool:
 
 
 def seeded_sides(box: Box) -> dict[str, Dual]:
-    """Return the ranges of a box as intervals with the slope 1 at their own index, by name; points have no slope."""
+    """Return the sides of a box as dual numbers by name, with the slope 1 at their own index; a side that is a point
+    has no slope."""
     return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
 
 
 def unbounded(box: Box) -> bool:
-    """Return whether a side has an infinite end."""
+    """Return whether a side of the box has an infinite end."""
     return any(math.inf in (abs(low), abs(high)) for low, high in box.values())
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Return whether value >= limit (sign 1), or value <= limit (sign -1), on a face of the box,
-    by interval arithmetic or by the mean value form with these partial derivatives `slopes`."""
+    """Return whether the expression is proved >= limit (sign 1) or <= limit (sign -1) on a face of the box, by interval
+    arithmetic or by the mean value form with the partial derivatives `slopes`."""
     if all(low == high for low, high in face.values()):
         value = _value_at(expression, {name: Fraction(low) for name, (low, _) in face.items()})
         if value is None or isinstance(value, Interval):
@@ -235,8 +237,8 @@ def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign
 
 
 def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
-    """Return the face of a box on which an expression with these slopes has its minimum (sign 1) or its maximum (sign
-    -1), as far as it is monotone."""
+    """Return the face of a box on which an expression with these partial derivatives is smallest (sign 1) or largest
+    (sign -1); sides along which it is not monotone stay whole."""
     face = dict(box)
     for k, (name, (low, high)) in enumerate(box.items()):
         slope = slopes.get(k, point(Fraction(0)))
@@ -248,8 +250,8 @@ def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
 
 
 def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fraction:
-    """Return the best centre on a side for a lower bound (sign 1) or an upper one (sign -1) by the mean value form
-    (Baumann 1988); any point of the side is valid."""
+    """Return the centre on a side with which the mean value form gives the best lower bound (sign 1) or upper bound
+    (sign -1) (Baumann 1988); the bound is valid for any point of the side."""
     low, high = Fraction(side[0]), Fraction(side[1])
     if low == high or slope is None:
         return low
@@ -274,7 +276,7 @@ def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | 
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
-    """Return the sign of the expression at a point: "zero", "negative", "positive", or "" if undecided."""
+    """Return the sign of an expression at a point: "zero", "negative", "positive", or "" if undecided."""
     value = _value_at(expression, at)
     if isinstance(value, Fraction):
         return "zero" if not value else "positive" if value > 0 else "negative"
@@ -288,7 +290,8 @@ Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, how
 
 
 def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove that expressions have finite values and slopes in `names`."""
+    """Return a function that attempts to prove on a box that the expressions and their partial derivatives in `names`
+    are finite."""
 
     def values(box: Box) -> Iterable[Interval]:
         there = sides(box)
@@ -299,7 +302,7 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
 
 
 def all_finite(values: Callable[[Box], Iterable[Interval]]) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove that all `values` on it are finite."""
+    """Return a function that attempts to prove on a box that all `values`, functions of the box, are finite."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -311,8 +314,8 @@ def all_finite(values: Callable[[Box], Iterable[Interval]]) -> Callable[[Box], A
 
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
-    """Demand that no modulus, sign, minimum, maximum or table has a kink at a point, where the formula of a slope is
-    invalid. Raises: `Unproved`."""
+    """Demand that the expressions have no kink at a point: there no modulus, sign, minimum, maximum or table switches,
+    so that the formulas of the slopes are valid. Raises: `Unproved`."""
     values = points(at)
     for text in texts:
         for op, args, _ in text.instructions:
@@ -328,8 +331,8 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
 
 
 def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
-    """Demand that no table's derivative in a text jumps along the names within a box. Slopes on the leaves are
-    one-sided at a cut of the bisection, so they do not detect a jump there. Raises: `Unproved`."""
+    """Demand that no table, or derivative of a table, in the expressions jumps within the box along the `names`. Slopes
+    on the leaves of a bisection are one-sided at the cuts and do not detect a jump there. Raises: `Unproved`."""
     along, ranges = frozenset(names), sides(box)
     for text in texts:
         varies: list[bool] = []
@@ -351,8 +354,8 @@ def steep(
     scale: Sequence[Expression] = (),
     norm: Norm | None = None,
 ) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove |S J S^-1| <= bound on it, in the spectral norm by default: J is
-    the Jacobian of `rows` in `names`, S = diag(`scale`), by default 1."""
+    """Return a function that attempts to prove |S J S^-1| <= bound on a box, J the Jacobian of `rows` in `names`, S =
+    diag(`scale`), by default 1; `norm`: the test of the bound, by default in the spectral norm."""
     within = norm or spectral
 
     def entries(box: Box) -> list[list[Interval]]:
@@ -369,8 +372,8 @@ def by_mean_value(
     varying: Callable[[Box], list[list[Dual]]],
     holds: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove that a matrix has the property `holds`: by its `entries` as
-    intervals, or by the mean value forms from its `varying` entries with slopes."""
+    """Return a function that attempts to prove on a box that a matrix has a property, tested by `holds` on matrices of
+    intervals: on its `entries`, then on their mean value forms. `varying`: the entries as dual numbers."""
 
     def attempt(box: Box) -> Attempt:
         try:
@@ -393,7 +396,7 @@ def by_mean_value(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """Demand |d rows_i/d names_j| <= `most`_ij on a box for every j with a `sizes`_j other than 0; return the number of
+    """Demand |d rows_i/d names_j| <= `most`_ij on a box for every j with `sizes`_j other than 0; return the number of
     boxes. Raises: `Unproved`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
@@ -408,8 +411,8 @@ def in_ranges(
     ends: Mapping[tuple[int, int], tuple[End, End]],
     scale: Sequence[Expression] = (),
 ) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove that entry (i, j) of S J S^-1 is in `ends`[i, j], J the Jacobian
-    of `rows` in `names`, S = diag(`scale`)."""
+    """Return a function that attempts to prove on a box that entry (i, j) of S J S^-1 lies in `ends`[i, j], J the
+    Jacobian of `rows` in `names`, S = diag(`scale`), by default 1."""
 
     def values(box: Box) -> list[Interval]:
         J = _scaled(rows, names, box, scale)
@@ -425,9 +428,13 @@ def in_ranges(
 def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
 ) -> Callable[[Box], Attempt]:
-    """Return a function of a box that tries to prove that values are in the ranges `ends`: by the values, the mean
-    value form, or the values on the face towards which a value is monotone; `varying`: the values with slopes. In
-    a variable in which a derivative may jump the slope is unbounded: there only the values prove something."""
+    """Return a function that attempts to prove on a box that values lie in the ranges `ends`: by the `values` as
+    intervals, by their mean value forms, or by the values on the face towards which they are monotone. `varying`: the
+    values as dual numbers.
+
+    Where a derivative may jump in a variable, the slope in it is unbounded, and only the interval values prove
+    something.
+    """
 
     def beyond(x: Interval, k: int) -> list[int]:
         low, high = ends[k]
@@ -464,7 +471,8 @@ def _scaled(
 def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Dual]]:
-    """Return S J S^-1, J = d rows/d names, S = diag(`scale`), with the derivatives of its entries."""
+    """Return S J S^-1 as dual numbers on a box, J the Jacobian of `rows` in `names`, S = diag(`scale`): entries with
+    their derivatives."""
     if unbounded(box):
         raise Undefined("an unbounded side")
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
@@ -474,8 +482,8 @@ def _second(
 def _similar(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
-    """Return S J S^-1, J = d rows/d names, S = diag(`scale`). The
-    diagonal is copied from J: intervals would widen it."""
+    """Return S J S^-1, J the Jacobian of `rows` in `names`, S = diag(`scale`), as intervals, or as dual numbers if
+    `varying`. The diagonal is that of J, which a multiplication by S_i/S_i in intervals would widen."""
     box, arithmetic = dict(ends), _duals if varying else intervals
     values: Mapping[str, Any] = seeded_sides(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
@@ -483,19 +491,19 @@ def _similar(
 
 
 def offsets(centre: Box, box: Box) -> Slopes:
-    """Return the interval of x_k - c_k on a box with the centre c, by the index k of a name."""
+    """Return the intervals x_k - c_k of a box with the centre c, by the index k of a name."""
     return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
-    """Return f(c) + sum_k slopes_k away_k, the mean value form: `centre` is f(c), `away` the intervals of x_k - c_k."""
+    """Return the mean value form f(c) + sum_k slopes_k away_k; `centre`: f(c), `away`: the intervals x_k - c_k."""
     for k, slope in slopes.items():
         centre = centre + slope * away[k]
     return centre
 
 
 def weights(entries: Sequence[Dual]) -> Slopes:
-    """Return the sum over all entries of |slope in x_k|, by the index k of a name."""
+    """Return the sum over all entries of |partial derivative in x_k|, by the index k of a name."""
     variation: dict[int, Interval] = {}
     for entry in entries:
         for k, slope in entry.slopes.items():
@@ -505,12 +513,13 @@ def weights(entries: Sequence[Dual]) -> Slopes:
 
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
-    """Return whether the sum of the squares of the entries of J is at most bound^2."""
+    """Return whether the Frobenius norm of every matrix within the intervals J is at most the bound."""
     return _sum(map(_squared, zip(*J, strict=True))).at_most(bound**2)
 
 
 def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
-    """Return whether |J| <= bound, by the Frobenius norm or by the pivots of bound^2 I - J'J in intervals."""
+    """Return whether the spectral norm of every matrix within the intervals J is proved to be at most the bound, by the
+    Frobenius norm or by the pivots of bound^2 I - J'J in intervals."""
     columns = list(zip(*J, strict=True))
     squares = [_squared(column) for column in columns]
     if _sum(squares).at_most(bound**2):
@@ -531,12 +540,13 @@ def _sum(terms: Iterable[Interval]) -> Interval:
 
 
 def positive(M: list[list[Interval]]) -> bool:
-    """Return whether every symmetric matrix within M is positive definite."""
+    """Return whether every symmetric matrix within the intervals M is proved positive definite."""
     return definite(M) > 0
 
 
 def definite(M: list[list[Interval]]) -> int:
-    """Return 1 if every symmetric matrix within M is positive definite, -1 if none is, else 0, by signs of pivots."""
+    """Return 1 if every symmetric matrix within the intervals M is proved positive definite, -1 if none is, 0 if
+    undecided, by the signs of the pivots."""
     M = [list(row) for row in M]
     n = len(M)
     for k in range(n):

@@ -49,7 +49,7 @@ from .turns import Turn, demand_periodic
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a verified claim: a sentence for the report, and the number of boxes of its proof."""
+    """The result of a verified claim: the `sentence` for the report, and the number of `boxes` of the proof."""
 
     sentence: str
     boxes: int = 0
@@ -81,8 +81,8 @@ def reason_of(error: Exception) -> str:
 
 
 class Context:
-    """A certificate (`file`) with its `form`, `plant`, the form's states `z`, and the exact `algebra` of quotients in
-    the form's names; `value` reads an expression in it."""
+    """A certificate `file` under verification, with its `form` z' = A z + b of the `plant`, the names `z` of the form's
+    states, and the exact `algebra` of quotients in the form's names; `value` reads an expression as a quotient."""
 
     def __init__(self, certificate: Certificate) -> None:
         self.file = certificate
@@ -93,14 +93,15 @@ class Context:
 
     @property
     def equations(self) -> Finding:
-        """The finding, by exact algebra, that the form z' = A z + b, y = output is the plant. Raises: `Unproved`."""
+        """The finding that the form z' = A z + b, y = output is the plant in other coordinates, by exact algebra.
+        Raises: `Unproved`."""
         if self.fault:
             raise Unproved(self.fault)
         return Finding("the form's equations are the plant's")
 
     @cached_property
     def fault(self) -> str:
-        """The reason why the form is not proved to be the plant, or ""."""
+        """The reason why the form is not proved to be the plant in other coordinates; "" if it is."""
         try:
             self._finite()
             self._flow()
@@ -109,8 +110,8 @@ class Context:
         return ""
 
     def _finite(self) -> None:
-        """Demand that every expression is finite on its whole box:
-        an identity proves nothing where a side is undefined."""
+        """Demand that every expression is finite on its whole box: an identity proves nothing where one side is
+        undefined."""
         form, plant = self.form, self.plant
         if len(self.z) != len(plant.states):
             raise Unproved("the form has not as many states as the plant")
@@ -155,8 +156,8 @@ class Context:
 
     @cached_property
     def turns(self) -> tuple[Turn | None, ...]:
-        """The periods of the outputs (p), None of one without. The plant and the form are verified to be periodic in
-        their angles, so that both obey their equations on the whole line. Raises: `Unproved`."""
+        """The periods (p) of the outputs, None for an output without one. It is verified that the plant and the form
+        are periodic in their angles, so that their equations hold on the whole line. Raises: `Unproved`."""
         plant, form = self.plant, self.form
         forward = ((row, form.turns.get(name)) for name, row in zip(self.z, form.to_form, strict=True))
         outputs = zip(plant.output, plant.periods, strict=True)
@@ -169,17 +170,18 @@ class Context:
 
     @property
     def modulo(self) -> str:
-        """The condition under which an observer's error obeys its equation, in words; "" without periodic outputs."""
+        """The condition, in words, under which an observer's error obeys its equation: periodic outputs must be off by
+        less than half a turn. "" for a plant without periodic outputs."""
         return ", while the errors of periodic outputs are below half a turn" if any(self.plant.periods) else ""
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
-        """The rows F (n) of z' = F = A z + b, as expressions."""
+        """The right-hand sides (n) of z' = A z + b, as expressions."""
         return self._rows(lambda entry: entry.text != "0")
 
     @cached_property
     def nonlinear(self) -> tuple[Expression, ...]:
-        """The rows (n) of b plus the terms A_ij z_j whose A_ij reads a state."""
+        """The rows (n) of the form's nonlinear part: b plus the terms A_ij z_j whose A_ij depends on a state."""
         return self._rows(lambda entry: not entry.names.isdisjoint(self.z))
 
     def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
@@ -195,12 +197,13 @@ class Context:
             raise Unproved(complaint)
 
     def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
-        """Demand that an expression of the file equals the `wanted` quotient; `complaint` is the error's text."""
+        """Demand that an expression of the file equals the quotient `wanted`; `complaint`: the text of the error.
+        Raises: `Unproved`."""
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
-        """Return a_1 = dy/dz of the output of a `chain`, from 0, in the state z that it measures. No a_1 reads z, since
-        y(z) - y(0) = z dy/dz is proved for every z. Raises: `Unproved`."""
+        """Return a_1 = dy/dz for the output of a `chain`, counted from 0, and the state z that it measures. a_1 does
+        not depend on z, since y(z) - y(0) = z dy/dz is proved for every z. Raises: `Unproved`."""
         first, output = self.observed[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
         nonlinear = self.value(output, {**letters, first: self.algebra.zero})
@@ -208,7 +211,7 @@ class Context:
         return slope
 
     def output_slope(self, output: int) -> Fraction:
-        """Return dy/dz of an output in the state z that it measures, a number other than 0. Raises: `Unproved`."""
+        """Return dy/dz for an output and the state z that it measures, a number other than 0. Raises: `Unproved`."""
         slope = self.first_gain(output).number
         if not slope:
             raise Unproved("the slope of an output is no number")
@@ -216,14 +219,14 @@ class Context:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """The name of the first state z_1 of each chain of integrators (p), "" for a chain without states."""
+        """The names (p) of the first states z_1 of the chains of integrators, "" for a chain without states."""
         blocks = self.form.blocks
         return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
 
     @cached_property
     def observed(self) -> tuple[str, ...]:
-        """The name of the state that each output (p) measures: the first of its own chain, or of another chain if the
-        slopes of both outputs are numbers; "" if neither is proved."""
+        """The names (p) of the states that the outputs measure: the first state of the output's own chain, or of
+        another chain if both chains' outputs have constant slopes in it; "" where neither is proved."""
         return tuple(of_chain or self._shared(j) for j, of_chain in enumerate(self.heads))
 
     def _shared(self, output: int) -> str:
@@ -234,17 +237,18 @@ class Context:
         return ""
 
     def demand_observed(self, output: int) -> None:
-        """Demand that the output of an index measures the first state of a chain. Raises: `Unproved`."""
+        """Demand that an output, by its index, measures the first state of a chain. Raises: `Unproved`."""
         if not self.observed[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
-        """Return the partial derivative of an expression with respect to a name, in closed form."""
+        """Return the partial derivative of an expression by a name, in closed form."""
         return self.algebra.speed(text, {name: self.algebra.one})
 
     def at_kinks(self, slope: Expression, row: Expression) -> Expression:
-        """Return the slope of a `row` with each sign(e) in it read as the slope of |e|, which at e = 0 is a set and not
-        0. A sign in the row itself stays: x sign(u) has the slope sign(u), which is 0 at u = 0, also at an edge."""
+        """Return the partial derivative `slope` of a `row` with each sign(e) in it read as the derivative of |e|, whose
+        value at e = 0 is a set. A sign that is in the row itself stays a number: x sign(u) has the slope sign(u), which
+        is 0 at u = 0."""
         jumps = [self.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
 
         def is_sign_of_row(place: int) -> bool:
@@ -259,26 +263,26 @@ class Context:
 
 
 def algebra_of(box: Box) -> Algebra:
-    """Return the algebra of a box's names; a name with one value is a number."""
+    """Return the algebra of the names of a box; a name whose range is one point is a number."""
     free = [name for name, (low, high) in box.items() if low < high]
     fixed = {name: Fraction(low) for name, (low, high) in box.items() if low == high}
     return Algebra(free, [name for name in free if box[name][0] >= 0], fixed)
 
 
 def numbers(rows: Iterable[Sequence[Quotient]]) -> list[list[Fraction]] | None:
-    """Return rows of quotients as rows of fractions; None if an entry is not written as a number."""
+    """Return a matrix of quotients as a matrix of fractions; None if an entry is not written as a number."""
     values = [[entry.number for entry in row] for row in rows]
     known = [[value for value in row if value is not None] for row in values]
     return known if known == values else None
 
 
 def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:
-    """Return M x for a matrix M of numbers and quotients x."""
+    """Return the product M x of a matrix of numbers and a vector of quotients."""
     return [inner(algebra, [algebra.number(a) for a in row], x) for row in M]
 
 
 def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quotient:
-    """Return sum_k a_k x_k."""
+    """Return the inner product sum_k a_k x_k."""
     products = (share * each for share, each in zip(a, x, strict=True) if share)
     return sum(products, start=algebra.zero)
 
@@ -287,7 +291,8 @@ def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quo
 
 
 def inside(low: Any, high: Any, share: Fraction) -> Fraction:
-    """Return the point at a share (0 to 1) of a range; in an unbounded one, at that distance from its end or 0."""
+    """Return the point that divides a range by a share from 0 to 1; in an unbounded range the point at this distance
+    from its end, or from 0."""
     if low > -math.inf:
         return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
     return (Fraction(0) if high == math.inf else Fraction(high)) - share
@@ -298,7 +303,7 @@ RANGE = ("expression", "box", "low", "high", "tree")  # keys of the evidence of 
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
-    """Demand that all names are allowed; the error begins with `complaint`. Raises: `Unproved`."""
+    """Demand that all `names` are `allowed`; `complaint`: the beginning of the error's text. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise Unproved(f"{complaint} reads {', '.join(strange)}")
@@ -310,7 +315,7 @@ def finite(text: Expression, box: Box) -> int:
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """Return the model's ranges of these names, which must equal the evidence's `box`. Raises: `Unproved`."""
+    """Return the model's ranges of these names; the `box` in the evidence must state the same. Raises: `Unproved`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
@@ -321,7 +326,7 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
 
 
 def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
-    """Return the evidence's `expression`, which must equal the quotient `wanted`. Raises: `Unproved`."""
+    """Return the `expression` in the evidence, which must equal the quotient `wanted`. Raises: `Unproved`."""
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     return text
@@ -334,9 +339,11 @@ def enclosed(
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Finding]:
-    """Return the evidence's bounds low <= e <= high, once proved on the model's box, and the finding: e is the quotient
-    `wanted`, a part of the form's expression `source`; `read` transforms the evidence's expression of e before the
-    evaluation. Raises: `Unproved`."""
+    """Return the bounds low and high of the evidence, with the finding that low <= e <= high on the model's box; e is
+    the quotient `wanted`, which occurs in the form's expression `source`. Raises: `Unproved`.
+
+    `read`: a transformation of the evidence's expression of e before it is bounded, as at kinks.
+    """
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
@@ -347,7 +354,8 @@ def enclosed(
 
 
 def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
-    """Return a number for a sentence: a long one is rounded to so many digits, up for `way` 1, down for -1."""
+    """Return a number for a sentence. A long one is rounded to so many significant `digits`, up if `way` is 1, down if
+    it is -1."""
     text = str(value)
     if len(text) <= 12:
         return text
@@ -357,8 +365,8 @@ def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
 
 
 def is_above(value: Fraction, bound: Fraction) -> str:
-    """Return the words that `value` is above `bound`, with enough digits to distinguish them. Raises: `Unproved` if
-    that takes too many digits."""
+    """Return a text such as "2.1 is above 2", with enough digits to distinguish `value` from `bound`. Raises:
+    `Unproved` if 40 digits do not."""
     for digits in range(6, _MOST):
         high, low = printed(value, -1, digits), printed(bound, 1, digits)
         if Fraction(high) > Fraction(low):
@@ -367,13 +375,15 @@ def is_above(value: Fraction, bound: Fraction) -> str:
 
 
 def on(box: Box) -> str:
-    """Return text such as " on x in [0, 1], u in [-2, 2]", without the sides of a box that are points."""
+    """Return the ranges of a box as text, such as " on x in [0, 1], u in [-2, 2]"; sides that are points are
+    omitted."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
 
 
 def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
-    """Return the claim's point in the box, with a value for each of `names`. Raises: `Unproved`."""
+    """Return the point of the box that a claim states under `key`, with a value for each of `names`. Raises:
+    `Unproved`."""
     coordinates = part(claim.evidence, key, dict)
     at = {name: number(value) for name, value in sorted(coordinates.items())}
     for name, value in at.items():
@@ -394,12 +404,13 @@ ON_CHAINS = (*CHAINS, *CARRIED)
 
 
 def structure(context: Context, claim: Claim) -> Finding:
-    """Demand the structure of chains: A has a superdiagonal within each chain only, which reads no state (but z_1 if
-    there is one chain), b reads the states that the alignment permits, and y_i = a_1 z_1 + c of its chain, where a_1
-    and c read no state.
+    """Demand that the form consists of chains of integrators: A couples each state of a chain to the next one only, and
+    its entries read no state (but z_1 in a single chain); b reads the states that the alignment permits; y_i = a_1 z_1
+    + c for each chain, a_1 and c without states.
 
     An output whose chain has no states is unconstrained: an observer uses it as a measurement of the first state of
-    another chain if it is a constant multiple of that chain's output, else no gain acts on it."""
+    another chain if it is a constant multiple of that chain's output, else no gain acts on it.
+    """
     form, z = context.form, context.z
     several = form.kind == "block_triangular"
     if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
@@ -430,8 +441,8 @@ def structure(context: Context, claim: Claim) -> Finding:
 
 
 def _superdiagonal(context: Context, places: Sequence[tuple[int, int]]) -> None:
-    """Demand that A has entries from one place of a chain to the next alone, which read no state but z_1 of one
-    chain."""
+    """Demand that only entries of A that couple a state of a chain to the next one are not 0, and that they read no
+    state, but z_1 in a single chain."""
     form, z = context.form, context.z
     for i, row in enumerate(form.A):
         for j, entry in enumerate(row):
@@ -469,8 +480,11 @@ def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
 
 
 def ranges_kept(context: Context, every: bool = False) -> int:
-    """Demand that the form's states stay in their ranges while the plant's do, and return the number of boxes. A state
-    that is none of the plant's may be left to a claim `recast.range`, unless `every` state is requested."""
+    """Demand that the form's states stay in their ranges while the plant's states do; return the number of boxes.
+    Raises: `Unproved`.
+
+    A state that is not a state of the plant may be covered by the claim `recast.range` instead, unless `every` is set.
+    """
     boxes = 0
     range_claimed = not every and context.file.claim("recast.range") is not None
     for name, row in zip(context.z, context.form.to_form, strict=True):
@@ -484,8 +498,8 @@ Value = TypeVar("Value")
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
-    """Return a_i, y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .., as a quotient, and the expression that contains it;
-    `place`: (i) in the only chain, or (k, i) in chain k. Raises: `Unproved`."""
+    """Return the gain a_i of a chain, y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .., as a quotient, and the form's
+    expression in which it occurs; `place`: (i) in a single chain, or (k, i) in chain k. Raises: `Unproved`."""
     _ = context.equations
     chain, index = place if len(place) == 2 else (1, *place)
     at = place_of(context, chain, index)
@@ -496,7 +510,8 @@ def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Exp
 
 
 def place_of(context: Context, chain: int, index: int) -> int:
-    """Return the index among all states, from 0, of the state `index` of a chain, both from 1. Raises: `Unproved`."""
+    """Return the index, from 0, among all states of a state of a chain; `chain` and `index` count from 1. Raises:
+    `Unproved`."""
     blocks = context.form.blocks
     if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
         raise Unproved("the form has no such row")
@@ -504,7 +519,8 @@ def place_of(context: Context, chain: int, index: int) -> int:
 
 
 def observer_of(context: Context, claim: Claim) -> Observer:
-    """Return the file's observer with its numbers; the claim's id must begin with its name. Raises: `Unproved`."""
+    """Return the observer of the file with its numbers; it must be the one that the claim's id names. Raises:
+    `Unproved`."""
     observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
         raise Unproved(f"the file has no {name} observer with its numbers")
@@ -513,8 +529,8 @@ def observer_of(context: Context, claim: Claim) -> Observer:
 
 @dataclass(frozen=True)
 class Scale:
-    """Coordinates S w of a chain of integrators w, S = diag(`units`) (n): S_i w_i is z_i times entry i of
-    `expressions`, which read parameters only and are proved finite and nonzero with `boxes` boxes."""
+    """Coordinates S w of a chain of integrators w, S = diag(`units`) (n), with S_i w_i = `expressions`_i z_i. The
+    expressions read parameters only; that they are finite and not zero is proved with `boxes` boxes."""
 
     units: list[Fraction]
     expressions: list[Expression]
@@ -522,7 +538,8 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """Return the `Scale` of the form's only chain: its `scale` must be units_i a_1 .. a_i. Raises: `Unproved`."""
+    """Return the coordinates (`Scale`) of the form's single chain in the evidence: its `scale` must be units_i a_1 ..
+    a_i. Raises: `Unproved`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.one
     if len(context.form.blocks) != 1:
@@ -537,7 +554,7 @@ def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
 
 
 def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
-    """Return the texts as expressions, which read parameters only. Raises: `Unproved`."""
+    """Return the texts as expressions, which must read parameters only. Raises: `Unproved`."""
     expressions = [expression(text, context.form.box) for text in texts]
     for text in expressions:
         only(text.names, context.file.parameters, f"the constant {text.text}")
@@ -545,13 +562,14 @@ def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
 
 
 def invertible(context: Context, scale: Sequence[Expression]) -> int:
-    """Demand that each entry of `scale` is finite and not zero; return the number of boxes. Raises: `Unproved`."""
+    """Demand that each entry of `scale` is finite and not zero on the form's box; return the number of boxes. Raises:
+    `Unproved`."""
     box = context.form.box
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
 def steady(context: Context, gains: Sequence[Expression]) -> int:
-    """Demand that A reads no state, and that an observer's gains read parameters only and are finite for all of them;
+    """Demand that A depends on no state, and that the observer's `gains` depend on parameters only and are finite;
     return the number of boxes. Raises: `Unproved`."""
     for entry in (entry for row in context.form.A for entry in row):
         only(entry.names & set(context.z), (), "A")
@@ -559,8 +577,9 @@ def steady(context: Context, gains: Sequence[Expression]) -> int:
 
 
 def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
-    """Return the gain matrix (n, p) from the list of its entries: one for each state, which acts on the output of the
-    state's own chain, or one for each state and chain, state by state; `none` elsewhere."""
+    """Return the gain matrix (n, p) from the list of its entries: one for each state, which multiplies the output of
+    the state's own chain, or one for each state and chain, state by state. `blocks`: the sizes of the chains; `none`:
+    the entry elsewhere."""
     chain = [k for k, size in enumerate(blocks) for _ in range(size)]
     onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
     columns, nonlinear = onto * (len(chain) // len(onto)), iter(entries)
@@ -568,7 +587,7 @@ def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> lis
 
 
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
-    """Return N, once S (A - K C) = N S, S = diag(`scale`), K the `gains`, is proved. Raises: `Unproved`."""
+    """Return N (n, n), for which S (A - K C) = N S is proved, S = diag(`scale`), K the `gains`. Raises: `Unproved`."""
     algebra, form = context.algebra, context.form
     S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
     column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.zero)
@@ -585,13 +604,15 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
 def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
-    """Return the proved bound of |S db/dz S^-1|, S = diag(`scale`), and the number of boxes. Raises: `Unproved`."""
+    """Return the bound of |S db/dz S^-1|, S = diag(`scale`), that the evidence states and that is proved here, and the
+    number of boxes; `norm`: the test of the bound. Raises: `Unproved`."""
     bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
     return bound, boxes
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
-    """Return the finding |d rows/dz| <= the claim's bound (spectral); `name` is printed. Raises: `Unproved`."""
+    """Return the finding that the spectral norm |d rows/dz| is at most the claim's bound; `name`: the Jacobian in
+    words. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
@@ -619,12 +640,17 @@ STRUCTURE = "{kind}.structure"  # the claim that a form is in chains
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule: the claims that it verifies, and the function `verify` that does. `makers`: the part of a claim's id
-    before the dot, none for the form's kind; `facts`: the part after it, without its row numbers; `rows`: the number of
-    row numbers by the kind of form, none for other kinds; `kinds`: the kinds of form on which the rule holds, none for
-    any; `keys`: the permitted parts of the evidence; `assumes`: the ids of the claims that it assumes; `about`: the
-    subject of its sentence, both with {maker} and the form's {kind} filled in; `turning`: the ids of the claims that it
-    assumes as well of a plant with periodic outputs, None for a rule that does not hold there."""
+    """A rule of the verification: which claims it accepts, and the function `verify`(context, claim) that returns the
+    finding.
+
+    `makers`, `facts`: the permitted parts of a claim's id before and after the dot (no maker: the form's kind); `rows`:
+    the number of row numbers in the id by the kind of form, 0 for other kinds; `verdict`: of the claim; `kinds`: the
+    kinds of form on which the rule holds, none for any; `keys`: the permitted parts of the evidence.
+
+    `assumes`: the ids of the claims that the claim assumes; `turning`: further ones for a plant with periodic outputs,
+    None if the rule does not hold there; `about`: the subject of the sentence. In these {maker} and {kind} are filled
+    in.
+    """
 
     makers: Keys
     facts: Keys
@@ -645,18 +671,18 @@ class Rule:
         return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
 
     def needs(self, kind: str, claim: Claim, periodic: bool) -> Keys:
-        """Return the ids of the claims that a claim on a form of the given kind assumes, for a plant with `periodic`
-        outputs or none. On a form carried to other coordinates the structure is no claim: it is verified with each
-        claim that assumes it."""
+        """Return the ids of the claims that a claim on this kind of form assumes; `periodic`: whether the plant has
+        periodic outputs. For a form carried to other coordinates the structure is no claim of its own, but is verified
+        with each claim that assumes it."""
         assumed = (*self.assumes, *((self.turning or ()) if periodic else ()))
         return tuple(self.named(id, kind, claim) for id in assumed if id != STRUCTURE or kind not in CARRIED)
 
     def named(self, text: str, kind: str, claim: Claim) -> str:
-        """Return a text of the rule with the claim's maker and the form's kind filled in."""
+        """Return a text of the rule with {maker} and {kind} filled in, the claim's maker and the form's kind."""
         return text.format(maker=claim.maker, kind=kind)
 
     def find(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding on a claim that the rule accepts. Raises: `Unproved`."""
+        """Return the finding that verifies a claim, which the rule must accept. Raises: `Unproved`."""
         if self.turning is None and any(context.plant.periods):
             raise Unproved("an output is periodic, for which its rule is not")
         if STRUCTURE in self.assumes and context.form.kind in CARRIED:
@@ -669,8 +695,8 @@ class Rule:
 
 @dataclass(frozen=True)
 class Needed:
-    """The claims that a certificate of a form requires, whatever their verdicts: the claim of its `structure`, and the
-    `others` if that is proved."""
+    """The claims that a certificate of a form must contain, whatever their verdicts: the `structure`, and, if the
+    structure is proved, the `others`."""
 
     structure: str
     others: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
@@ -685,12 +711,14 @@ def observer_rule(
     kinds: Keys = (),
     turning: Keys | None = None,
 ) -> Rule:
-    """Return the rule of claims about observers' numbers only, on forms of these `kinds` or any; see `Rule`."""
+    """Return a rule for claims about the numbers of observers, named in `makers`, on forms of these `kinds`, or any;
+    arguments as in `Rule`."""
     return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer", turning=turning)
 
 
 def chains_rule(
     makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, turning: Keys | None = None
 ) -> Rule:
-    """Return the rule of claims about observers on chains of integrators, whose structure it assumes; see `Rule`."""
+    """Return a rule for claims about observers on chains of integrators, which assume the form's structure; arguments
+    as in `Rule`."""
     return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS, turning=turning)

@@ -38,7 +38,7 @@ _KEYS = {
 
 @dataclass(eq=False)
 class NoCertificate(RecheckError):
-    """A file that is no certificate."""
+    """The error that a file is no certificate."""
 
     reason: str
 
@@ -48,8 +48,8 @@ class NoCertificate(RecheckError):
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations x' = flow, y = output of the plant, as expressions; `box`: the range of every name in them;
-    `turns`: the periods of angles among the states and inputs, `periods` those of the outputs, or None."""
+    """The plant x' = `flow`, y = `output`, as expressions; `box`: the range of every name in them; `turns`: the periods
+    of states and inputs that are angles, `periods`: those of the outputs, None without one."""
 
     states: tuple[str, ...]
     box: Box
@@ -61,9 +61,9 @@ class Equations:
 
 @dataclass(frozen=True)
 class FormFile:
-    """A form of a plant: z = to_form(x), x = from_form(z), z' = A z + b, y = output; `blocks` are the sizes of its
-    chains of integrators in order, `alignment` says which states of other chains b may read, `turns` are the periods of
-    angles among the states and inputs."""
+    """The plant in other coordinates, as the file states it: z = to_form(x), x = from_form(z), z' = A z + b, y =
+    output. `blocks`: the sizes of the chains of integrators, in order; `alignment`: which states of other chains b may
+    read; `turns`: the periods of states and inputs that are angles."""
 
     kind: str
     states: tuple[str, ...]
@@ -80,8 +80,8 @@ class FormFile:
 
 @dataclass(frozen=True)
 class ObserverKeys:
-    """The names of an observer's arguments in a certificate: `numbers`, single or in lists; `expressions`, the entries
-    of a gain, one for each state, or one for each state and chain; `optional` numbers."""
+    """The names of the arguments of an observer in a certificate: `numbers`, single or in lists; `optional` numbers;
+    `expressions`, the entries of a gain, one for each state, or one for each state and chain."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
@@ -90,8 +90,8 @@ class ObserverKeys:
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer; if a claim is about it, with its `numbers` and with the `entries` of its gains by name, which may
-    hold parameters."""
+    """The observer of a certificate; if a claim is about it, with its `numbers` and with the `entries` of its gains by
+    name, which may contain parameters."""
 
     name: str
     numbers: Mapping[str, Any]
@@ -99,14 +99,14 @@ class Observer:
 
     @property
     def gains(self) -> tuple[Expression, ...]:
-        """The entries of the gain of the output error."""
+        """The entries of the gain that multiplies the output error."""
         return self.entries.get("gains", ())
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the file, with its verdict, as proved, and its evidence. An id such as triangular.a_2 is
-    `maker`.`what`; `what` is the `fact`, a, followed by the row numbers `at`, (2)."""
+    """A claim of the file, with its stated verdict and its evidence. An id such as triangular.a_2 consists of the
+    `maker` and, after the dot, `what`; this is the `fact`, a, followed by the row numbers `at`, (2)."""
 
     id: str
     verdict: str
@@ -119,10 +119,9 @@ class Claim:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as read from a file; `times`: the inputs that are times, of which the rate is 1.
-
-    `model` is the digest of the model; `named` says whether the file states the same digest, `untouched` whether the
-    file's digest is that of its content."""
+    """A certificate as read from a file. `times`: the inputs that are times, whose rate is 1; `model`: the digest of
+    plant, form and observer; `named`: whether the file states the same digest; `untouched`: whether the file's own
+    digest is that of its content."""
 
     name: str
     plant: Equations
@@ -137,22 +136,24 @@ class Certificate:
     untouched: bool
 
     def claim(self, id: str) -> Claim | None:
-        """Return the claim with that id, None if there is none."""
+        """Return the claim with an id, or None."""
         return next((claim for claim in self.claims if claim.id == id), None)
 
 
 def words(text: str) -> str:
-    """Return words of the file in quotes, so that they are not mistaken for the verifier's, nor control a terminal."""
+    """Return a text of the file in quotes, so that it is not mistaken for the verifier's own words, nor controls a
+    terminal."""
     return json.dumps(text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the content without its digest. It detects accidents; a forger can recompute it."""
+    """Return the SHA-256 digest of the content without its own digest; it detects accidents only, since a forger can
+    compute it."""
     return _hashed({key: value for key, value in content.items() if key != "digest"})
 
 
 def model_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the model: plant, form and observer, with their equations, ranges and numbers."""
+    """Return the SHA-256 digest of the model: the equations, ranges and numbers of plant, form and observer."""
     return _hashed({key: content.get(key) for key in ABOUT})
 
 
@@ -161,8 +162,10 @@ def _hashed(value: Mapping[str, Any]) -> str:
 
 
 def read(text: str, observers: Mapping[str, ObserverKeys]) -> Certificate:
-    """Return the certificate in a text; `observers` lists the parts of each observer. Raises: `NoCertificate` for a
-    text that is no JSON or lacks a part; `Unreadable` for an expression or number."""
+    """Return the certificate in a JSON text; `observers`: the argument names of each observer.
+
+    Raises: `NoCertificate` for a text that is no JSON or lacks a part; `Unreadable` for an expression or number.
+    """
     if len(text) > LARGEST:
         raise NoCertificate(f"it has more than {LARGEST} characters")
     try:
@@ -252,7 +255,8 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> 
 
 
 def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
-    """Return the value of the type `kind` under a key. Raises: `NoCertificate` if it is missing or of another type."""
+    """Return the value under a key of a JSON object. Raises: `NoCertificate` if it is missing or not of the type
+    `kind`."""
     value = holder.get(key)
     if not isinstance(value, kind):
         raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
@@ -277,7 +281,8 @@ def _times(plant: Mapping[str, Any], inputs: Iterable[str]) -> tuple[str, ...]:
 
 
 def _periods(holder: Mapping[str, Any], names: Iterable[str]) -> dict[str, Turn]:
-    """Return the periods by name under the key "periods", which may be missing. Raises: `NoCertificate`."""
+    """Return the periods by name in the JSON object under the key "periods", {} if there is none. Raises:
+    `NoCertificate`."""
     known = part({"periods": {}, **holder}, "periods", dict)
     if strange := sorted(known.keys() - set(names)):
         raise NoCertificate(f"{words(strange[0])} has a period, and is no state, input or output")
@@ -341,7 +346,8 @@ def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: 
 
 
 def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
-    """Return closed ranges by name from the list under a key; ends are null if unbounded, equal if fixed."""
+    """Return the closed range of each signal by name, from the JSON list under a key; there null is an infinite end,
+    and equal ends are a constant."""
     ranges: dict[str, tuple[End, End]] = {}
     for entry in part(holder, key, list):
         if not isinstance(entry, dict):
@@ -355,7 +361,7 @@ def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
 
 
 def ends(low: object, high: object, name: str) -> tuple[End, End]:
-    """Return a closed range; None is an infinite end. Raises: `NoCertificate` for an empty one."""
+    """Return a closed range with None read as an infinite end. Raises: `NoCertificate` for an empty range."""
     least = -math.inf if low is None else number(low)
     most = math.inf if high is None else number(high)
     if not least <= most:
@@ -398,7 +404,8 @@ def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
 
 
 def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """Return a JSON object with exactly these keys; `what` describes it in the error. Raises: `Unproved`."""
+    """Return the JSON object `one`, which must have exactly these keys; `what`: its description in the error. Raises:
+    `Unproved`."""
     if not isinstance(one, dict) or set(one) != set(keys):
         *first, last = keys
         raise Unproved(f"{what} is no object of {', '.join(first)} and {last}")
@@ -411,7 +418,7 @@ def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 
 
 def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """Return the matrix of numbers under a key, of the size (rows, columns). Raises: `Unproved`."""
+    """Return the matrix of numbers (rows, columns) under a key. Raises: `Unproved`."""
     lists = entries(holder, key, rows)
     if max(rows, columns) > MOST_ROWS:
         raise Unproved(f"its {key} has more than {MOST_ROWS} rows or columns")
@@ -434,7 +441,7 @@ def _number_of(value: Any, key: str) -> Fraction:
 
 
 def whole(holder: Mapping[str, Any], key: str, least: int, most: int) -> int:
-    """Return the whole number from `least` to `most` under a key. Raises: `Unproved` for another number."""
+    """Return the integer from `least` to `most` under a key. Raises: `Unproved` for another number."""
     value = scalar(holder, key)
     if value.denominator > 1 or not least <= value <= most:
         raise Unproved(f"its {key} is none of {least} to {most}")

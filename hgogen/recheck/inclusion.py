@@ -49,12 +49,14 @@ _SATURATED = 8  # states up to which all combinations of saturations are tried
 
 @dataclass(frozen=True)
 class Core:
-    """The linear part e' = theta N e of the error of an observer with N states, for a
-    chain of n integrators w. `vertices`: N (N, N) for each combination of saturations,
-    the first with all blocking, the last with none. For observer state k: `index` of
-    the w_i that scales it, from 0; `power`, e_k is over theta^power; `fed`, whether it
-    is an estimate, on which b acts. `picks` (n): the observer state at which b is
-    evaluated for w_i; `measured` (N): the gain of the sample's error, over theta."""
+    """The linear part e' = theta N e of an observer's error, for an observer with N states on a chain of n integrators
+    w. `vertices`: the matrix N (N, N) for each combination of saturations, the first with all of them blocking the
+    error, the last with all passing it.
+
+    For observer state k: `index`, the number from 0 of the w_i whose unit e_k has; `power`, the power of theta by which
+    e_k is divided; `fed`, whether it is an estimate, to which b is added. `picks` (n): the observer state at which b is
+    evaluated for w_i; `measured` (N): the gain of the sample's error, over theta.
+    """
 
     vertices: list[Matrix]
     index: list[int]
@@ -65,8 +67,8 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """The pairs (j, column), one for each saturation: a saturation that blocks the error of
-        observer state j adds column (N) to column j of the last vertex, where all errors pass."""
+        """The pairs (j, column), one for each saturation. A saturation that blocks the error of observer state j adds
+        the column (N) to column j of the last vertex, in which all saturations pass the error."""
         columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             removed = self.vertices[-1 - 2**k] - self.vertices[-1]
@@ -105,8 +107,8 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """Return the error dynamics of the states p_1, .., p_n, q_1, .., q_(n-1) of a peaking-free
-    observer, with a vertex for every combination of saturations that block or pass the error."""
+    """Return the linear error dynamics of a peaking-free observer with the states p_1, .., p_n, q_1, .., q_(n-1): a
+    vertex for every combination of saturations that block or pass the error."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
     k, last, padding = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
@@ -127,9 +129,8 @@ def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """Return N (2 m, 2 m) of e' = theta N e for observer states p_1, ..,
-    p_m, q_1, .., q_m with gains `k` (m, 2). `shares` (m + 1) is 1 or
-    0: whether the saturation passes the error of y, q_1, .., q_m."""
+    """Return N (2 m, 2 m) of e' = theta N e for observer states p_1, .., p_m, q_1, .., q_m with gains `k` (m, 2).
+    `shares` (m + 1): 1 if the saturation passes the error of y, q_1, .., q_m, else 0."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -144,8 +145,8 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """Return A - K C of n integrators, K (n) the `gains`. An observer that injects a part of
-    the output error, or varies its gain, is treated as if it injected the whole error."""
+    """Return the linear error dynamics A - K C on n integrators, K (n) the `gains`. An observer that injects a part of
+    the output error, or varies its gain, is treated as one that injects the whole error."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -169,9 +170,13 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 
 @dataclass(frozen=True)
 class Slope:
-    """A term theta^-`degree` d `onto` (`reads`'e + `from_y`'v) of e', with any d in [`low`, `high`]: e (N) the errors
-    of fields, v (p) those of samples at theta = 1. `one_sided`: 1 if d is unbounded above low = high, -1 if below, else
-    0; `realised`: False if the term is a part of A - K C that varies, which no method realises."""
+    """An uncertain term of the error dynamics, theta^-`degree` d a (r'e + s'v) in e', for any factor d in [`low`,
+    `high`]: a (N) is `onto`, r (N) is `reads`, s (p) is `from_y`; e (N) are the errors of the observer's states, v (p)
+    those of the samples at theta = 1.
+
+    `one_sided`: 1 if d is unbounded above low = high, -1 if it is unbounded below, else 0; `realised`: False for the
+    varying part of A - K C, which no method for a realised linear part integrates.
+    """
 
     reads: list[Fraction]
     onto: list[Fraction]
@@ -185,27 +190,29 @@ class Slope:
 
 @dataclass(frozen=True)
 class Argument:
-    """The error of the argument of b, `reads` e + `from_y` v: reads (n, n) for the errors e of states, from_y (n, p)
-    for the errors v of samples over their powers of theta; the rows of from_y are empty if it is not numeric."""
+    """The error of the argument of b, `reads` e + `from_y` v: reads (n, n) multiplies the errors e of the states,
+    from_y (n, p) the errors v of the samples over their powers of theta. The rows of from_y are empty if its entries
+    are not numbers."""
 
     reads: Matrix
     from_y: Matrix
 
     @property
     def known(self) -> bool:
-        """Return whether `from_y`, the effect of the samples' errors on the argument of b, is numeric."""
+        """Return whether the entries of `from_y`, by which the samples' errors enter the argument of b, are numbers."""
         return all(self.from_y)
 
 
 @dataclass(frozen=True)
 class ErrorInclusion:
-    """The error dynamics e' = theta (`N` e + `measured` v) + the uncertain terms of `slopes`,
-    N (N, N) for an observer with N states, measured (N, p) for the errors v of p samples at
-    theta = 1; `boxes`: the number of boxes of its proof. For observer state k: `index` i,
-    `power`, with e_k = theta^-power `scale`_i times an error of the form's state z_i, and
-    `fed`, whether it estimates z_i. For z_i: `picks`, the observer state at which b is
-    evaluated, and `from_y` (n, p), the errors of samples added to it. `late` (p): v is over
-    theta^late; `units` (n): e for an error 1 of the integrators w, empty without them."""
+    """The error dynamics of an observer with N states, e' = theta (`N` e + `measured` v) + the uncertain terms
+    `slopes`: N (N, N), measured (N, p) for the errors v of p samples; `boxes`: the number of boxes of its proof.
+
+    For observer state k: `index` i, `power`, with e_k = theta^-power `scale`_i times an error of the form's state z_i,
+    and `fed`, whether it estimates z_i. For z_i: `picks`, the observer state at which b is evaluated, and `from_y` (n,
+    p), by which the samples' errors are added to it. `late` (p): v is over theta^late; `units` (n): e for an error 1 of
+    the integrators w, empty without them.
+    """
 
     N: Matrix
     slopes: list[Slope]
@@ -221,8 +228,8 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """Return s (N), e_k = s_k times the error of the state that field k estimates: s_k = theta^-power_k scale_i.
-        Raises: `Unproved` if a scale has parameters."""
+        """Return the factors s (N) with e_k = s_k times the error of the form's state that observer state k estimates:
+        s_k = theta^-power_k scale_i. Raises: `Unproved` if a scale depends on parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
@@ -230,14 +237,15 @@ class ErrorInclusion:
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def lifted(self, scales: Sequence[Fraction]) -> Matrix:
-        """Return the matrix s (N, n) with e = s times the errors of the form's states, 0 for fields that estimate none;
-        `scales` (N) as the method of this name gives them."""
+        """Return the matrix T (N, n) with e = T times the errors of the form's states; its rows are 0 for observer
+        states that estimate none. `scales` (N): as the method `scales` returns them."""
         each = zip(scales, self.index, self.fed, strict=True)
         return Matrix([s * (fed and i == at) for at in range(len(self.picks))] for s, i, fed in each)
 
     def largest(self, scales: Sequence[Fraction], first: Sequence[Fraction], P: Matrix) -> Fraction:
-        """Return the largest |e(0)|_P^2 for initial errors of states of at most `first` (n), at the corners, `scales`
-        (N) those of e; a field that estimates no state begins with 0. Raises: `Unproved`."""
+        """Return the largest |e(0)|_P^2 for initial errors of the form's states within +-`first` (n), attained at a
+        corner; observer states that estimate none start without error. `scales` (N): as the method `scales` returns
+        them. Raises: `Unproved`."""
         if len(first) > _CORNERS:
             raise Unproved(f"it has more than {_CORNERS} states")
         if min(first) < 0:
@@ -247,7 +255,8 @@ class ErrorInclusion:
         return max(dot(e, P.applied(e)) for e in corners)
 
     def at(self, theta: Fraction) -> Parts:
-        """Return `Parts` of e' at a theta: M and R with the middles of slopes, G, H and E with half their ranges."""
+        """Return the matrices of the error dynamics at a gain theta (`Parts`): M and R with the slopes d at the middles
+        of their ranges, G, H and E with half of the ranges."""
         M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
         R, p = zeros(len(M), len(late)), len(late)
@@ -269,8 +278,8 @@ class ErrorInclusion:
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the `ErrorInclusion` of the certificate's observer; the evidence has its scale and the ranges of its
-    slopes. Raises: `Unproved`, also for a slope that is unbounded on one side."""
+    """Return the error dynamics of the certificate's observer, with the scale and the ranges of slopes in the evidence.
+    Raises: `Unproved`, also for a slope that is unbounded on one side."""
     error = one_sided_inclusion(context, observer, evidence)
     if any(slope.one_sided for slope in error.slopes):
         raise Unproved("a slope has no bound, for which this claim is not")
@@ -278,7 +287,8 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def one_sided_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the observer's `ErrorInclusion`; a slope may be unbounded on one side. Raises: `Unproved`."""
+    """Return the error dynamics of the certificate's observer; slopes may be unbounded on one side. Raises:
+    `Unproved`."""
     _ = context.equations
     build, strange = (_core_inclusion, ("core", "ranges")) if observer.name in CORES else (_gain_inclusion, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
@@ -301,9 +311,8 @@ def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the error inclusion of z' = A z + b + diag(theta, theta^2, ..)
-    K (y - C z) with a constant K: S (A - K C) S^-1, S = diag(scale), is
-    a matrix of numbers, or the a_i vary in ranges."""
+    """Return the error dynamics of z' = A z + b + diag(theta, theta^2, ..) K (y - C z) with a constant K. S (A - K C)
+    S^-1, S = diag(scale), must be a matrix of numbers, or the a_i of the chains vary in stated ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
         raise Unproved("its chains are not aligned at the top or at the end")
@@ -339,8 +348,8 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """Return the error of the argument z + N (y - C z) of b as `Argument` in the coordinates S z, S = diag(`scale`);
-    `entries` are those of N. Raises: `Unproved` if the coefficients of the states' errors are not numbers."""
+    """Return the error of the argument z + N (y - C z) of b, in the coordinates S z, S = diag(`scale`); `entries`:
+    those of N. Raises: `Unproved` if the coefficients of the states' errors are not numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
     reads, from_y = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
@@ -364,9 +373,8 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
-    """Return W (p, p): row k has the weights of the outputs' errors in the mean
-    of all outputs that measure the first state of chain k. For y_j = r_j y,
-    weighted w_j, the weight is w_j/r_j over the sum of the w."""
+    """Return W (p, p) whose row k has the weights of the outputs' errors in the mean of all outputs that measure the
+    first state of chain k: for y_j = r_j y with the weight w_j, W_kj = (w_j/r_j) / sum of the w. Raises: `Unproved`."""
     outputs, observed = range(len(context.form.output)), context.observed
     together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -411,11 +419,13 @@ def bounded_slopes(
     picks: list[int],
     least: int = 0,
 ) -> tuple[list[Slope], int]:
-    """Return the uncertain terms S_i db_i/dz_j/S_j, each in a range that contains 0,
-    for every z_j on which a b_i depends, S = diag(`scale`), and the number of
-    boxes. The power of theta `powers`[i] - `powers`[j] must be at least `least`.
-    `fed`, `index` (N): whether an observer state estimates a state, and which;
-    `picks` (n): the observer state at which b is evaluated. Raises: `Unproved`."""
+    """Return an uncertain term for each partial derivative S_i db_i/dz_j/S_j that is not 0, S = diag(`scale`), with a
+    range that contains 0, and the number of boxes; the ranges of the evidence are proved. Raises: `Unproved`.
+
+    The term has the power of theta `powers`[i] - `powers`[j], which must be at least `least`. `fed`, `index` (N):
+    whether an observer state estimates a state of the form, and which one; `picks` (n): the observer state at which b
+    is evaluated.
+    """
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)

@@ -82,8 +82,9 @@ Weights = tuple[Matrix, Matrix, Fraction]  # phi_1, phi_2, and a bound of the er
 
 @dataclass(frozen=True)
 class Change:
-    """The errors in a step of length h as functions of v = (e, p_1, .., p_s, inputs): e+ = e + h `D` v, X_i =
-    `stages`[i] v; `off`: bounds of the errors of D and of the last stage, entry by entry, empty if they are exact."""
+    """A step of length h of the error dynamics as linear maps of v = (e, p_1, .., p_s, inputs): e+ = e + h `D` v, and
+    X_i = `stages`[i] v at stage i. `off`: entrywise bounds of the errors of D and of the last stage, empty if they are
+    exact."""
 
     D: Matrix
     stages: list[Matrix]
@@ -92,10 +93,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Parts:
-    """The error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v), |d_j| <= 1: M (N, N), G (N, m), H (m, N),
-    and L (N, N), the part of M without b, `moving` if it varies; B, R (N, p) and E (m, p) act on the errors v of the
-    samples, B with L and R with b. For slopes that are unbounded on one side `one_sided` has the columns onto (N) by
-    which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
+    """The matrices of the error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v), for all |d_j| <= 1: M (N,
+    N), G (N, m), H (m, N); B, R (N, p) and E (m, p) multiply the errors v of the samples. L (N, N) is the part of M
+    without b, B belongs to L and R to b; `moving`: whether L varies.
+
+    `one_sided`: for each slope that is unbounded on one side the pair (a, r) of a term -t a r'e with any t >= 0, a and
+    r (N).
+    """
 
     M: Matrix
     G: Matrix
@@ -110,9 +114,12 @@ class Parts:
 
 @dataclass(frozen=True)
 class Method:
-    """A discretisation of e' = M e + ..: the `nodes` (s) of its stages from 0 to 1 in a step; the `degree` in h of its
-    quadratic form, 0 if that is no polynomial; and `changes`(parts, h, e, p, v), its `Change` from matrices of e (N,
-    size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
+    """A discretisation of the error dynamics. `nodes` (s): the times of its stages, from 0 to 1 in a step; `degree`:
+    the degree in h of the quadratic form of a step, 0 if it is no polynomial.
+
+    `changes`(parts, h, e, p, v): the step as a `Change`, from the matrices that express e (N, size), p_i (m, size) and
+    the errors v_i (p, size) of the samples at each stage.
+    """
 
     nodes: list[Fraction]
     degree: int
@@ -122,7 +129,7 @@ class Method:
 @dataclass(frozen=True)
 class Tableau:
     """A Runge-Kutta method k_i = F(x + h sum_j a_ij k_j, c_i), x+ = x + h sum_i b_i k_i: the `rows` of a below its
-    diagonal, the `weights` b, the `nodes` c, and its order."""
+    diagonal, the `weights` b, and its order."""
 
     rows: list[list[Fraction]]
     weights: list[Fraction]
@@ -135,20 +142,20 @@ class Tableau:
 
     @property
     def deviations(self) -> Matrix:
-        """The coefficients c_i b_j - a_ij (s, s) of h k_j in c_i (x+ - x) - (X_i - x), by which stage i misses the
-        chord from x to x+."""
+        """The coefficients c_i b_j - a_ij (s, s) of h k_j in c_i (x+ - x) - (X_i - x), the distance of stage X_i from
+        the line from x to x+."""
         s = len(self.weights)
         wide = Matrix([[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows])
         return outer(self.nodes, self.weights) - wide
 
     @property
     def cubic(self) -> list[int]:
-        """The indices of the stages that miss the chord from x to x+ by a term of h^3, not of h^2."""
+        """The indices of the stages whose distance from the line from x to x+ is of the order h^3, and not of h^2."""
         return [i for i, row in enumerate(self.deviations) if any(row) and not sum(map(mul, row, self.nodes))]
 
 
 def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
-    """Return the Runge-Kutta `Tableau` that the evidence names under `method`. Raises: `Unproved` for another name."""
+    """Return the Runge-Kutta method that the evidence names under `method`. Raises: `Unproved` for another name."""
     known = _METHODS.get(part(evidence, "method", str))
     if known is None:
         raise Unproved(f"its method is none of {', '.join(_METHODS)}")
@@ -157,8 +164,8 @@ def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """Return the `Method` that the evidence names under `method`: Runge-Kutta, bilinear rule or matrix exponential.
-    Raises: `Unproved`."""
+    """Return the method that the evidence names under `method`: Runge-Kutta, the bilinear rule or the matrix
+    exponential. Raises: `Unproved`."""
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
@@ -185,8 +192,8 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Change:
-    """Return the step of an exponential integrator on e' = L e + r as linear maps: X_2 = e + h phi_1
-    (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1). `weights`(h L) gives (phi_1, phi_2, error)."""
+    """Return a step of an exponential integrator on e' = L e + r as linear maps: X_2 = e + h phi_1 (L e + r_1), e+ =
+    X_2 + h phi_2 (r_2 - r_1). `weights`(h L): phi_1, phi_2 and a bound of the error of phi_2's entries."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
     nonlinear, X = parts.M - parts.L, h * parts.L
@@ -225,24 +232,24 @@ REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a meth
 
 @dataclass(frozen=True)
 class Input:
-    """An input u of an error by its effects per unit: on the samples (p) at each of the `stages` (s, p) of a step, and
-    `rate` (N), on (e+ - e)/h."""
+    """An input u of the error dynamics by its effects per unit: `stages` (s, p), on the samples at each stage of a
+    step; `rate` (N), on (e+ - e)/h."""
 
     stages: Matrix
     rate: list[Fraction]
 
     def __add__(self, other: "Input") -> "Input":
-        """Return the input with the sums of both inputs' effects."""
+        """Return the input whose effects are the sums of both inputs' effects."""
         return Input(self.stages + other.stages, [x + y for x, y in zip(self.rate, other.rate, strict=True)])
 
     def __mul__(self, size: Fraction) -> "Input":
-        """Return the input with its effects times `size`, for a u in units of `size`."""
+        """Return the input with its effects multiplied by `size`, so that u counts in units of `size`."""
         return Input(size * self.stages, [size * x for x in self.rate])
 
 
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
-    """Return two inputs, the error of an output's sample at the beginning and at the end of a step, with linear
-    interpolation between them; `output`: its index."""
+    """Return the errors of an output's sample at the beginning and at the end of a step as two inputs; between the
+    samples the error is interpolated linearly. `output`: its index."""
     row, still = unit_row(output, parts.B.width), [Fraction(0)] * len(parts.M)
     return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
@@ -250,9 +257,10 @@ def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
 def form_of(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> Matrix:
-    """Return the matrix of 2 e'P D v + h |D v|_P^2 + sum_i Q_i'S_i Q_i - p_i'S_i p_i - sum_k lambda_k u_k^2 in v = (e,
-    p_1, .., p_s, u), e+ = e + h D v, Q_i = H X_i + E v_i; the evidence has P, and S with the lambda of `inputs` at its
-    end. Raises: `Unproved` unless P > 0, S >= 0."""
+    """Return the matrix of the quadratic form 2 e'P D v + h |D v|_P^2 + sum_i Q_i'S_i Q_i - p_i'S_i p_i - sum_k
+    lambda_k u_k^2 in v = (e, p_1, .., p_s, u), e+ = e + h D v, Q_i = H X_i + E v_i, for a step of length h. The
+    evidence has P, and S with the lambda of the `inputs` as its last entries. Raises: `Unproved` unless P > 0, S >=
+    0."""
     n, m, s = len(parts.M), len(parts.H), len(method.nodes)
     size = n + s * m
     width = size + len(inputs)
@@ -291,9 +299,8 @@ def _slack(
     off_D: Matrix,
     off_X: Matrix,
 ) -> Matrix:
-    """Return a diagonal matrix that bounds the increase of a quadratic `form`
-    in v by entrywise errors: of D by `off_D`, where e+ = e + h D v, and of
-    the last stage X by `off_X`; `reads` are the rows H X of all stages."""
+    """Return a diagonal matrix that bounds the increase of the quadratic `form` in v by entrywise errors: `off_D` of D,
+    in e+ = e + h D v, and `off_X` of the last stage X; `reads`: the rows H X of all stages."""
     n, m, size = len(P), len(H), len(form)
     PD = abs(P) @ off_D
     linear = Matrix([*PD, *zeros(size - n, size)]) + h * (abs(D).T @ PD)
@@ -313,7 +320,7 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """Demand |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k u_k^2 in a step of length h, by P and S of the
+    """Demand |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k u_k^2 for a step of length h, with the P and S of the
     evidence. Raises: `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for base, row in zip(form, matrix(evidence, "P", n, n), strict=False):
@@ -324,8 +331,8 @@ def demand_falls(
 def demand_kept(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
-    """Demand that steps of length h keep |e|_P <= 1 while each input |u_k| <= 1, by P, S and alpha of the evidence:
-    sum_k lambda_k <= alpha. Raises: `Unproved`."""
+    """Demand that {|e|_P <= 1} is invariant under steps of length h while all inputs |u_k| <= 1, with the P, S and
+    alpha of the evidence and sum_k lambda_k <= alpha. Raises: `Unproved`."""
     alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
     if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
         raise Unproved("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
@@ -339,8 +346,9 @@ def demand_l2(
     counted: Iterable[tuple[int, Fraction]],
     mu: Fraction,
 ) -> None:
-    """Demand V' + sum_k (c_k e_k)^2 - mu^2 |u|^2 < 0 in continuous time, by P and S of the evidence: the L2 gain from
-    the inputs u to the c_k e_k is at most mu. `counted`: the pairs (k, c_k). Raises: `Unproved`."""
+    """Demand that the L2 gain from the inputs u to the outputs c_k e_k is at most mu: V' + sum_k (c_k e_k)^2 - mu^2
+    |u|^2 < 0 in continuous time, with the P and S of the evidence. `counted`: the pairs (k, c_k). Raises:
+    `Unproved`."""
     if max(multipliers(evidence, inputs)) > mu**2:
         raise Unproved("a lambda is above mu^2")
     form = form_of(parts, FLOW, NOW, evidence, inputs)
@@ -350,13 +358,14 @@ def demand_l2(
 
 
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
-    """Return the multipliers lambda_k of u_k^2, the last entries of the evidence's S. Raises: `Unproved`."""
+    """Return the multipliers lambda_k of u_k^2 for the `inputs`, the last entries of S in the evidence. Raises:
+    `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
 
 
 def demand_negative(what: str, form: Matrix) -> None:
-    """Demand that the symmetric matrix of a quadratic form is negative definite, by intervals, else by fractions;
-    `what` names it in the error. Raises: `Unproved`."""
+    """Demand that a symmetric matrix `form` is negative definite, by the signs of pivots in intervals, or in fractions
+    where intervals do not decide; `what`: its name in the error. Raises: `Unproved`."""
     negated = -1 * form
     known = definite(negated.mapped(point).rows) if negated == negated.T else 0
     if known < 0:
@@ -366,15 +375,16 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """Demand |c e| <= `bound` while |e|_P^2 <= V, c e = e_field/scale_field the error of a state: bound^2 P >= V c'c.
-    `one`: evidence with P; `field`: index. Raises: `Unproved`."""
+    """Demand |e_k/s_k| <= `bound` while |e|_P^2 <= V, for the observer state k = `field` and its entry s_k of `scales`:
+    bound^2 P >= V c'c with the row c of e_k/s_k = c e. `one`: the evidence with P. Raises: `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     rows = zip(c, V * matrix(one, "P", len(c), len(c)), strict=True)
     demand_nonnegative({"bound": Matrix([[bound**2, *(V * x for x in c)], *([V * x, *row] for x, row in rows)])})
 
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """Return k - 1 for the whole number k from 1 to `count` under a key. Raises: `Unproved` for another number."""
+    """Return k - 1, an index from 0, for the integer k from 1 to `count` under a key. Raises: `Unproved` for another
+    number."""
     return whole(holder, key, 1, count) - 1
 
 
@@ -386,8 +396,8 @@ WORK = 2**16  # corners times fields^3
 
 
 def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
-    """Demand V' <= -alpha V, V = e'P e, for e' = (M + G diag(d) H) e with all |d_j| <= 1: by the evidence's P and
-    multipliers S, or without S at all corners of d. Raises: `Unproved`."""
+    """Demand V' <= -alpha V, V = e'P e, for e' = (M + G diag(d) H) e with all |d_j| <= 1: with the P and the
+    multipliers S of the evidence, or without S at all corners d_j = +-1. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
     for onto, reads in parts.one_sided:  # P onto = share reads, share >= 0: the slope decreases V' at any size
@@ -406,32 +416,32 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
-    """Yield M + G diag(d) H (N, N) at each of the 2^m corners d_j = -1, 1 of the slopes' ranges."""
+    """Yield M + G diag(d) H (N, N) at each of the 2^m corners d_j = +-1."""
     for d in product((-1, 1), repeat=len(parts.H)):
         yield parts.M + parts.G @ parts.H.weighed(d)
 
 
 @dataclass(frozen=True)
 class Decay:
-    """The decay of an observer's error at every gain above a least one: `falls`, the function that proves V' <= -alpha
-    V at a gain; `gain`(observer), the name and value of its gain; `phrase`(observer), the text of the result, with {}
-    for the least gain."""
+    """The decay of an observer's error at every gain above a least one. `falls`: the function that proves V' <= -alpha
+    V at a gain; `gain`(observer): the name and the value of the observer's gain; `phrase`(observer): the result in
+    words, with {} for the least gain."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
     phrase: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
 
     def converges(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding that the error converges at every gain above the claim's `least`, by its V with V' < 0.
-        The structure of the form is another claim."""
+        """Return the finding that the error converges at every gain above the claim's `least`, since V' < 0 there for
+        the V of the claim; the structure of the form is another claim. Raises: `Unproved`."""
         observer, least = observer_of(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
         return Finding(f"in continuous time, without noise, {phrase}{context.modulo}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding that the observer's gain is above the `least` gain of its claim `convergence`, and V' <=
-        -alpha V if the claim states alpha."""
+        """Return the finding that the observer's gain is above the `least` gain in its claim `convergence`, and that V'
+        <= -alpha V there if the claim states an alpha. Raises: `Unproved`."""
         (name, chosen), bound = self.gain(observer_of(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise Unproved(f"{name} = {printed(chosen)} is not above the bound")
@@ -444,9 +454,9 @@ class Decay:
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys, turning: Keys | None = None) -> tuple[Rule, Rule]:
-    """Return two rules for observers (`makers`) on chains: one for the claim `convergence`, a least gain, one for
-    `theta`, that the observer's is above it; `slopes`, `norm`: the permitted keys of evidence on slopes and on V;
-    `turning`: as in `Rule`."""
+    """Return the rules for two claims about the observers `makers` on chains: `convergence`, which states a least gain,
+    and `theta`, that the observer's gain is above it. `slopes`, `norm`: the permitted keys of evidence on slopes and on
+    V; `turning`: as in `Rule`."""
     return (
         chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm), turning=turning),
         chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence", turning=turning),
@@ -454,8 +464,8 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys, turning: Keys |
 
 
 def clamped(makers: Keys) -> Rule:
-    """Return the rule that verifies |db/dz| <= bound on the whole box of a form in other coordinates, to which
-    observers (`makers`) clamp the argument of b."""
+    """Return the rule that verifies a bound |db/dz| <= bound on the whole box of a form in other coordinates, to which
+    the observers `makers` clamp the argument of b."""
 
     def steep(context: Context, claim: Claim) -> Finding:
         return jacobian_bound(context, claim, context.form.b, "db/dz")

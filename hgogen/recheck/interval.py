@@ -27,7 +27,7 @@ _INFINITE = (libmp.fninf, libmp.finf)
 
 @dataclass(frozen=True)
 class Interval:
-    """The numbers from `ends[0]` to `ends[1]`; an end may be infinite, none is NaN."""
+    """The numbers between the two `ends`; an end may be infinite, none is NaN."""
 
     ends: Ends
 
@@ -50,7 +50,7 @@ class Interval:
 
     @property
     def sign(self) -> int:
-        """The sign 1 or -1 of all numbers of the interval, 0 if they have no common one."""
+        """The sign 1 or -1 of all numbers in the interval, 0 if they have no common sign."""
         low, high = self.ends
         return 1 if libmp.mpf_sign(low) > 0 else -1 if libmp.mpf_sign(high) < 0 else 0
 
@@ -61,15 +61,15 @@ class Interval:
 
     @property
     def finite(self) -> bool:
-        """Return whether both ends are numbers."""
+        """Return whether both ends are finite."""
         return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
 
     def at_least(self, bound: Fraction | float) -> bool:
-        """Return whether no number of the interval is below the bound."""
+        """Return whether all numbers of the interval are at least the bound."""
         return bool(libmp.mpf_ge(self.ends[0], _rounded(bound, _UP)))
 
     def at_most(self, bound: Fraction | float) -> bool:
-        """Return whether no number of the interval is above the bound."""
+        """Return whether all numbers of the interval are at most the bound."""
         return bool(libmp.mpf_le(self.ends[1], _rounded(bound, _DOWN)))
 
 
@@ -87,22 +87,22 @@ def _quotient(numerator: int, denominator: int, direction: str) -> Any:
 
 
 def point(value: Fraction) -> Interval:
-    """Return the narrowest interval about a number."""
+    """Return the narrowest interval that contains a number."""
     return Interval((_rounded(value, _DOWN), _rounded(value, _UP)))
 
 
 def between(low: Fraction | float, high: Fraction | float) -> Interval:
-    """Return the interval from low to high, either of which may be infinite."""
+    """Return the interval from low to high; both ends may be infinite."""
     return Interval((_rounded(low, _DOWN), _rounded(high, _UP)))
 
 
 def intersection(a: Interval, b: Interval) -> Interval:
-    """Return the intersection of two enclosures of one value."""
+    """Return the intersection of two intervals that both contain one value."""
     return Interval((_larger(a.ends[0], b.ends[0]), _smaller(a.ends[1], b.ends[1])))
 
 
 def hull(a: Interval, b: Interval) -> Interval:
-    """Return the narrowest interval that holds both."""
+    """Return the narrowest interval that contains both."""
     return Interval((_smaller(a.ends[0], b.ends[0]), _larger(a.ends[1], b.ends[1])))
 
 
@@ -189,8 +189,8 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """Return the enclosure of sign(x), which increases from -1 over 0 to 1. At x = 0 alone it is [-1, 1], the
-    generalised derivative of |x|."""
+    """Return the enclosure of sign(x), which increases from -1 to 1; at x = 0 alone [-1, 1], the generalised derivative
+    of |x|."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return between(low, high) if low or high else _UNIT
 
@@ -201,7 +201,7 @@ def _side(x: Interval) -> Interval:
 
 
 def _jump(x: Interval) -> Interval:
-    """Return the derivative of the sign function: 0 where x keeps its sign, else the whole real line."""
+    """Return the enclosure of the derivative of sign(x): 0 where x keeps its sign, else the whole real line."""
     side = _side(x)
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
@@ -298,7 +298,7 @@ def _whole(end: Any, exponent: int, direction: str) -> Any:
 
 
 def _root(x: Interval, exponent: Fraction) -> Interval:
-    """Return x^(p/q) of an interval x >= 0, or x > 0 for a negative exponent p/q."""
+    """Return x^(p/q) for an interval x >= 0; for a negative exponent p/q x must be > 0."""
     if not x.at_least(Fraction(0)):
         raise Undefined("a root of what may be negative")
     if exponent < 0:
@@ -327,7 +327,7 @@ _ABSENT = point(Fraction(0))
 
 @dataclass(frozen=True)
 class Taylor:
-    """A Taylor series c_0 + c_1 s + .. by its coefficients c."""
+    """A Taylor polynomial c_0 + c_1 s + .. with interval coefficients."""
 
     coefficients: tuple[Interval, ...]
 
@@ -361,12 +361,12 @@ def _product_of(a: Interval, b: Interval) -> Interval:
 
 
 def begin(coefficients: Sequence[Interval], order: int) -> Taylor:
-    """Return the series below t^order with these first coefficients and zeros after them."""
+    """Return the series below t^order with these first coefficients, then zeros."""
     return Taylor((*coefficients, *[_ABSENT] * order)[:order])
 
 
 def taylor(order: int) -> Arithmetic:
-    """Return the arithmetic of series below t^order."""
+    """Return the arithmetic of power series below t^order with interval coefficients."""
 
     def number(value: Fraction) -> Taylor:
         return begin((point(value),), order)
@@ -397,8 +397,8 @@ def taylor(order: int) -> Arithmetic:
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
-    """Return the Taylor series of a table T as T + d (T' + d/2
-    (T'' + ..)), d = x - x_0, in argument k and later ones."""
+    """Return the Taylor series of a table T in argument k and later ones, as T + d (T' + d/2 (T'' + ..)) with d = x -
+    x_0."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
         return begin((value,), len(args[0].coefficients))
@@ -412,7 +412,8 @@ def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
 
 
 def _root_series(x: Taylor, exponent: Fraction) -> Taylor:
-    """Return the series of b = a^r, a = `x`, by k a_0 b_k = sum over i of (r i - (k - i)) a_i b_(k-i)."""
+    """Return the Taylor series of b = a^r for a = `x`, from the recurrence k a_0 b_k = sum over i of (r i - (k - i))
+    a_i b_(k-i)."""
     a = x.coefficients
     b = [intervals.root(a[0], exponent)]
     for k in range(1, len(a)):
@@ -439,8 +440,8 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _rotation_series(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:
-    """Return the series of sin and cos of a (`way` -1), or
-    sinh and cosh (1); `way` is the sign in cos' = -sin."""
+    """Return the Taylor series of sin a and cos a (`way` -1), or of sinh a and cosh a (`way` 1); `way` is the sign in
+    cos' = -sin, cosh' = sinh."""
     s, c = ([intervals.function(name, (a[0],))] for name in names)
     for k in range(1, len(a)):
         rise, other = _integral_term(a, c, k), _integral_term(a, s, k)
@@ -459,7 +460,7 @@ def _tan_series(a: Sequence[Interval]) -> Sequence[Interval]:
 
 
 def _tanh_series(a: Sequence[Interval]) -> list[Interval]:
-    """Return the series of tanh by t' = (1 - t^2) a'."""
+    """Return the Taylor coefficients of t = tanh a, from t' = (1 - t^2) a'."""
     t, slope = [intervals.function("tanh", (a[0],))], list[Interval]()
     for k in range(1, len(a)):
         square = intervals.power(t[0], 2) if k == 1 else _sum_of(_product_of(t[i], t[k - 1 - i]) for i in range(k))
@@ -477,7 +478,7 @@ def _log_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval]:
-    """Return the Taylor series of a = atan2(y, x) by (x^2 + y^2) a' = y' x - x' y."""
+    """Return the Taylor coefficients of a = atan2(y, x), from (x^2 + y^2) a' = y' x - x' y."""
     angle, square = [intervals.function("atan2", (y[0], x[0]))], intervals.power(x[0], 2) + intervals.power(y[0], 2)
     around = (Taylor(tuple(x)) * Taylor(tuple(x)) + Taylor(tuple(y)) * Taylor(tuple(y))).coefficients
     for k in range(1, len(x)):

@@ -68,11 +68,14 @@ _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 @dataclass(frozen=True)
 class Remainder:
-    """The local error of a Runge-Kutta method on x' = F(x, u), u' constant, by bounds that a certificate states:
-    `slopes` (p, n + m), of y' in states and inputs; `lines` (p, ..), of third Taylor coefficients of outputs at the
-    stages `tableau.cubic`, or none; for each row of F the order q in `orders`, and bounds (n) of the Taylor
-    coefficients q + 1 of the `flow` x(t) and of the `step` Phi_h, on the cells of the bisection `tree`; if an order is
-    0 `steepness` (n, n + m), bounds of |dF/dx| and |dF/du|."""
+    """The local error of a Runge-Kutta method on the plant x' = F(x, u) with constant u', from bounds that a
+    certificate states.
+
+    `slopes` (p, n + m): bounds of the partial derivatives of y' in states and inputs; `lines` (p, ..): of the third
+    Taylor coefficients of the outputs at the stages `tableau.cubic`, or empty. `orders` (n): the order q for each row
+    of F; `flow`, `step` (n): bounds of the Taylor coefficient q + 1 of x(t) and of the step Phi_h, on the cells of the
+    bisection `tree`. `steepness` (n, n + m): bounds of |dF/dx| and |dF/du|, used for rows of order 0, else empty.
+    """
 
     context: Context
     tableau: Tableau
@@ -87,7 +90,7 @@ class Remainder:
 
     @property
     def deviation(self) -> list[Fraction]:
-        """Bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h a step of the method. Raises: `Unproved`."""
+        """Bounds (n) of the local error |x(t + h) - Phi_h(x)|/h of a step Phi_h of the method. Raises: `Unproved`."""
         h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
         residual = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
@@ -103,7 +106,7 @@ class Remainder:
 
     @property
     def stages(self) -> Matrix:
-        """Bounds (p, s) of the distance of each output at each stage from the line between its two samples."""
+        """Bounds (p, s) of the distance of each output at each stage from the line through the output's two samples."""
         return Matrix(self._line(*each) for each in zip(self.slopes, self.lines, strict=True))
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
@@ -177,8 +180,8 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Demand that the sizes in a share, the evidence on a Runge-Kutta method, are at least its local error on the
-    plant; return the `PlantMotion` that this assumes, and the number of boxes. Raises: `Unproved`."""
+    """Demand that the sizes stated in a `share`, the evidence on a Runge-Kutta method, are at least its local error on
+    the plant; return the plant's motion that this assumes, and the number of boxes. Raises: `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -202,8 +205,9 @@ def demand_remainder(
 def lipschitz_error(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
-    """Return bounds (n) of |x(t + h) - Phi_h(x)|/h, Phi_h the step of a tableau, for x' = F(x, u) with |dF/dx|, |dF/du|
-    <= `steepness` (n, n + m), |x'|, |u'| <= `moving` (n + m); `linear` (n): the linear rows. Raises: `Unproved`."""
+    """Return bounds (n) of the local error |x(t + h) - Phi_h(x)|/h of a step Phi_h of a Runge-Kutta method on x' = F(x,
+    u), from bounds `steepness` (n, n + m) of |dF/dx|, |dF/du| and `moving` (n + m) of |x'|, |u'|; `linear` (n): which
+    rows of F are linear. Raises: `Unproved`."""
     if any(x < 0 for row in steepness for x in row):
         raise Unproved("one of its steepness is negative")
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
@@ -229,9 +233,9 @@ def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """Return the integral from 0 to 1 of |min(s, c) - sum of the weights
-    w_l with c_l <= s| ds: the Peano kernel, which bounds the error of a
-    quadrature with nodes c_l from 0 to c. The weights must add to c."""
+    """Return the integral from 0 to 1 of |min(s, c) - sum of the weights w_l with c_l <= s| ds: the norm of the Peano
+    kernel, which bounds the error of a quadrature with nodes c_l from 0 to c. The weights must add to c, else
+    `Unproved` is raised."""
     if sum(weights, _ZERO) != c:
         raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
@@ -258,10 +262,13 @@ _STAND_IN = 4  # times a first derivative over h: the substitute for the second
 
 @dataclass(frozen=True)
 class CoreStep:
-    """A step of length `h` of an observer whose linear part X' = L X is realised by `weights`, phi_1 and phi_2; `parts`
-    are its error dynamics, X = s z the plant's state z in the states of the observer's program (fields), s = `lifted`
-    (N, n), and `injected` is B C (N, n). Bounds on the plant: `flow` (n), of a time derivative of z'; `nonlinear` (..,
-    n), of the time derivatives of b, from the first on."""
+    """A step of length `h` of an observer whose linear part X' = L X is realised by `weights`, phi_1 and phi_2 of h L;
+    `parts`: its error dynamics. X = s z is the plant's state z in the states of the observer (N), s = `lifted` (N, n),
+    and `injected` is B C (N, n).
+
+    Bounds on the plant: `flow` (n), of a time derivative of z'; `nonlinear` (.., n), of the time derivatives of b, from
+    the first on.
+    """
 
     parts: Parts
     h: Fraction
@@ -272,8 +279,8 @@ class CoreStep:
     nonlinear: Matrix
 
     def total(self, alpha: Matrix) -> list[Fraction]:
-        """Return bounds (N) of |X_1 - X+|/h, X+ the step from the plant's own X_0 to X_1, from bounds `alpha` (N, 1) of
-        its error with b known at both ends."""
+        """Return bounds (N) of the local error |X_1 - X+|/h, X+ the step from the plant's X_0 and X_1 the plant's state
+        after it, from bounds `alpha` (N, 1) of the error of a step in which b is known at both ends."""
         _, phi_2, width = self.weights
         weight, parts = self.h * phi_2.mapped(lambda x: abs(x) + width), self.parts
         ahead = alpha + weight @ (self.h * (abs(self.lifted) @ column_matrix(self.nonlinear[0])))
@@ -283,8 +290,8 @@ class CoreStep:
 
 @dataclass(frozen=True)
 class Realisation:
-    """The local error of a realised linear part, for a plant with known b at both ends of a step: `alpha`(step), bounds
-    (N, 1), by the derivative of z' of the order `flow` in time, and those of b up to the order `nonlinear`."""
+    """The local error of a realised linear part when b is known at both ends of a step: `alpha`(step), bounds (N, 1),
+    from bounds of the time derivative of z' of the order `flow`, and of those of b up to the order `nonlinear`."""
 
     flow: int
     nonlinear: int
@@ -312,8 +319,8 @@ _REALISATIONS: Mapping[str, Realisation] = {
 def demand_core_error(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Demand that the sizes in a share, the evidence on a realised linear part, are at least its local error on the
-    plant; return the `PlantMotion` that this assumes, and the number of boxes. Raises: `Unproved`."""
+    """Demand that the sizes stated in a `share`, the evidence on a realised linear part, are at least its local error
+    on the plant; return the plant's motion that this assumes, and the number of boxes. Raises: `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
     realisation, parts, h = _REALISATIONS[name], error.at(theta), scalar(evidence, "dt")
@@ -345,9 +352,9 @@ def _by_derivatives(
 def _by_steepness(
     motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return bounds (n) of the first time derivative of z', (.., n) of b,
-    by bounds of |dF/dx| and |db/dx| times speeds, with a factor 4/h
-    for each higher derivative, and a function that proves them."""
+    """Return bounds of the time derivatives of z' (n) and b (.., n), and a function that proves the stated bounds of
+    |dF/dx| and |db/dx| that they follow from: the first derivative is such a bound times the speeds, each higher one
+    has a further factor 4/h."""
     context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
     if follows["flow"] != [] or follows["rest"] != []:
         raise Unproved("its sizes follow from derivatives or from steepness")
@@ -373,7 +380,8 @@ def _by_steepness(
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:
-    """Demand L s + B C = s A, s = `lifted`, B C = `injected`: X = s z then obeys the observer's equations."""
+    """Demand L s + B C = s A, s = `lifted`, B C = `injected`, so that X = s z obeys the linear part of the observer.
+    Raises: `Unproved`."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")

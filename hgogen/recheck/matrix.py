@@ -31,7 +31,7 @@ _ZERO = Fraction(0)
 
 
 class Matrix:
-    """A matrix of numbers of one kind; `width` is its number of columns, also without rows."""
+    """A matrix whose entries are numbers of one kind; `width`: the number of columns, also of a matrix without rows."""
 
     def __init__(self, rows: Iterable[Iterable[Any]], width: int | None = None) -> None:
         self.rows = [list(row) for row in rows]
@@ -63,8 +63,8 @@ class Matrix:
         return self.mapped(lambda x: factor * x if x else x)
 
     def __matmul__(self, other: "Matrix") -> "Matrix":
-        """Return the product. Rows and columns of fractions become integers over one denominator, so that each entry is
-        reduced to lowest terms once."""
+        """Return the matrix product. Rows and columns of fractions are put over one denominator, so that each entry is
+        reduced once only."""
         if self.width != len(other):
             raise ValueError("matrices that do not fit")
         rows, columns = self.rows, other.T.rows
@@ -83,16 +83,16 @@ class Matrix:
         return Matrix([[row[j] for row in self.rows] for j in range(self.width)], len(self.rows))
 
     def mapped(self, function: Callable[[Any], Any]) -> "Matrix":
-        """Return the matrix of a function's values at the entries."""
+        """Return the matrix with a function applied to each entry."""
         return Matrix([[function(x) for x in row] for row in self.rows], self.width)
 
     def weighed(self, weights: Iterable[Any]) -> "Matrix":
-        """Return diag(weights) M."""
+        """Return diag(weights) M, whose row i is weights_i times row i of M."""
         pairs = zip(weights, self.rows, strict=True)
         return Matrix([[weight * x for x in row] for weight, row in pairs], self.width)
 
     def applied(self, x: Sequence[Fraction]) -> list[Fraction]:
-        """Return M x."""
+        """Return the product M x with a vector."""
         return [dot(row, x) for row in self.rows]
 
 
@@ -102,7 +102,7 @@ def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
 
 
 def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
-    """Return sum_k a_k b_k."""
+    """Return the inner product sum_k a_k b_k."""
     return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)
 
 
@@ -127,17 +127,17 @@ def column_matrix(values: Iterable[Fraction]) -> Matrix:
 
 
 def outer(column: Iterable[Fraction], row: Sequence[Fraction]) -> Matrix:
-    """Return the product of a column and a row."""
+    """Return the outer product column row', a matrix of rank one."""
     return Matrix([[x * y for y in row] for x in column], len(row))
 
 
 def largest_row(M: Matrix) -> Fraction:
-    """Return the norm max_i sum_j |m_ij|."""
+    """Return the norm max_i sum_j |m_ij| of a matrix."""
     return max((sum(map(abs, row), _ZERO) for row in M), default=_ZERO)
 
 
 def inverse(M: Matrix) -> Matrix:
-    """Return M^-1 by elimination. Raises: `Unproved` for a singular matrix."""
+    """Return the inverse of a matrix, by elimination. Raises: `Unproved` for a singular matrix."""
     size = len(M)
     rows = [[*row, *one] for row, one in zip(M, unit(size), strict=True)]
     for k in range(size):
@@ -160,18 +160,18 @@ def lyapunov(P: Matrix, N: Matrix) -> Matrix:
 
 
 def similar(t: Sequence[Fraction], N: Matrix) -> Matrix:
-    """Return T N T^-1, T the diagonal t."""
+    """Return T N T^-1 for T = diag(t)."""
     return Matrix([[t[i] * value / t[j] for j, value in enumerate(row)] for i, row in enumerate(N)])
 
 
 def companion(K: Sequence[Fraction]) -> Matrix:
-    """Return A - K C (n, n) of a chain of integrators w_i' = w_(i+1), y = w_1 with the gain K (n)."""
+    """Return A - K C (n, n) for the chain of integrators w_i' = w_(i+1), y = w_1 and the gain K (n)."""
     return Matrix([[Fraction(int(j == i + 1)) - (k if j == 0 else 0) for j in range(len(K))] for i, k in enumerate(K)])
 
 
 def demand_positive(matrices: Mapping[str, Matrix], strictly: bool = True) -> None:
-    """Demand that symmetric matrices, by their names, are positive definite; semidefinite if not `strictly`. Raises:
-    `Unproved`."""
+    """Demand that symmetric matrices, given by their names for the error, are positive definite, or semidefinite if not
+    `strictly`. Raises: `Unproved`."""
     for name, M in matrices.items():
         if M.T != M:
             raise Unproved(f"its {name} is not symmetric")
@@ -180,13 +180,14 @@ def demand_positive(matrices: Mapping[str, Matrix], strictly: bool = True) -> No
 
 
 def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
-    """Demand that symmetric matrices, by their names, have no negative eigenvalue. Raises: `Unproved`."""
+    """Demand that symmetric matrices, given by their names for the error, are positive semidefinite. Raises:
+    `Unproved`."""
     demand_positive(matrices, strictly=False)
 
 
 def _is_positive(M: Matrix, strictly: bool) -> bool:
-    """Return whether a symmetric matrix is positive semidefinite (`strictly`: definite)
-    by the pivots of exact elimination: a zero pivot requires a row of zeros."""
+    """Return whether a symmetric matrix is positive definite (`strictly`) or semidefinite, by the pivots of exact
+    elimination; for a zero pivot its whole row must be 0."""
     rows = [list(row) for row in M]
     for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and (strictly or any(row[k:]))):
@@ -200,12 +201,12 @@ def _is_positive(M: Matrix, strictly: bool) -> bool:
 
 
 def decaying(N: Matrix, P: Matrix) -> Matrix:
-    """Return -I - N'P - P N, whose positive definiteness proves with P > 0 that N is Hurwitz."""
+    """Return -I - N'P - P N: if this and P are positive definite, N is Hurwitz."""
     return -1 * unit(len(N)) - lyapunov(P, N)
 
 
 def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
-    """Demand sizes_i >= least_i; `name`: what the sizes are of, in the error. Raises: `Unproved`."""
+    """Demand sizes_i >= least_i for all i; `name`: the subject of the sizes in the error. Raises: `Unproved`."""
     if any(size < few for size, few in zip(sizes, least, strict=True)):
         raise Unproved(f"a size of {name} is less than what it follows from")
 
@@ -218,8 +219,8 @@ _DOUBLINGS = 40
 
 @lru_cache(maxsize=8)  # the inequalities of one claim share it
 def weight(X: Matrix) -> tuple[Matrix, Fraction]:
-    """Return a matrix (n, n) and a bound on the difference of its entries from those of phi_2(X) = 1/2 + X/3! + X^2/4!
-    + .. Raises: `Unproved`."""
+    """Return an approximation (n, n) of phi_2(X) = 1/2 + X/3! + X^2/4! + .., and a bound of the error of its entries.
+    Raises: `Unproved`."""
     norm, k, n = largest_row(X), 0, len(X)
     while norm > Fraction(1, 2):
         norm, k = norm / 2, k + 1
@@ -255,9 +256,11 @@ _SLOW = Fraction(1, 2)  # largest norm of w L in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Return an upper bound (N, k), entry by entry, of the integral of s (h - s)/2 |exp(s L) V| over s from 0 to h, for
-    L (N, N), V (N, k). L is balanced first by powers of 2, which makes row and column sums similar and reduces the
-    norm. Raises: `Unproved` for an L that is too fast."""
+    """Return an entrywise upper bound (N, k) of the integral over s from 0 to h of s (h - s)/2 |exp(s L) V|, for L (N,
+    N), V (N, k). Raises: `Unproved` for an L that is too fast.
+
+    L is first balanced by powers of 2, which makes sums of rows and columns similar and reduces the norm.
+    """
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
         row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)
@@ -287,7 +290,7 @@ def _integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
 
 
 def _driven(L: Matrix, s: Fraction, V: Matrix) -> tuple[Matrix, Matrix]:
-    """Return exp(s L) V = V + X V + X^2 phi_2 V, X = s L, and a bound on the error of its entries."""
+    """Return exp(s L) V = V + X V + X^2 phi_2(X) V with X = s L, and a bound of the error of its entries."""
     X = s * L
     phi_2, width = weight(X)
     any_of_it = Matrix([[width] * len(L) for _ in L])

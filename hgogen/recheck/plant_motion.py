@@ -40,8 +40,8 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class PlantMotion:
-    """Bounds of the motion of the plant z' = F(z, u) in steps of length `h`: `rates` (m) of |u'|, `speeds` (n) of |F|
-    on its ranges."""
+    """Bounds of the motion of the plant z' = F(z, u) in steps of length `h`: `speeds` (n) of |F| on the plant's ranges,
+    `rates` (m) of |u'|."""
 
     context: Context
     h: Fraction
@@ -49,8 +49,8 @@ class PlantMotion:
     speeds: list[Fraction]
 
     def demand(self) -> int:
-        """Demand |F| <= `speeds`, `rates` >= 0, and that no measured output reads an input; return the number of boxes.
-        Raises: `Unproved`."""
+        """Demand that the `speeds` bound |F|, that the `rates` are not negative, and that no measured output depends on
+        an input; return the number of boxes. Raises: `Unproved`."""
         context = self.context
         for j in self.observed:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
@@ -61,12 +61,12 @@ class PlantMotion:
 
     @cached_property
     def read(self) -> frozenset[str]:
-        """The names of states, inputs and parameters that F reads."""
+        """The names of states, inputs and parameters on which F depends."""
         return frozenset(name for row in self.context.rates for name in row.names)
 
     @cached_property
     def observed(self) -> dict[int, tuple[int, Fraction]]:
-        """The index of the state that output j measures, and dy_j/dz, by j, if any. Raises: `Unproved`."""
+        """For each output j that measures a state, the state's index and dy_j/dz. Raises: `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.observed) if z):
             observed[j] = self.context.z.index(z), self.context.output_slope(j)
@@ -74,32 +74,35 @@ class PlantMotion:
 
     @property
     def phrase(self) -> str:
-        """A phrase for a finding on the method's local error and the assumed rates of inputs."""
+        """The words of a finding for the method's local error, with the assumed rates of inputs."""
         each = zip(self.context.file.inputs, self.rates, strict=True)
         moving = [f"{u} moves at up to {printed(rate, -1)}" for u, rate in each if u in self.read]
         return f"what the method leaves{' as ' if moving else ''}{', '.join(moving)}"
 
     @property
     def clear(self) -> str:
-        """A phrase for a finding with h sup|F|, the distance that each state must have from the ends of its range."""
+        """The words of a finding for h sup|F|, the distance that each state must have from the ends of its range."""
         each = zip(self.context.z, self.speeds, strict=True)
         return ", ".join(f"{printed(self.h * speed, 1)} in {z}" for z, speed in each)
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
-    """Demand |F_i| <= speeds_i for all rows of the plant z' = F (n); return the number of boxes. Raises: `Unproved`."""
+    """Demand |F_i| <= speeds_i for all rows of the plant z' = F(z, u) (n); return the number of boxes. Raises:
+    `Unproved`."""
     rows = zip(context.rates, speeds, strict=True)
     return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
 
 def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> PlantMotion:
-    """Return the `PlantMotion` in steps of length h with the evidence's `rates` and `speeds`. Raises: `Unproved`."""
+    """Return the plant's motion in steps of length h, with the `rates` and `speeds` of the evidence `follows`. Raises:
+    `Unproved`."""
     rates, speeds = column(follows, "rates", len(context.file.inputs)), column(follows, "speeds", len(context.z))
     return PlantMotion(context, h, rates, speeds)
 
 
 def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...], name: str = "the method") -> None:
-    """Demand exactly these keys of the evidence `follows` on inputs of the kind `name`. Raises: `Unproved`."""
+    """Demand that the evidence `follows` has exactly these keys; `name`: the kind of inputs that it is about, in the
+    error. Raises: `Unproved`."""
     if set(follows) != {*keys}:
         raise Unproved(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
 
@@ -110,8 +113,8 @@ Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
 
 
 def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
-    """Return the Taylor series in time, below t^order, of the states with states' = `rows`;
-    `started` has their first coefficients and the series of inputs and parameters."""
+    """Return the Taylor series in time below t^order of the solution of states' = `rows`; `started`: the first
+    coefficients of the states and the series of inputs and parameters."""
     series = dict(started)
     for k in range(1, order):
         here = _begun(series, k)
@@ -139,8 +142,9 @@ def _longer(x: Dual, rate: Dual) -> Dual:
 
 @dataclass(frozen=True)
 class PlantSeries:
-    """Taylor series of the plant x' = F(x, u) from every point of a `box`: `rows` F (n) of the `states`; `rates`:
-    bounds of |u'| by the name of an input, whose range in `whole` it does not leave; any other name is constant."""
+    """Taylor series of the plant x' = F(x, u) from all points of a `box` at once, in intervals: `rows` F (n), `states`
+    x (n). `rates`: bounds of |u'| by the name of an input, which stays in its range in `whole`; other names are
+    constant."""
 
     rows: Sequence[Expression]
     states: Sequence[str]
@@ -149,14 +153,14 @@ class PlantSeries:
     whole: Box
 
     def flow(self, order: int) -> list[list[Interval]]:
-        """Return the Taylor coefficients in time, below `order`, of each state (n). Raises: `Undefined`."""
+        """Return the Taylor coefficients of each state (n) in time, below t^order. Raises: `Undefined`."""
         started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
         series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
         return [[*series[name].value.coefficients] for name in self.states]
 
     def step(self, tableau: Tableau, h: Fraction, order: int) -> list[list[Taylor]]:
-        """Return Taylor series in the length s <= h of a Runge-Kutta step, below s^order: of each stage (s, n), and
-        last of x+ (n). Raises: `Undefined`."""
+        """Return Taylor series of a Runge-Kutta step in its length s <= h, below s^order: of the states (n) at each
+        stage (s rows), and last of x+. Raises: `Undefined`."""
         arithmetic, ranges, slopes, stages = taylor(order), sides(self.box), list[list[Taylor]](), list[list[Taylor]]()
         start = [begin([ranges[name]], order) for name in self.states]
         length = begin([between(0, h), point(_ONE)], order)
@@ -172,7 +176,8 @@ class PlantSeries:
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
-        """Return by input u the Taylor coefficients (u, `at` u') in s at the time `at` s, s <= h."""
+        """Return the Taylor coefficients (u, `at` u') of each input u in s, at the time `at` s of a step of length s <=
+        h."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
             orders_of = point(at) * between(-rate, rate)
@@ -194,7 +199,8 @@ Ends = tuple[tuple[str, tuple[End, End]], ...]  # ends of a box
 
 @dataclass(frozen=True)
 class Derivative:
-    """The bound `most` of |d^k r/dt^k| along the plant: k the `order`, r a `row` in states and inputs."""
+    """The statement |d^k r/dt^k| <= `most` along the plant's motion, for a `row` r in states and inputs, k =
+    `order`."""
 
     row: Expression
     order: int
@@ -202,7 +208,8 @@ class Derivative:
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
-    """Demand each `Derivative` on the plant's ranges; return the number of boxes. Raises: `Unproved`."""
+    """Demand the stated bounds of time derivatives on the plant's ranges; return the number of boxes. Raises:
+    `Unproved`."""
     context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # the name of its rate, which no expression reads
@@ -256,8 +263,9 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """Demand that sizes of noise, rounded and late samples, disturbances and wrong parameters are enough for the user's
-    declarations; return the number of boxes. `shares`: evidence by kind. Raises: `Unproved`."""
+    """Demand that the sizes stated in the shares (evidence by kind: noise, rounded or late samples, disturbances,
+    wrong parameters) are at least what follows from the user's declarations; return the number of boxes. Raises:
+    `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():
@@ -292,8 +300,8 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 def _late(
     context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], drift: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
-    """Return tau (|y'| + |dy/dz| m) for each output (p): the error of a sample whose time is wrong
-    by tau = `sizes`, for a disturbance m = `drift` (n) of z'; and the number of boxes."""
+    """Return tau (|y'| + |dy/dz| m) for each output (p), a bound of the error of a sample whose time is wrong by up to
+    tau = `sizes`, with a disturbance of z' of up to m = `drift` (n); and the number of boxes. Raises: `Unproved`."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
         if not tau:
@@ -328,8 +336,8 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
-    """Return upper bounds (n) of the sum over k of (h J)^k m/(k + 1)!: the mean effect over
-    a step h of a disturbance m = `drift` (n) of z' = F with |dF/dz| <= J (n, n)."""
+    """Return upper bounds (n) of sum_k (h J)^k m/(k + 1)!, the mean effect over a step h of a disturbance m = `drift`
+    (n) of z' = F with |dF/dz| <= J (n, n). Raises: `Unproved`."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

@@ -80,8 +80,9 @@ PRECISIONS = tuple(_BITS)
 
 @dataclass(frozen=True)
 class Computed:
-    """A value in a program of the precision `real`, float or double: the interval of its exact `value`; `error`, an
-    interval whose upper end bounds |computed - exact|; its `number` if the program has it exactly."""
+    """A value of a program in the precision `real`, "float" or "double". `value`: an interval that contains the exact
+    value; `error`: an interval whose upper end bounds |computed - exact|; `number`: the value if the program has it
+    exactly, else None."""
 
     real: str
     value: Interval
@@ -90,7 +91,7 @@ class Computed:
 
     @property
     def around(self) -> Interval:
-        """The interval of the exact and the computed value: `value` widened by `error`."""
+        """The interval of both the exact and the computed value: `value` widened by `error`."""
         return self.value + _both(self.error)
 
     def widened(self, size: Interval) -> "Computed":
@@ -121,8 +122,8 @@ class Computed:
         return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
     def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
-        """Return the result of an operation: its exact `value`, the error `inherited` from operands, and a rounding
-        error of so many `units` of u = 2^-24 or 2^-53. Raises: `Undefined` if it may overflow."""
+        """Return the result of an operation from its exact `value`, the error `inherited` from the operands, and a
+        rounding error of `units` times u = 2^-24 or 2^-53. Raises: `Undefined` if it may overflow."""
         bits, normal = _BITS[self.real]
         share, whole = units / 2**bits, _size(value) + inherited
         error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
@@ -131,7 +132,7 @@ class Computed:
         return Computed(self.real, value, error)
 
     def through(self, name: str, units: Fraction) -> "Computed":
-        """Return f of the value, f the library function `name` with an error of so many `units` of u."""
+        """Return f(value) for the library function f = `name`, whose error is at most `units` times u."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
         return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
 
@@ -142,7 +143,7 @@ def _size(value: Interval) -> Interval:
 
 
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
-    """Return a bound of the rounding error of x^exponent in units u = 2^-24 or 2^-53."""
+    """Return a bound of the rounding error of x^exponent, in units of u = 2^-24 or 2^-53."""
     least, each = map(point, POWER)
     steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
@@ -156,13 +157,13 @@ def _both(error: Interval) -> Interval:
 
 
 def constant(real: str, text: Expression) -> Computed:
-    """Return an expression without names as a program's constant, `real` its precision. Raises: `Undefined`."""
+    """Return an expression without names as a constant of a program in the precision `real`. Raises: `Undefined`."""
     value: Interval = evaluate(text, {}, intervals)
     return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
 
 
 def precision(real: str) -> Arithmetic:
-    """Return the arithmetic of a program in a precision, one of `PRECISIONS`."""
+    """Return the arithmetic of a program in the precision `real`, one of `PRECISIONS`."""
 
     def number(value: Fraction) -> Computed:
         if value.denominator == 1 and abs(value) <= _WHOLE:
@@ -207,8 +208,9 @@ _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
 @dataclass(frozen=True)
 class ListedProgram:
-    """A program in a certificate: `statements`, each an operation and its operands; `stages` and `rates` (s, N), the
-    operands that are the fields and their rates at each stage; `after` (N), those of the fields after the call."""
+    """A program that a certificate lists: `statements`, each an operation with its operands; `stages` and `rates` (s,
+    N), the operands that hold the observer's N states (fields) and their rates at each stage; `after` (N), the operands
+    that hold the states after the call."""
 
     statements: list[tuple[str, list[str]]]
     stages: list[list[str]]
@@ -217,13 +219,13 @@ class ListedProgram:
 
 
 def is_statement(operand: str) -> bool:
-    """Return whether an operand is a statement, not a name or a number."""
+    """Return whether an operand is the result of a statement, not a name or a number."""
     return bool(_STATEMENT.match(operand))
 
 
 class Walk:
-    """A lazy evaluation of a program's statements in an arithmetic, from the values of its names: samples, inputs,
-    fields."""
+    """A lazy evaluation of a program's statements in some arithmetic, from the values of its names: samples, inputs and
+    the observer's states."""
 
     def __init__(
         self,
@@ -233,8 +235,8 @@ class Walk:
         deviations: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
         constant: Callable[[Expression], Any] | None = None,
     ) -> None:
-        """Store the program. `deviations`: functions that replace the values of statements; `constant`: the value of an
-        expression without names, by default in the arithmetic."""
+        """Store the program, of which nothing is evaluated yet. `deviations`: functions that change the values of
+        certain statements; `constant`: the value of an expression without names, by default that in the arithmetic."""
         self.values, self.arithmetic, self.deviations = dict(values), arithmetic, deviations or {}
         self.constant = constant or partial(evaluate, values={}, arithmetic=arithmetic)
         self.computed = dict[str, Any]()  # values of renamed statements
@@ -259,7 +261,7 @@ class Walk:
             raise Unproved(f"its program reads {operand!r}, which it has not") from None
 
     def rename(self, operand: str, value: Any) -> None:
-        """Replace the value of a statement from now on, once only; a name or a number keeps its value."""
+        """Replace the value of a statement from now on, at most once; a name or a number keeps its value."""
         if is_statement(operand) and operand not in self.computed:
             self.computed[operand] = self.values[operand]
             self.values[operand] = value
@@ -284,7 +286,8 @@ class Walk:
 
 
 def listed_program(holder: Mapping[str, Any], fields: int, stages: int) -> ListedProgram:
-    """Return the `ListedProgram` in the evidence, for the counts of fields and stages. Raises: `Unproved`."""
+    """Return the program in the evidence, with so many `fields` (states of the observer) and `stages`. Raises:
+    `Unproved`."""
     texts = part(holder, "program", list)
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
         raise Unproved(f"its program is no list of at most {_LONGEST} statements")
@@ -344,8 +347,8 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Equation:
-    """The equation x' = f(x, y, u) of the states x (N) of an observer's program (fields) at a gain theta, with the
-    plant's `parameters` as in the program; `error`: the `ErrorInclusion` of the observer."""
+    """The equation x' = f(x, y, u) of an observer in the states x (N) of its program, at a gain theta, with the plant's
+    `parameters` as in the program; `error`: the observer's error dynamics."""
 
     context: Context
     error: ErrorInclusion
@@ -354,19 +357,21 @@ class Equation:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error e_k of each field (N) for an error 1 of its state of the form. Raises: `Unproved`."""
+        """The factors s (N): e_k = s_k times the error of the form's state that observer state k estimates. Raises:
+        `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @cached_property
     def units(self) -> list[Fraction]:
-        """The factors r (N), e_k = r_k x_k for a field x_k and its error e_k. Raises: `Unproved`."""
+        """The factors r (N): e_k = r_k times the error of x_k, as the program stores it. Raises: `Unproved`."""
         if not self.error.units:
             return self.scales
         units = self.error.units
         return [units[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
 
     def rates(self, algebra: Algebra, x: Row, y: Row, u: Row) -> list[Quotient]:
-        """Return x' (N) for fields x (N), samples y (p), inputs u (m). Raises: `Unproved`, `Undefined`, `TooLarge`."""
+        """Return x' (N) for observer states x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`,
+        `TooLarge`."""
         context, error, number = self.context, self.error, algebra.number
         names = {name: number(value) for name, value in self.parameters.items()}
         names |= zip(context.file.inputs, u, strict=True)
@@ -377,7 +382,7 @@ class Equation:
         return [rate + number(fed * s / r) * b[i] for rate, s, r, fed, i in each]
 
     def _gain_rates(self, algebra: Algebra, names: Mapping[str, Quotient], z: Row, y: Row) -> tuple[Row, Row]:
-        """Return z' (n) without b, and the argument z + N v of b (n), for an observer with a gain."""
+        """Return z' (n) without b, and z + N v (n), the argument of b, for an observer with a gain matrix."""
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[algebra.read(entry, names) for entry in row] for row in form.A]
@@ -399,7 +404,8 @@ class Equation:
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 
     def _missed(self, algebra: Algebra, there: Mapping[str, Quotient], y: Row) -> list[Quotient]:
-        """Return v = theta^-late (y - h) (p), h the outputs `there`; 0 for an output that measures no state."""
+        """Return the output errors v = theta^-late (y - h) (p), h the outputs at the names' values `there`; 0 for an
+        output that measures no state."""
         nothing, context = algebra.zero, self.context
         each = zip(y, context.form.output, context.observed, self.error.late, strict=True)
         return [
@@ -424,8 +430,8 @@ def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """A listed `program` of a step of length `h` by a Runge-Kutta `tableau` on an observer's equation; `between`: its
-    inputs between two samples, on their "line", or on "hold" at the last one."""
+    """A listed `program` that is to realise a step of length `h` of an observer's equation by the Runge-Kutta method
+    `tableau`; `between`: how inputs vary between two samples, "line" for linear, "hold" for the last value."""
 
     equation: Equation
     tableau: Tableau
@@ -434,7 +440,7 @@ class StepProgram:
     between: str
 
     def deviations(self) -> "Deviations":
-        """Return the `Deviations` of the statements from the step in exact arithmetic. Raises: `Unproved`."""
+        """Return the differences of the program's statements from the step in exact arithmetic. Raises: `Unproved`."""
         stages, fields = len(self.tableau.weights), len(self.equation.units)
         marks = {
             f"{what} {i} {k}": operand
@@ -488,9 +494,9 @@ def _stepped(
 
 @dataclass(frozen=True)
 class Deviations:
-    """A comparison of a program with a step in exact arithmetic. `marks`: for each letter the statement that it is, a
-    field or a rate of a Runge-Kutta stage; `deviations`: the nonzero differences of statements from the step's
-    values. A statement that was compared is replaced by its letter."""
+    """A comparison of a program with a step in exact arithmetic: `deviations` has the nonzero differences of statements
+    from the step's values. A statement that was compared is replaced by a letter of the algebra; `marks`: the statement
+    of each letter, a state or a rate of a stage."""
 
     algebra: Algebra
     walk: Walk
@@ -498,8 +504,9 @@ class Deviations:
     deviations: dict[str, Quotient] = field(default_factory=dict)
 
     def match(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """Return the values of operands, once compared with the step's values `wanted`; `letters`: the begin of the
-        letters' names that replace them. Raises: `Unproved`, and the arithmetic's errors."""
+        """Compare the values of operands with the step's values `wanted`, store the differences, and return the
+        operands' values. `letters`: the beginning of the names of the letters that replace the operands from now on,
+        none by default. Raises: `Unproved`, and the arithmetic's errors."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = operand in self.walk.computed and operand not in self.deviations  # its value before the renaming
@@ -513,7 +520,7 @@ class Deviations:
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
-        """The functions that widen the value of each deviating statement by its deviation."""
+        """For each statement with a deviation, the function that widens its value by the deviation."""
         return {operand: partial(self._stepped, off) for operand, off in self.deviations.items()}
 
     def _stepped(self, off: Quotient, walk: Walk, value: Computed) -> Computed:
@@ -540,8 +547,9 @@ Side = tuple[Fraction, Fraction]
 
 @dataclass(frozen=True)
 class Rounded:
-    """The program of a `step` in a `precision`, under bounds of the errors of `samples` (p), of the errors of fields in
-    units of their states, `within` (N), and of the plant's movement in a call, `drifts` (n)."""
+    """The program of a `step` in a `precision`, with bounds of the errors of the `samples` (p), of the errors of the
+    observer's states, `within` (N), in the units of the states that they estimate, and of the plant's movement in a
+    call, `drifts` (n)."""
 
     step: StepProgram
     precision: str
@@ -550,8 +558,8 @@ class Rounded:
     drifts: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """Demand r_k |rounding of field k in a call| <= h sizes_k, r its unit; return the piece count. Raises:
-        `Unproved`."""
+        """Demand r_k |rounding error of observer state k in a call| <= h sizes_k, r its unit (`Equation.units`); return
+        the number of pieces of the ranges. Raises: `Unproved`."""
         pieces, deviations = self._pieces, self.step.deviations().statements
         for ranges in pieces:
             try:
@@ -606,9 +614,9 @@ def demand_rounding(
     shares: Mapping[str, Mapping[str, Any]],
     totals: Sequence[Fraction],
 ) -> tuple[str, int]:
-    """Demand that the sizes in a share bound its program's rounding errors while the errors of fields are at most
-    `totals` (N) in the units of their states, the effect of all `shares`; return the assumptions in words, and the
-    number of boxes. Raises: `Unproved`."""
+    """Demand that the sizes stated in a `share` bound the rounding errors of the listed program, while the errors of
+    the observer's states are at most `totals` (N), the effect of all `shares`, in the units of the states that they
+    estimate. Return the assumptions in words, and the number of boxes. Raises: `Unproved`."""
     follows, context = share["follows"], equation.context
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
@@ -627,13 +635,13 @@ def demand_rounding(
 
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
-    """Return the `Equation` of the observer with the program that the evidence `follows` lists. Raises: `Unproved`."""
+    """Return the equation of the observer whose program the evidence `follows` lists. Raises: `Unproved`."""
     demand_keys(follows, _ROUNDING_KEYS, "its rounding")
     return Equation(context, error, theta, parameters_of(context, follows))
 
 
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
-    """Return the plant's parameters in the evidence on a program, each in its range. Raises: `Unproved`."""
+    """Return the values of the plant's parameters in the listed program, each inside its range. Raises: `Unproved`."""
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():

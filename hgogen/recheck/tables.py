@@ -40,8 +40,8 @@ def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, in
 
 @dataclass(frozen=True)
 class Grid:
-    """A piecewise linear table with breakpoints `axes`; `values` has an entry for each breakpoint of the first axis,
-    with two axes a row over the second."""
+    """A piecewise linear table, constant beyond its breakpoints `axes`; `values`: one for each breakpoint of the first
+    axis, with two axes a row over the second."""
 
     axes: tuple[tuple[Fraction, ...], ...]
     values: tuple[Any, ...]
@@ -49,7 +49,8 @@ class Grid:
 
     @cached_property
     def jumps(self) -> tuple[Order, ...]:
-        """The lowest order of a derivative that jumps at each breakpoint: 1 if the slopes on both sides differ."""
+        """The lowest order of a derivative that jumps at each breakpoint of each axis: 1 if the slopes on both sides
+        differ."""
         turned = (self.values, tuple(zip(*self.values, strict=True)) if len(self.axes) > 1 else ())
         return tuple(
             tuple(
@@ -59,7 +60,8 @@ class Grid:
         )
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return the least and largest value of the derivative of an `order` on a box; None if it is unbounded."""
+        """Return the least and the largest value on a box of the derivative with an `order` by each argument; None if
+        it is unbounded."""
         if any(_beyond(*each) for each in zip(self.axes, self.jumps, order, box, strict=True)):
             return None
         weights = [list(_weights(*each)) for each in zip(self.axes, order, box, strict=True)]
@@ -82,8 +84,8 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """Return pairs (k, weight): the value of a linear table at
-    t, constant beyond its ends, is the sum of weight y_k."""
+    """Return the weights by which the values y_k at the breakpoints `places` make the value of a linear table at t, as
+    pairs (k, weight); beyond its ends the table is constant."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -92,7 +94,8 @@ def _between_places(places: Sequence[Fraction], t: End) -> Weights:
 
 
 def _rise(places: Sequence[Fraction], k: int) -> Weights:
-    """Return pairs (k, weight): the slope of piece k is the sum of weight y_k; beyond the table it is 0."""
+    """Return the weights by which the values y_k at the breakpoints `places` make the slope of piece k, as pairs (k,
+    weight); none beyond the table, where the slope is 0."""
     if not 0 < k < len(places):
         return ()
     width = places[k] - places[k - 1]
@@ -116,7 +119,7 @@ def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Curve:
-    """A table of monotone cubics through `points`, with the polynomials of each derivative, also beyond the points."""
+    """A table of monotone cubics through `points` (x, y), constant beyond them."""
 
     points: tuple[tuple[Fraction, Fraction], ...]
     degree = 3
@@ -128,7 +131,8 @@ class Curve:
 
     @cached_property
     def orders(self) -> tuple[tuple[Piece, ...], ...]:
-        """The polynomial pieces of the value and of its derivatives up to the fourth, which is zero."""
+        """The polynomial pieces of the table and of its derivatives up to the fourth, which is zero; the first and the
+        last piece lie beyond the points."""
         every = [((self.points[0][1],), *_cubics(self.points), (self.points[-1][1],))]
         for _ in range(4):
             every.append(tuple(_rate(piece) for piece in every[-1]))
@@ -144,7 +148,8 @@ class Curve:
         return (tuple(lowest),)
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return bounds of the derivative of an `order` on a box, mostly exact; None if it is unbounded."""
+        """Return bounds of the derivative of an `order` on a box, exact unless a cubic has an extremum inside; None if
+        it is unbounded."""
         ((low, high),), m = box, min(order[0], 4)
         if _beyond(self.axes[0], self.jumps[0], m, (low, high)):
             return None
@@ -169,8 +174,8 @@ def _at(piece: Piece, t: Fraction) -> Fraction:
 
 
 def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    """Return a polynomial's range on [a, b]; for a cubic with an
-    inner extremum, bounds by its Bezier control points."""
+    """Return the range of a polynomial on [a, b]; for a cubic with an extremum inside the bounds by its Bezier control
+    points."""
     values = [_at(piece, a), _at(piece, b)]
     if len(piece) == 3 and piece[2]:
         turn = -piece[1] / (2 * piece[2])
@@ -204,8 +209,8 @@ def _between(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
-    """Return the slope of a monotone cubic at the end of its last interval, of
-    width h and chord slope D, after one of width g and chord slope C."""
+    """Return the slope of a monotone cubic at the end of its last interval. This has the width h and the chord slope D,
+    the interval before it the width g and the chord slope C."""
     slope = D + h * (D - C) / (g + h)
     if slope * D <= 0:
         return _ZERO
@@ -227,7 +232,8 @@ def _line(numbers: Sequence[Fraction]) -> Grid:
 
 
 def _map(numbers: Sequence[Fraction]) -> Grid:
-    """Return the grid of the numbers n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
+    """Return the table in the numbers n, then n breakpoints x, the breakpoints y, and the values row by row. Raises:
+    `ValueError` with the fault."""
     n = int(numbers[0]) if numbers and numbers[0].denominator == 1 and 2 <= numbers[0] < len(numbers) else 0
     m, excess = divmod(len(numbers) - 1 - n, n + 1)
     if not n or excess or m < 2 or n * m > MOST:
@@ -244,7 +250,8 @@ KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = 
 
 
 def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
-    """Return the name of a table's derivative, composed of its orders and numbers. Raises: `ValueError`."""
+    """Return the name by which a derivative of a table is called in expressions: its kind with its orders and numbers.
+    Raises: `ValueError`."""
     count, table = KINDS[kind]
     if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
         raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")
@@ -260,20 +267,21 @@ def is_table(name: str) -> bool:
 
 @lru_cache(maxsize=256)
 def table_of(name: str) -> tuple[Grid | Curve, Order]:
-    """Return the table that is encoded in a function's name, and the order of its derivative."""
+    """Return the table that is encoded in a function's name, and the order of the derivative by each argument."""
     kind, *numbers = name.split()
     count, table = KINDS[kind]
     return table(tuple(map(Fraction, numbers[count:]))), tuple(map(int, numbers[:count]))
 
 
 def next_of(name: str, k: int) -> str:
-    """Return the name of the derivative by argument k, from 0."""
+    """Return the name of the table's derivative by argument k, from 0."""
     kind, *orders = name.split(" ", k + 2)
     return " ".join((kind, *orders[:k], str(int(orders[k]) + 1), *orders[k + 1 :]))
 
 
 def jumps(name: str, more: int = 0) -> bool:
-    """Return whether a table's derivative, or one of up to `more` higher orders, jumps somewhere."""
+    """Return whether the table's derivative with this name jumps somewhere, or a derivative of it of up to `more`
+    higher orders."""
     if not is_table(name):
         return False
     table, order = table_of(name)
@@ -281,18 +289,19 @@ def jumps(name: str, more: int = 0) -> bool:
 
 
 def in_one_piece(name: str, box: Sequence[Side]) -> bool:
-    """Return whether a box is inside one piece along each axis, breakpoints excluded."""
+    """Return whether a box lies inside one polynomial piece of the table along each axis, breakpoints excluded."""
     axes = table_of(name)[0].axes
     return all(bisect_left(axis, low) == bisect_right(axis, high) for axis, (low, high) in zip(axes, box, strict=True))
 
 
 def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:
-    """Return the value of the table's derivative with this name at numbers; None at a jump."""
+    """Return the value of the table's derivative with this name at the numbers `at`; None at a jump."""
     ends = range_on(name, [(x, x) for x in at])
     return ends[0] if ends and ends[0] == ends[1] else None
 
 
 def range_on(name: str, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-    """Return the range of the table's derivative with this name on a box, also infinite; None if it has none."""
+    """Return the range of the table's derivative with this name on a box, which may be infinite; None if it is
+    unbounded."""
     table, order = table_of(name)
     return None if any(math.isnan(end) for side in box for end in side) else table.range(order, box)

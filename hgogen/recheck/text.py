@@ -23,8 +23,8 @@ from .tables import KINDS, is_table, name_of
 
 
 class RecheckError(Exception):
-    """Base class of errors, whose text names the fault and the fix; `status` is the exit status of a command: 2 for a
-    file that is no certificate, 1 for one that is not verified."""
+    """The base class of errors of the verifier, whose text names the fault and the fix. `status`: the exit status of a
+    command, 2 for a file that is no certificate, 1 for one that is not verified."""
 
     status: ClassVar[int] = 2
 
@@ -53,7 +53,7 @@ _NUMBER = re.compile(r"-?(?:\d+(?:\.\d+)?|\d+/0*[1-9]\d*)\Z", re.ASCII)
 
 @dataclass(eq=False)
 class Unreadable(RecheckError):
-    """A text of a certificate that is no expression or number of its grammar."""
+    """The error that a text of a certificate is no expression or number of its grammar."""
 
     text: str
     reason: str
@@ -63,15 +63,15 @@ class Unreadable(RecheckError):
 
     @property
     def fault(self) -> str:
-        """The fault without the fix."""
+        """The fault in words, without the fix."""
         printed = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
         return f"cannot read {printed!r}: {self.reason}"
 
 
 class Instruction(NamedTuple):
-    """An instruction: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power"
-    (an integer exponent), "root" (a rational one), "raise", or a function's name; `args` are indices of earlier
-    instructions."""
+    """An instruction that computes one value. `op`: "number" (`value`: a Fraction), "symbol" (`value`: its name),
+    "add", "sub", "mul", "div", "neg", "power" (`value`: an integer exponent), "root" (`value`: a rational one),
+    "raise", or a function's name; `args`: the indices of earlier instructions."""
 
     op: str
     args: tuple[int, ...] = ()
@@ -89,7 +89,7 @@ class Expression:
 
     @property
     def kinked(self) -> bool:
-        """Return whether it has a modulus, a sign, a minimum, a maximum or a table."""
+        """Return whether the expression has a modulus, a sign, a minimum, a maximum or a table."""
         return any(step.op in KINKS or is_table(step.op) for step in self.instructions)
 
     def __hash__(self) -> int:
@@ -113,7 +113,7 @@ def is_number(text: str) -> bool:
 
 
 def kind_of(value: object) -> str:
-    """Return a description of a JSON value that is no text."""
+    """Return a description of a JSON value that is not a text."""
     names = {type(None): "null", list: "a list", dict: "an object", bool: "a truth value"}
     return names.get(type(value), "a number that is no text")
 
@@ -123,7 +123,8 @@ def _quoted(value: object) -> str:
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
-    """Return the `Expression` of a text in declared names; `pi` is the number else. Raises: `Unreadable`."""
+    """Return a text as an `Expression` in the names `declared`; `pi` is the number unless it is declared. Raises:
+    `Unreadable`."""
     if not isinstance(text, str):
         raise Unreadable(_quoted(text), "an expression is a text")
     if len(text) > LONGEST:
@@ -138,7 +139,7 @@ def expression(text: object, declared: Container[str]) -> Expression:
 
 
 class _Reader:
-    """A parser with one token of look-ahead; equal values share one instruction."""
+    """A parser with one token of look-ahead; equal subexpressions share one instruction."""
 
     def __init__(self, text: str, declared: Container[str]) -> None:
         self.text, self.declared = text, declared
@@ -190,7 +191,8 @@ class _Reader:
         return value
 
     def sum(self, depth: int, signs: int = 0) -> int:
-        """Parse sum: term (+ - term)*, or with `signs` 1 term: factor (* / factor)*."""
+        """Parse a sum, term (+ - term)*; with `signs` 1 a term, factor (* / factor)*. Return the index of its
+        instruction."""
         inner = self.factor if signs else partial(self.sum, signs=1)
         value = inner(depth)
         while self.token in _SIGNS[signs]:
@@ -198,7 +200,7 @@ class _Reader:
         return value
 
     def factor(self, depth: int) -> int:
-        """Parse factor: - factor | atom ** factor."""
+        """Parse a factor, - factor | atom ** factor, and return the index of its instruction."""
         if depth > DEEPEST:
             raise self.fault(f"it is nested deeper than {DEEPEST}")
         if self.token == "-":
@@ -221,7 +223,7 @@ class _Reader:
         return self.put("root", (base,), known)
 
     def atom(self, depth: int) -> int:
-        """Parse atom: number | name | function(sum, ...) | (sum)."""
+        """Parse an atom, number | name | function(sum, ...) | (sum), and return the index of its instruction."""
         kind, token = self.kind, self.next()
         if kind == "number":
             if len(token) > LARGEST or abs(int(token.lower().partition("e")[2] or 0)) > LARGEST:
@@ -241,7 +243,7 @@ class _Reader:
         raise self.fault(f"{what} where a value should stand")
 
     def function(self, name: str, depth: int) -> int:
-        """Parse function(sum, ...)."""
+        """Parse function(sum, ...), and return the index of its instruction."""
         self.next()
         args = [self.sum(depth + 1)]
         while self.token == ",":
@@ -257,7 +259,8 @@ class _Reader:
         raise self.fault(f"there is no rule for {name} of {len(args)}")
 
     def table(self, kind: str, args: list[int]) -> int:
-        """Parse kind(sum, .., order, .., x, y, x, y, ...): the kind's arguments and orders, then numbers."""
+        """Parse a table, kind(sum, .., order, .., x, y, x, y, ...): the arguments and orders of its kind, then numbers.
+        Return the index of its instruction."""
         count, _ = KINDS[kind]
         numbers = [self.numbers.get(arg) for arg in args[count:]]
         known = [number for number in numbers if number is not None]

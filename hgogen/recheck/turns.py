@@ -17,18 +17,18 @@ from .text import Expression, Instruction, expression
 
 
 class Turn(NamedTuple):
-    """The number `whole` + `pis` pi."""
+    """A number `whole` + `pis` pi with rational `whole` and `pis`, such as a period of an angle."""
 
     whole: Fraction = Fraction(0)
     pis: Fraction = Fraction(0)
 
     def __add__(self, other: object) -> "Turn":
-        """Return the sum of two."""
+        """Return the sum of two such numbers."""
         assert isinstance(other, Turn)
         return Turn(self.whole + other.whole, self.pis + other.pis)
 
     def times(self, factor: "Turn") -> "Turn":
-        """Return the product. Raises: `Unproved` for a multiple of pi squared."""
+        """Return the product of two such numbers. Raises: `Unproved` for a multiple of pi squared."""
         if self.pis and factor.pis:
             raise Unproved("a multiple of pi squared is no turn")
         return Turn(self.whole * factor.whole, self.whole * factor.pis + self.pis * factor.whole)
@@ -40,7 +40,7 @@ class Turn(NamedTuple):
         return Fraction(low), Fraction(high)
 
     def whole_periods(self, period: "Turn | None") -> bool:
-        """Return whether this is a whole multiple of a period; 0 without one."""
+        """Return whether the number is a whole multiple of a period; without a period, whether it is 0."""
         if period is None:
             return not any(self)
         count = self.pis / period.pis if period.pis else self.whole / period.whole
@@ -53,7 +53,7 @@ NO_BOX: Box = {}
 
 
 def turn(text: object) -> Turn:
-    """Return the positive number of a text such as "2*pi" or "360". Raises: `Unproved`, `Unreadable`."""
+    """Return the positive number r + s pi of a text such as "2*pi" or "360". Raises: `Unproved`, `Unreadable`."""
     read = expression(text, ())
     value = _values(read)[read.result]
     if value is None or not value.ends[0] > 0:
@@ -62,8 +62,8 @@ def turn(text: object) -> Turn:
 
 
 def advance(text: Expression, name: str, period: Turn, box: Box = NO_BOX) -> Turn:
-    """Return the change of an expression over one `period` of `name`, whatever the values in `box`, where a name may
-    have one value. Raises: `Unproved` if that is not proved to be constant."""
+    """Return the change of an expression when `name` advances by one `period`, for all values in `box`; a name whose
+    range is one point is a number. Raises: `Unproved` if the change is not proved to be constant."""
     known, changes = _values(text, box), list[Turn]()
     for step in text.instructions:
         if step.op == "symbol":
@@ -74,7 +74,7 @@ def advance(text: Expression, name: str, period: Turn, box: Box = NO_BOX) -> Tur
 
 
 def _values(text: Expression, box: Box = NO_BOX) -> list[Turn | None]:
-    """Return the value of each instruction that is a number r + s pi, None for others."""
+    """Return the value of each instruction that is a number r + s pi, None for the other instructions."""
     values = list[Turn | None]()
     for step in text.instructions:
         args = [value for k in step.args if (value := values[k]) is not None]
@@ -121,8 +121,8 @@ def _advance(step: Instruction, changes: Sequence[Turn], known: Sequence[Turn | 
 
 
 def demand_periodic(rows: Iterable[tuple[Expression, Turn | None]], turns: Turns, box: Box) -> None:
-    """Demand that each row changes by whole multiples of its own period, None for 0, over a turn of any name of
-    `turns`, and that the range of each name spans a turn. Raises: `Unproved`."""
+    """Demand that each row changes by a whole multiple of its own period (None: not at all) when any name of `turns`
+    advances by a turn, and that the range of each name spans a turn. Raises: `Unproved`."""
     each = list(rows)
     for name, period in turns.items():
         low, high = box[name]

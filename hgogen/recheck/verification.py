@@ -38,7 +38,7 @@ OPEN = ("where", "generic", "unknown", STATED)  # verdicts that assert nothing t
 
 @dataclass(eq=False)
 class CannotRead(RecheckError):
-    """A certificate file that cannot be read."""
+    """The error that a certificate file cannot be read."""
 
     path: str
     reason: str
@@ -49,7 +49,7 @@ class CannotRead(RecheckError):
 
 @dataclass(eq=False)
 class NotVerified(RecheckError):
-    """A certificate with a claim that was not verified."""
+    """The error that a claim of a certificate was not verified."""
 
     status: ClassVar[int] = 1
     failed: tuple["Row", ...]
@@ -61,7 +61,7 @@ class NotVerified(RecheckError):
 
 @dataclass(eq=False)
 class NothingVerified(RecheckError):
-    """A certificate without any claim that asserts something."""
+    """The error that no claim of a certificate asserts anything."""
 
     status: ClassVar[int] = 1
     plant: str
@@ -74,8 +74,9 @@ class NothingVerified(RecheckError):
 class Row:
     """The outcome of one claim, or a fault of the file or of its form, which has no verdict.
 
-    `found` is "verified", "fails", or, if nothing is asserted, "open" or "stated"; `sentence` says how it was found,
-    `boxes` with how many boxes."""
+    `found`: "verified" or "fails" or, for a claim that asserts nothing, "open" or "stated"; `sentence`: the reason;
+    `boxes`: the number of boxes of the proof.
+    """
 
     id: Annotated[str, "name of the claim"]
     verdict: Annotated[str, "the verdict in the file"]
@@ -121,7 +122,7 @@ class Rechecked:
 
     @property
     def count(self) -> str:
-        """The counts as text."""
+        """The numbers of claims by outcome, as text."""
         return ", ".join(f"{count} {name}" for name, count in self.counts.items())
 
     @property
@@ -154,10 +155,12 @@ def read(text: str) -> Certificate:
 
 @lru_cache(maxsize=4)  # the maker of a certificate verifies it, and often reads it first
 def recheck(text: str) -> Rechecked:
-    """Verify the certificate in a text; a claim that is not proved is a row that fails.
+    """Return the outcome of the verification of each claim of the certificate in a text.
 
-    A changed file fails by the row "digest"; the other rows then describe the model that it now contains. Raises:
-    `NoCertificate` and `Unreadable` for a text that is no certificate."""
+    A claim that is not confirmed is a row "fails". A file changed after it was written fails by the row "digest"; the
+    other rows then describe the model that it now contains. Raises: `NoCertificate` and `Unreadable` for a text that is
+    no certificate.
+    """
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
@@ -203,7 +206,7 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """Yield a `Row` for each claim, and one for each required claim that is missing."""
+    """Yield the outcome of each claim, and of each required claim that is missing."""
     certificate = context.file
     by_id: dict[str, Row] = {}
     for claim in certificate.claims:
@@ -273,7 +276,7 @@ _POINTS = 5
 
 
 def faults(context: Context) -> Iterator[str]:
-    """Yield sentences on the equations of the plant that the form violates."""
+    """Yield sentences on the equations in which the form differs from the plant."""
     form = context.form
     if form.kind in _PLANT_COORDINATES and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
         yield "its states are not those of the plant, as its kind says"
@@ -282,7 +285,8 @@ def faults(context: Context) -> Iterator[str]:
 
 
 def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
-    """Yield sentences on the parts without a verified claim, and on identities that are not proved."""
+    """Yield sentences on the parts of the certificate that no verified claim is about, and on identities that are not
+    proved."""
     form, observer = context.form, context.file.observer
     if form.kind not in FORMS:
         yield f"no rule knows the form {words(form.kind)}: that the plant is in it"
@@ -295,7 +299,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
 
 
 def _unmodelled(context: Context) -> bool:
-    """Return whether b = 0 and the observer is lambda_tracking: its last equation may then lack a model."""
+    """Return whether b = 0 and the observer is lambda_tracking, which may have no model of the form's last row."""
     observer = context.file.observer
     return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
 
@@ -342,8 +346,8 @@ def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[st
 def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
-    """Yield name and residual of each equation of the form, z' = A z + b, y = output,
-    X(Z(x)) = x, at values `at` of the plant's names; `rates`: the names of u' by u."""
+    """Yield the name and the residual of each equation of the form, z' = A z + b, y = output, X(Z(x)) = x, at the
+    values `at` of the plant's names; `rates`: the name of u' for each input u."""
     form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}

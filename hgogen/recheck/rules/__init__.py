@@ -18,7 +18,7 @@ from ..text import RecheckError
 
 @dataclass(eq=False)
 class BadRules(RecheckError):
-    """A file without rules, or with a key that another file has too."""
+    """The error that a file of rules has none, or a key that another file has too."""
 
     file: str
     reason: str
@@ -28,7 +28,7 @@ class BadRules(RecheckError):
 
 
 def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
-    """Return the rules of all files. Raises: `BadRules` for a file without rules."""
+    """Return the rules of all `files`. Raises: `BadRules` for a file without rules."""
     every: list[Rule] = []
     for file in files:
         rules = getattr(file, "RULES", None)
@@ -39,7 +39,8 @@ def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
 
 
 def merged(files: Iterable[ModuleType], key: str) -> Mapping[str, Any]:
-    """Return the union of the mappings that files have under a name. Raises: `BadRules` for a key in two files."""
+    """Return the union of the mappings that the `files` define under the name `key`. Raises: `BadRules` for an entry in
+    two files."""
     rows: dict[str, Any] = {}
     where: dict[str, str] = {}
     for file in files:
@@ -59,12 +60,13 @@ FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:
-    """Return the rule of a claim on a form of that kind; None if no rule verifies it."""
+    """Return the rule that verifies a claim on this kind of form, or None."""
     return next((rule for rule in RULES if rule.accepts(kind, claim)), None)
 
 
 def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
-    """Return the ids of the claims that this one assumes; any claim of a form assumes those of its coordinates."""
+    """Return the ids of the claims that a claim assumes; a claim about a form assumes the claims about the form's
+    coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
     named = rule.needs(kind, claim, any(certificate.plant.periods)) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")

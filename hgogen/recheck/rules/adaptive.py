@@ -102,14 +102,14 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def attenuation(context: Context, claim: Claim) -> Finding:
-    """Prove the claim's bound mu of the L2 gain from the disturbance v in w' + G_1 v, y + G_2 v to the error of w, by
-    the claim's V if it has one."""
+    """Prove that the L2 gain from the disturbance v in w' + G_1 v, y + G_2 v to the error of w is at most the claim's
+    mu, by the claim's storage function V, if there is one, else by a formula."""
     return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
 
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
-    """Prove the L2 gain by the claim's storage function V, at the ends of the
-    range of the gain gamma and of each gamma^-i with a nonzero row of G_1."""
+    """Prove the L2 gain by the storage function e'V e of the claim, at both ends of the range of the gain gamma and of
+    each gamma^-i with a nonzero row i of G_1."""
     observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
@@ -169,8 +169,8 @@ def _printed(M: Matrix) -> str:
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
-    """Return the claim's bound of |T^-1 dc/dw T|, w' = A w + c,
-    T = diag(gain, gain^2, ..), and the number of boxes."""
+    """Return the claim's bound of |T^-1 dc/dw T| for w' = A w + c, T = diag(gain, gain^2, ..), proved here, and the
+    number of boxes."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
         raise Unproved(f"its units are not the powers of {printed(gain)}")
@@ -201,14 +201,15 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 
 
 def falls(context: Context, claim: Claim) -> Finding:
-    """Prove N'P + P N + p_1 (D P + P D) < 0, N = A - K C, D = diag(b, .., b + n - 1), by P and b of the claim."""
+    """Prove N'P + P N + p_1 (D P + P D) < 0 for N = A - K C, D = diag(b, .., b + n - 1), with the claim's P and b."""
     p_1, (P, N, spread) = above_zero(observer_of(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * lyapunov(P, N) - p_1 * spread})
     return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_matrix_words(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Finding:
-    """Prove p_3 (D P + P D) >= 2 lambda_max(P), D = diag(b, b + 1, ..), by P and b of a proved claim on p_1, if any."""
+    """Prove p_3 (D P + P D) >= 2 lambda_max(P) for D = diag(b, b + 1, ..), with the claim's P and b; a proved claim on
+    p_1 must have the same."""
     p_3, (P, _, spread) = above_zero(observer_of(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
@@ -247,7 +248,8 @@ def below_cap(context: Context, claim: Claim) -> Finding:
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
-    """Return P, N = A - K C, D P + P D, D = diag(b, ..), once N'P + P N <= -I, P > 0, D P + P D > 0 are proved."""
+    """Return P, N = A - K C and D P + P D, D = diag(b, b + 1, ..); proved are N'P + P N <= -I, P > 0 and D P + P D >
+    0."""
     P, b = _P(context, claim), above_zero(claim.evidence, "b")
     N, spread = companion(column(observer_of(context, claim).numbers, "gains", len(P))), _spread(P, b)
     demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})
@@ -258,8 +260,8 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V, V = e'P e, at every gain from `level`
-    on and every rate of the gain; return the number of boxes."""
+    """Prove V' <= -alpha V, V = e'P e, for every gain from `level` on and every rate of change of the gain; return the
+    number of boxes."""
     observer, n = observer_of(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
     D = unit(n).weighed(b + i for i in range(n))
@@ -274,8 +276,8 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """Return p_1, the largest rate of decrease of the gain L,
-    and True: the rate is zero at the least gain, p_2."""
+    """Return p_1, the largest rate at which the gain L may decrease, and True: at its least value p_2 the rate is
+    zero."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
         raise Unproved("its p_2 is not from 0 to its cap")
@@ -284,8 +286,8 @@ def _updated(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """Return sigma, the largest rate of decrease of the gain
-    gamma, and False: it also applies at the least gain."""
+    """Return sigma, the largest rate at which the gain gamma may decrease, and False: this rate is possible at the
+    least gain, too."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
@@ -313,7 +315,8 @@ Form = Callable[[Matrix], Matrix]  # an affine function of N
 
 
 def core(context: Context, claim: Claim) -> Finding:
-    """Prove that the linear error decays behind its saturation or dead zone, by P, mu, tau of the claim."""
+    """Prove that the linear error decays despite the saturation or dead zone of the output error, with the claim's P,
+    mu and tau."""
     observer, n = observer_of(context, claim), len(context.z)
     units = _units(claim.evidence, n)
     N = similar(units, companion(column(observer.numbers, "gains", n)))
@@ -323,8 +326,8 @@ def core(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, by P, mu, tau of the claim, for all
-    partial derivatives in the ranges `slopes`; return the number of boxes."""
+    """Prove V' <= -alpha V at theta = `level` for all partial derivatives in the ranges `slopes`, with the claim's P,
+    mu and tau; return the number of boxes."""
     observer, evidence = observer_of(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
@@ -349,8 +352,8 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
-    """Return the matrix of `form` at N plus an upper bound of the effect of each uncertainty
-    N + d step, |d| <= 1: d (v h' + h v') <= S h h' + v v'/S, h the rows of H."""
+    """Return the matrix of an affine `form` at N plus an upper bound of the effect of the uncertainties N + d step, |d|
+    <= 1: d (v h' + h v') <= S h h' + v v'/S, h the rows of H."""
     whole = base = form(N)
     for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
@@ -369,8 +372,8 @@ def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
 
 
 def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
-    """Yield, as functions of N, the matrices of the quadratic form of V' + a V: (n + 1, n + 1)
-    with the saturation or dead zone, and (n, n) with the whole error injected."""
+    """Yield, as functions of N, the matrices of the quadratic form V' + a V: (n + 1, n + 1) with the saturation or dead
+    zone, and (n, n) with the whole output error injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")

@@ -101,7 +101,8 @@ def _phrase(observer: Observer) -> str:
 
 def dwell(context: Context, claim: Claim) -> Finding:
     """Prove that `hold`, the time for which the switched gain stays high, is long enough: alpha hold > log(up down),
-    the factors of V at the two switches. The decay with the low gain is another claim."""
+    with the decay rate alpha of V at the high gain and the factors up and down of V at the two switches. The decay at
+    the low gain is another claim."""
     numbers, evidence = observer_of(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
@@ -124,8 +125,8 @@ def dwell(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, V = e'P e, for all partial
-    derivatives in the ranges `slopes`; return the number of boxes."""
+    """Prove V' <= -alpha V, V = e'P e, at theta = `level`, for all partial derivatives in the ranges `slopes`; return
+    the number of boxes."""
     error = one_sided_inclusion(context, observer_of(context, claim), slopes)
     demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
@@ -135,8 +136,9 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def region(context: Context, claim: Claim) -> Finding:
-    """Prove that initial errors |z| <= `first` keep the errors of all injected periodic outputs below half a turn: V =
-    e'P e does not grow, is at most `level` at first, and level C P^-1 C' < (period/2)^2, C the slope of an output."""
+    """Prove that with initial errors |z_i| <= `first`_i the errors of all injected periodic outputs stay below half a
+    turn: V = e'P e does not grow, is at most `level` at the start, and level C P^-1 C' < (period/2)^2, C the row of an
+    output."""
     observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
     theta, error = above_zero(observer.numbers, "theta"), one_sided_inclusion(context, observer, evidence)
     demand_decays(error.at(theta), Fraction(0), evidence)
@@ -162,8 +164,8 @@ def region(context: Context, claim: Claim) -> Finding:
 
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
-    """Prove that the L2 norm of the states' errors, weighted by `counts`, is at most mu times that of the claim's
-    inputs v, noise and disturbances: V' + |C e|^2 - mu^2 |v|^2 < 0."""
+    """Prove that the L2 gain from the claim's inputs v, noise and disturbances, to the states' errors, weighted by
+    `counts`, is at most mu: V' + |C e|^2 - mu^2 |v|^2 < 0."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     mu, counts = above_zero(claim.evidence, "mu"), column(claim.evidence, "counts", len(context.z))
     demand_l2(parts, claim.evidence, inputs, [(k, x / scales[k]) for k, x in zip(error.picks, counts, strict=True)], mu)
@@ -174,7 +176,7 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
-    """Prove the ultimate bound of the error of each state under the claim's bounded inputs, noise and disturbances."""
+    """Prove the ultimate bound of each state's error under the claim's bounded inputs, noise and disturbances."""
     error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
@@ -212,8 +214,8 @@ Shares = list[tuple[Fraction, Fraction]]
 
 
 def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """Prove V' <= -alpha V at theta = `level`, V = e'P e, for the high-gain observer on the
-    uniform form; `ranges` bound the partial derivatives. Return the number of boxes."""
+    """Prove V' <= -alpha V, V = e'P e, at theta = `level`, for the high-gain observer on the uniform form, whose
+    partial derivatives lie in `ranges`; return the number of boxes."""
     _ = context.equations
     observer, n = observer_of(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
@@ -248,7 +250,8 @@ def _above(context: Context) -> list[Fraction]:
 
 
 def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
-    """Return the evidence's range of each s_k/F_k', s_k = A_(k,k+1), F_k' = dF_k/dz_(k+1), and the number of boxes."""
+    """Return the range of each share s_k/F_k' that the evidence states and that is proved here, s_k = A_(k,k+1), F_k' =
+    dF_k/dz_(k+1); and the number of boxes."""
     shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
     for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
         rate, z = context.rates[k], context.z[k + 1]
@@ -271,12 +274,12 @@ def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
 
 
 def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
-    """Return K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    """Return the gains K_1, K_2 q_1, K_3 q_1 q_2, .."""
     return [k * prod(q[:i], start=Fraction(1)) for i, k in enumerate(K)]
 
 
 def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
-    """Yield the uncertain gain K_i q_1 .. q_(i-1) for each i, the q_k in their ranges `shares`."""
+    """Yield for each i the uncertain term of the gain K_i q_1 .. q_(i-1), the q_k in their ranges `shares`."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
@@ -294,8 +297,8 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
 
 
 def convergence(context: Context, claim: Claim) -> Finding:
-    """Prove that the error of a Kalman filter of z' = A z + b(u), y = C z + d(u) converges exponentially from
-    everywhere: (C, A) is observable, (A, Q) controllable."""
+    """Prove that the error of a Kalman filter of z' = A z + b(u), y = C z + d(u) converges exponentially from any
+    initial error, since (C, A) is observable and (A, Q) is controllable."""
     observer, form, n = observer_of(context, claim), context.form, len(context.z)
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)
@@ -329,7 +332,7 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
 
 
 def _gramian(A: Matrix, start: Matrix) -> Matrix:
-    """Return the sum of A^k M (A')^k for k < n, M = `start`."""
+    """Return the sum over k < n of A^k M (A')^k, M = `start`."""
     total, term = start, start
     for _ in range(len(A) - 1):
         term = A @ term @ A.T

@@ -51,7 +51,8 @@ _FINE = 2**200  # parts of a root
 
 @dataclass(frozen=True)
 class _Running:
-    """The observer's error in steps of length `h` by a `method`, at its theta."""
+    """The error dynamics of an observer whose program takes steps of length `h` by a `method`, at the observer's
+    theta."""
 
     context: Context
     error: ErrorInclusion
@@ -67,7 +68,7 @@ class _Running:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error e_k of each observer state (N) for an error 1 of the plant state that it estimates."""
+        """The factors s (N): e_k = s_k times the error of the form's state that observer state k estimates."""
         return self.error.scales(self.context, self.theta)
 
     @property
@@ -98,8 +99,8 @@ def step(context: Context, claim: Claim) -> Finding:
 
 
 def throughout(context: Context, claim: Claim) -> Finding:
-    """Prove |e+|_P < |e|_P in a step at the claim's theta, at most the observer's, at every step length up to a
-    longest, in pieces with a P each."""
+    """Prove |e+|_P < |e|_P for a step of any length up to a longest one, at the claim's theta, which is at most the
+    observer's; the lengths are divided into pieces with a P each."""
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
@@ -127,14 +128,14 @@ def throughout(context: Context, claim: Claim) -> Finding:
 
 @cache
 def _bernstein(degree: int) -> Matrix:
-    """Return the matrix from a polynomial's values at k/degree to its Bernstein coefficients on [0, 1]."""
+    """Return the matrix that maps the values of a polynomial at k/degree to its Bernstein coefficients on [0, 1]."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     return inverse(Matrix([comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at))
 
 
 def noise(context: Context, claim: Claim) -> Finding:
-    """Prove that the error of a state stays within a bound while the error of an output's samples is at most 1, by an
-    invariant |e|_P <= 1; the inputs of e are the samples' errors at both ends of a call."""
+    """Prove bounds of states' errors while the error of one output's samples is at most 1, by an invariant set |e|_P <=
+    1. The inputs are the samples' errors at both ends of a step."""
     run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
         fields(one, "a bound", ("state", "output", *BOUND))
@@ -157,8 +158,9 @@ def noise(context: Context, claim: Claim) -> Finding:
 
 
 def start(context: Context, claim: Claim) -> Finding:
-    """Prove that |e|_P decreases at each call, and that initial errors |z| <= `first` keep each estimating field within
-    its limit and each state within its bound: |e(0)|_P^2 <= V at the corners, bound^2 P >= V c'c for an error c e."""
+    """Prove that |e|_P decreases at each call, and that with initial errors |z_i| <= `first`_i each estimating state of
+    the observer stays within its limit and each state's error within its bound: |e(0)|_P^2 <= V at the corners, bound^2
+    P >= V c'c for an error c e."""
     run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
     scales, first = run.scales, column(evidence, "first", n)
     clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
@@ -201,7 +203,8 @@ Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
 def error(context: Context, claim: Claim) -> Finding:
-    """Prove bounds of the errors of the fields that estimate a state, for each kind of input: noise, method, .."""
+    """Prove bounds of the errors of the observer's estimates as the sum of the effects of each kind of input: noise,
+    rounding, the method, .."""
     run, shares, by_kind = (
         _running(context, claim),
         part(claim.evidence, "shares", list),
@@ -262,8 +265,8 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
 
 
 def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
-    """Return a bound of the effect of a share of the inputs on the error of
-    each observer state (N): the share's own bound, or that by e'P e <= 1."""
+    """Return a bound of the effect of a share of the inputs on the error of each observer state (N): the bound that the
+    share states, else that which follows from e'P e <= 1."""
     N, unit = len(scales), scalar(share, "unit")
     bounds = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
     if len(bounds) < N:
@@ -305,7 +308,8 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
 
 
 def _deviation(run: _Running, i: int) -> Input:
-    """Return the input of state i that is off at the end of a step, and with it the outputs that observe it."""
+    """Return the input "the plant's state i deviates by 1 at the end of a step", with the effect on the outputs that
+    measure the state."""
     context, error, method = run.context, run.error, run.method
     onto = (-1 * error.lifted(run.scales)).T[i]
     deviation = Input(zeros(len(method.nodes), len(context.form.output)), onto)

@@ -71,8 +71,9 @@ PARTS = ("gain", "G1", "G2", "errors")  # of a claim's description of the system
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The error system e' = F + G w of a `plant` and an observer, e = x - xhat: the ranges `around` 0 of e (n); `flow`
-    F (n) and `noise` G (n, k), functions of values in any arithmetic; the names that each reads; a sentence."""
+    """The error system e' = F + G w of a `plant` and an observer, e = x - xhat (n). `around`: the ranges of e, around
+    0; `flow`, `noise`: F (n) and G (n, k) as functions of the names' values in any arithmetic; `read_by_flow`,
+    `read_by_noise`: the names that F and G read."""
 
     plant: Equations
     around: Box
@@ -84,8 +85,8 @@ class ErrorSystem:
 
 
 def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return e' = F(e, x) + G(e, x) w of the plant and the observer xhat' = f + l (y - h), by the gain l (n, p), G1 (n,
-    k) and G2 (p, k) in the `description`. Raises: `Unproved`."""
+    """Return the error system e' = F(e, x) + G(e, x) w of the plant and the observer xhat' = f + l (y - h), with the
+    gain l (n, p), G1 (n, k) and G2 (p, k) of the `description`. Raises: `Unproved`."""
     plant = context.plant
     around, n, p = around_of(context, description), len(plant.states), len(plant.output)
     texts = entries(description, "G1", n)
@@ -145,7 +146,8 @@ def smooth(texts: Iterable[Expression]) -> None:
 
 
 def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
-    """Return the matrix (rows, columns) of expressions in these names under a key. Raises: `Unproved`."""
+    """Return the matrix (rows, columns) of expressions under a key of the `description`; the expressions may read
+    `names`. Raises: `Unproved`."""
     texts = entries(description, key, rows)
     return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in texts)
 
@@ -167,7 +169,7 @@ def names_of(texts: Iterable[Expression]) -> set[str]:
 
 
 def text_of(rows: Rows) -> str:
-    """Return a matrix of expressions as text."""
+    """Return a matrix of expressions as text, with rows separated by semicolons."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"
 
 
@@ -177,8 +179,8 @@ OBSERVED = ("observer", "unknown", "along", "flow", "noise", "errors")  # of a c
 
 
 def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return e' = F(e, x, u) + G(e, x, u) w of the plant and any observer xhat' = g(xhat, y, u), by g, F and G in the
-    `description`. Raises: `Unproved`."""
+    """Return the error system e' = F(e, x, u) + G(e, x, u) w that the `description` states, once it is proved to be
+    that of the plant and the observer xhat' = g(xhat, y, u) there. Raises: `Unproved`."""
     plant, around, n = context.plant, around_of(context, description), len(context.plant.states)
     inputs, parameters = context.file.inputs, context.file.parameters
     unknown, along = tuple(part(description, "unknown", list)), part(description, "along", dict)
@@ -226,8 +228,8 @@ def _demand_same(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that the set x_k = a_k(x) (`along`) is invariant, that F and G
-    of the error system are those of plant and observer, and F(0) = 0."""
+    """Demand that the set of states with x_k = a_k(x) (`along`) is invariant, that F and G of the error system there
+    are those of plant and observer, and that F = 0 at e = 0. Raises: `Unproved`."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
@@ -259,8 +261,8 @@ def _demand_values(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that plant, observer and system have a value at an interior point
-    with e = 0: identities between undefined expressions prove nothing."""
+    """Demand that plant, observer and error system have a value at an interior point with e = 0: an identity between
+    undefined expressions proves nothing. Raises: `Unproved`."""
     zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
     at |= {name: evaluate(value, at, intervals) for name, value in along.items()}
@@ -289,7 +291,8 @@ _duals = dual(intervals)  # slopes in the names of a box
 
 @dataclass(frozen=True)
 class ClaimedGain:
-    """The error system e' = F + G w with V(e) and the L2 gain mu from w to e that a claim states."""
+    """The error system e' = F + G w of a claim, with the storage function V(e) and the L2 gain mu from w to e that the
+    claim states."""
 
     system: ErrorSystem
     V: Expression
@@ -297,7 +300,7 @@ class ClaimedGain:
 
     @property
     def around(self) -> Box:
-        """The box of the errors."""
+        """The ranges of the errors."""
         return self.system.around
 
     @property
@@ -307,16 +310,16 @@ class ClaimedGain:
 
     @property
     def box(self) -> Box:
-        """The box of all names."""
+        """The ranges of all names, the errors included."""
         return {**self.system.plant.box, **self.around}
 
     def finding(self, sentence: str, boxes: int) -> Finding:
-        """Return the finding with a sentence on the error system."""
+        """Return a finding whose sentence also describes the error system."""
         return Finding(f"{sentence}; of the error {self.system.sentence}", boxes)
 
 
 def is_positive(context: Context, claim: Claim) -> Finding:
-    """Prove V(0) = 0 and V(e) > 0 for every other e of the box of errors."""
+    """Prove V(0) = 0 and V(e) > 0 for every other e in the box of errors."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     boxes = covered(_copies(claimed, share, {"c": claimed.V.names}), ".", _definite(claimed, T, _hessian))
@@ -328,7 +331,8 @@ def is_positive(context: Context, claim: Claim) -> Finding:
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
-    """Prove S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, and every x."""
+    """Prove S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2 < 0 for every e != 0 in the box of errors, and every x in its
+    ranges."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     reads = {"c": claimed.V.names, "d": claimed.system.read_by_flow, "g": claimed.system.read_by_noise}
@@ -347,7 +351,7 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def level(context: Context, claim: Claim) -> Finding:
-    """Prove that every set {V <= c} with c below the claim's `floor` does not reach the faces of the box of errors."""
+    """Prove that no set {V <= c} with c below the claim's `floor` reaches a face of the box of errors."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
     faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
     algebra, boxes = algebra_of(claimed.around), 0
@@ -387,8 +391,8 @@ def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
 
 
 def _vanishing(claimed: ClaimedGain) -> None:
-    """Prove V(0) = 0 and V_e(0) = 0 by exact algebra, and that
-    V has no kinks and bounded gradients on the whole box."""
+    """Prove V(0) = 0 and V_e(0) = 0 by exact algebra, that V has no kinks, and that the derivatives of F and V are
+    finite on the whole box."""
     algebra = algebra_of(claimed.around)
     still = dict.fromkeys(claimed.errors, algebra.zero)
     smooth((claimed.V,))
@@ -402,8 +406,8 @@ def _vanishing(claimed: ClaimedGain) -> None:
 
 
 def _regular(claimed: ClaimedGain) -> Any:
-    """Return a function of a box that tries to prove that F has
-    finite partial derivatives in e, and that G is finite."""
+    """Return a function that attempts to prove on a box that F has finite partial derivatives in e, and that G is
+    finite."""
     system = claimed.system
 
     def values(box: Box) -> Iterable[Interval]:
@@ -445,7 +449,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
 
 
 def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
-    """Demand that an expression equals S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2."""
+    """Demand that the expression `lhs` equals S = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2. Raises: `Unproved`."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
     (p,) = jacobian((claimed.V,), {name: e[name] for name in claimed.errors}, claimed.errors, arithmetic)
@@ -461,7 +465,7 @@ def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
 
 
 def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> Matrix:
-    """Return V_ee (n, n) at values of the errors, in any arithmetic."""
+    """Return the Hessian V_ee (n, n) at the `values` of the errors, in any arithmetic."""
     inner_ = seeded(values, claimed.errors, arithmetic)
     zero = arithmetic.number(Fraction(0))
     (slopes,) = jacobian((claimed.V,), inner_, claimed.errors, dual(arithmetic))
@@ -484,8 +488,8 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 
 def _definite(claimed: ClaimedGain, T: Matrix, keys: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """Return a function of a box that tries to prove that T'M
-    T is positive definite, M = `keys`(claimed, box)."""
+    """Return a function that attempts to prove on a box that T'M T is positive definite, for the matrix M =
+    keys(claimed, box)."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
@@ -518,7 +522,8 @@ def _hessian(claimed: ClaimedGain, box: Box) -> Matrix:
 
 
 def _second_order(claimed: ClaimedGain, box: Box) -> Matrix:
-    """Return 2 N(c, d, g) = -(H F_e + F_e'H + H G G'H/mu^2 + I), H = V_ee(c), F_e at d, G at g, over a box."""
+    """Return the matrix 2 N(c, d, g) = -(H F_e + F_e'H + H G G'H/mu^2 + I) over a box, H = V_ee at e = c, F_e at e = d,
+    G at e = g."""
     n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
     H, values = _hessian(claimed, box), seeded(_values(claimed, box, "d"), claimed.errors, _duals)
     rates = [rate.slopes for rate in claimed.system.flow(values, dual(_duals))]

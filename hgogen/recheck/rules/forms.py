@@ -57,7 +57,7 @@ from ..text import KINKS, Expression, expression
 
 
 def _gain(context: Context, claim: Claim) -> Finding:
-    """Prove 0 < a_m <= a_i <= a_M on the box, a_i of a chain y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .."""
+    """Prove 0 < a_m <= a_i <= a_M on the box, for the gain a_i of a chain y = a_1 z_1 + c, z_(i-1)' = a_i z_i + .."""
     low, _, finding = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
     if low <= 0:
         raise Unproved("its lower bound is not above zero")
@@ -65,7 +65,7 @@ def _gain(context: Context, claim: Claim) -> Finding:
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
-    """Refute that a_i of a chain of integrators is positive, by a point of the box where a_i <= 0."""
+    """Refute that the gain a_i of a chain of integrators is positive, by a point of the box where a_i <= 0."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)
@@ -92,9 +92,8 @@ def _offset(context: Context, claim: Claim) -> Finding:
 
 
 def _affine(context: Context, claim: Claim) -> Finding:
-    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0)
-    for every z, so that d and c depend on no state. A and b may depend
-    on states that one output measures alone, with a constant c_k."""
+    """Prove y = d + sum c_k z_k for every z, with d = y(0) and c_k = y(z_k = 1) - y(0), which then depend on no state.
+    A and b may depend on states that one output measures alone, with a constant c_k."""
     _ = context.equations
     z, measured, algebra = context.z, list[str](), context.algebra
     offset_ = {**algebra.names, **dict.fromkeys(z, algebra.zero)}
@@ -117,7 +116,7 @@ def _affine(context: Context, claim: Claim) -> Finding:
 
 
 def _uniform(context: Context, claim: Claim) -> Finding:
-    """Prove that z_i' = F_i depends on z_1..z_(i+1) only, and y on z_1."""
+    """Prove that z_i' = F_i depends on z_1, .., z_(i+1) only, and y on z_1 only."""
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
@@ -130,7 +129,7 @@ def _uniform(context: Context, claim: Claim) -> Finding:
 
 
 def _slope(context: Context, claim: Claim) -> Finding:
-    """Prove that dh/dz_1, or dF_(i-1)/dz_i, y = h, z' = F, is bounded and bounded away from zero on the box."""
+    """Prove that dh/dz_1 or dF_(i-1)/dz_i, for y = h, z' = F, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
     low, high, finding = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
@@ -140,8 +139,8 @@ def _slope(context: Context, claim: Claim) -> Finding:
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
-    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is zero at a point of the box without a
-    kink; or has opposite signs at two points, and h or F_(i-1) is continuous."""
+    """Refute that dh/dz_1 or dF_(i-1)/dz_i, for y = h, z' = F, has one sign and no zero: by a point of the box without
+    a kink where it is zero, or by two points where it has opposite signs while h or F_(i-1) is continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
     read = context.at_kinks(text, rate)
@@ -192,7 +191,7 @@ def _numbered(begin: str, count: int) -> Iterator[str]:
 
 
 def _inverse(context: Context, claim: Claim) -> Finding:
-    """Prove that z = Z(x) and x = X(z) are inverse and have finite derivatives on their boxes."""
+    """Prove that z = Z(x) and x = X(z) are inverse to each other and have finite derivatives on their boxes."""
     _ = context.equations
     form, plant = context.form, context.plant
     boxes = _regular(form.to_form, plant.states, plant.box) + _regular(form.from_form, form.states, form.box)
@@ -208,8 +207,8 @@ MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
 def phases(context: Context, claim: Claim) -> Finding:
-    """Prove that Phi is (y, y', .., y^(n-1)) along the plant's flow, and smooth on the box. The last entry need not be
-    differentiable in the inputs: it has no derivative where an input passes a kink."""
+    """Prove that Phi is (y, y', .., y^(n-1)) along the plant's motion, and smooth on the box. Its last entry need not
+    be differentiable in the inputs: it has no derivative where an input passes a kink."""
     plant, states = context.plant, context.plant.states
     box, rates, Phi = _read_phases(context, claim)
     if len(plant.output) != 1 or len(Phi) != len(states):
@@ -237,7 +236,7 @@ def phases(context: Context, claim: Claim) -> Finding:
 
 
 def rank(context: Context, claim: Claim) -> Finding:
-    """Prove that det dPhi/dx is bounded away from zero; that Phi is (y, y', ..) is another claim."""
+    """Prove that det dPhi/dx is bounded away from zero on the box; that Phi is (y, y', ..) is another claim."""
     slopes = _phase_slopes(context, claim)
     low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
     if low <= 0 <= high:
@@ -246,7 +245,8 @@ def rank(context: Context, claim: Claim) -> Finding:
 
 
 def one_to_one(context: Context, claim: Claim) -> Finding:
-    """Prove that all principal minors of L dPhi/dx are above zero; that Phi is (y, y', ..) is another claim."""
+    """Prove that all principal minors of L dPhi/dx are positive on the box, L a constant matrix; that Phi is (y, y',
+    ..) is another claim."""
     slopes, n, boxes = _phase_slopes(context, claim), len(context.plant.states), 0
     _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
@@ -270,8 +270,7 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """The Jacobian dPhi/dx of Phi = (y, y', ..) as quotients,
-    `rows` (n, n), with Phi, its box and its algebra."""
+    """The Jacobian dPhi/dx, `rows` (n, n), of Phi = (y, y', ..) as quotients in an algebra, with Phi and its box."""
 
     rows: list[list[Quotient]]
     Phi: list[Expression]
@@ -327,8 +326,8 @@ def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
 
 
 def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
-    """Demand finite derivatives of a row, and a polynomial if
-    the box is unbounded; return the number of boxes."""
+    """Demand that a row has finite derivatives in the states on its box, and is a polynomial if the box is unbounded;
+    return the number of boxes. Raises: `Unproved`."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     for op, _, value in row.instructions:

@@ -53,7 +53,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Balls:
-    """A matrix of balls: middle `mid` and radius `off` of each entry, as integers over 2^192."""
+    """A matrix of balls: the midpoints `mid` and the radii `off` of the entries, as integers in units of 2^-192."""
 
     mid: list[list[int]]
     off: list[list[int]]
@@ -72,19 +72,19 @@ class Balls:
         return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
     def times(self, share: Fraction) -> "Balls":
-        """Return the matrix times a number `share` > 0."""
+        """Return the matrix multiplied by a number `share` > 0, rounded outward."""
         p, q = share.numerator, share.denominator
         return Balls(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
 
     @property
     def norm(self) -> int:
-        """An upper bound of the largest absolute sum of a row or of a column."""
+        """An upper bound of the largest sum of |entries| in a row or column, in units of 2^-192."""
         sizes = [[abs(m) + r for m, r in zip(*rows, strict=True)] for rows in zip(self.mid, self.off, strict=True)]
         return max(map(sum, chain(sizes, zip(*sizes, strict=True))))
 
     @property
     def fractions(self) -> tuple[Matrix, Fraction]:
-        """The symmetric part of the middles, and the largest sum of radii in a row, as fractions."""
+        """The symmetric part of the midpoints, and a bound of the largest sum of radii in a row, as fractions."""
         n = range(len(self.mid))
         even = Matrix([[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n])
         return even, max(Fraction(sum(self.off[i][j] + self.off[j][i] for j in n), 2 * _ONE) for i in n)
@@ -105,7 +105,7 @@ def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int])
 
 
 def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
-    """Return a matrix of intervals as `Balls`. Raises: `Unproved` if an interval is not finite."""
+    """Return a matrix of intervals as a matrix of balls. Raises: `Unproved` if an interval is not finite."""
     ends = [[_whole(x) for x in row] for row in rows]
     mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
     return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
@@ -120,13 +120,14 @@ def _whole(x: Interval) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Window:
-    """The transition matrix Phi of x' = A x over a window of time, the Gramian W = integral Phi' C' C Phi, y = C x."""
+    """The transition matrix Phi of x' = A x over a window of time, and the observability Gramian W = integral Phi' C' C
+    Phi of y = C x."""
 
     Phi: Balls
     W: Balls
 
     def then(self, after: "Window") -> "Window":
-        """Return the window that consists of the window and the next one, `after`."""
+        """Return the window that joins this one and the next one, `after`."""
         return Window(after.Phi @ self.Phi, self.W + self.Phi.transposed @ after.W @ self.Phi)
 
 
@@ -134,8 +135,9 @@ Series = Sequence[Balls]
 
 
 def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
-    """Return the `Window` of a piece of time, from the Taylor coefficients below N + 1 of A and C at its beginning, and
-    those below N + 2 `around` it, as balls on the whole piece."""
+    """Return the transition matrix and the Gramian over a piece of time of some `length`, in balls: from the Taylor
+    coefficients of A and C at its beginning, below N + 1, and the coefficients `around`, below N + 2, which hold on the
+    whole piece and bound the remainder."""
     n, p = len(A[0].mid), len(C[0].mid)
     unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
     Phi = [Balls(unit, [[0] * n for _ in range(n)])]
@@ -168,7 +170,8 @@ def _up(value: int, share: Fraction) -> int:
 
 
 def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
-    """Return an upper bound of coefficient k of the product of series a and b, in units of 2^-192."""
+    """Return an upper bound of coefficient k of the product of two series, given by upper bounds of their coefficients
+    in units of 2^-192."""
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
@@ -194,8 +197,8 @@ TIME = {"t": (-math.inf, math.inf)}
 
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
-    """Return the claim's inputs u(t) as expressions of the time t, by name, and the names that A and C read, which are
-    these inputs and parameters. Raises: `Unproved`."""
+    """Return the claim's inputs u(t) as expressions in the time t, by name, and the names that A and C read, which must
+    be these inputs and parameters. Raises: `Unproved`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
@@ -207,8 +210,8 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
 
 
 def persistent(context: Context, claim: Claim) -> Finding:
-    """Prove that every state of x' = A(u) x + b, y = C(u) x + d is observable along the claim's inputs u, for all
-    parameters: rank n of C, C A + C', .. at a time."""
+    """Prove that the state of x' = A(u) x + b, y = C(u) x + d is observable along the claim's inputs u(t), for all
+    parameters: C, C A + C', .. have rank n at some time."""
     (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise Unproved(f"the rank of more than {MOST} states is not computed")
@@ -242,7 +245,8 @@ def _value(text: Expression) -> Any:
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
-    """Demand that the time occurs only in sin and cos of c t + d with c times the period a multiple of 2 pi."""
+    """Demand that the time t occurs in the expressions only as sin or cos of c t + d, where c times the period is a
+    multiple of 2 pi. Raises: `Unproved`."""
     algebra = algebra_of(TIME)
     for text in texts:
         raw: list[bool] = []  # whether an instruction reads the time outside sin and cos
@@ -264,7 +268,7 @@ def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
 
 
 def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
-    """Demand that each input is inside its range at the time `at`, strictly if it varies."""
+    """Demand that each input is inside its range at the time `at`; strictly inside if it varies. Raises: `Unproved`."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
@@ -277,9 +281,8 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
-    """Return a function of a box of parameters that tries to prove that
-    the observability matrix N with the rows C, C A + C', .. has full
-    rank at the time `at`: det(N'N) is not 0, det N for one output."""
+    """Return a function that attempts to prove on a box of parameters that the observability matrix N, with the rows C,
+    C A + C', .., has full rank at the time `at`: det(N'N) is not 0; for one output det N."""
     n = len(context.z)
 
     def attempt(box: Box) -> Attempt:
@@ -295,7 +298,8 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
 
 
 def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval) -> list[list[Interval]]:
-    """Return the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time, over a box of parameters."""
+    """Return the rows of the observability matrix at a time, over a box of parameters: N_0 = C, N_(k+1) = N_k A + N_k',
+    k < n - 1."""
     n = range(len(context.z))
     A, N = series_of(context, inputs, box, time, len(n))
     rows = [[x.coefficients[0] for x in row] for row in N]
@@ -315,8 +319,8 @@ def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: In
 def series_of(
     context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval, order: int
 ) -> tuple[list[list[Taylor]], list[list[Taylor]]]:
-    """Return A (n, n) and C (p, n) as Taylor series below an order at a time, along the inputs, for all parameters of
-    the box; the row of C for an output that is affine in z is y(z_k = 1) - y(0). Raises: `Undefined`."""
+    """Return A (n, n) and C (p, n) as Taylor series in time, below an order, at a `time` along the inputs, for all
+    parameters in the box. Column k of C is y(z_k = 1) - y(0), for outputs that are affine in z. Raises: `Undefined`."""
     arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
     known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
@@ -334,8 +338,8 @@ def series_of(
 
 
 def least(context: Context, claim: Claim) -> Finding:
-    """Prove that the smallest eigenvalue of the observability Gramian over every window is at least the claim's bound,
-    for all parameter values."""
+    """Prove that the smallest eigenvalue of the observability Gramian over every window of time is at least the claim's
+    bound, for all parameters."""
     (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (whole(evidence, name, 0, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
@@ -361,7 +365,8 @@ def least(context: Context, claim: Claim) -> Finding:
 
 
 def _demand_period(moving: Sequence[Expression], evidence: Mapping[str, Any], length: Fraction, starts: int) -> None:
-    """Demand that inputs which vary with t have a period, which pieces of a length from `starts` on cover."""
+    """Demand that inputs that vary with t have a period, and that the first `starts` pieces of a `length` cover it.
+    Raises: `Unproved`."""
     if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
         raise Unproved("its course moves without a period, or has one and is still")
     if moving:
@@ -383,8 +388,8 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """Demand that the observability Gramian W >= bound over every window
-        of 2^level pieces of a length, from any of `starts` pieces on."""
+        """Demand that the observability Gramian W >= bound over every window of 2^level pieces of a length, beginning
+        in any of the first `starts` pieces. Raises: `Unproved`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -406,7 +411,7 @@ class _Course:
         return piece(A, C, self.around, length)
 
     def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
-        """Return a lower bound of |x|^2 at the end of a piece over |x|^2 at any time in it, for x' = A x."""
+        """Return a lower bound of |x|^2 at the end of a piece of time over |x|^2 at any time in it, for x' = A x."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.transposed).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
@@ -429,7 +434,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
 
 
 def _demand(window: Window, bound: Fraction) -> None:
-    """Demand that W - bound I of a window's Gramian W is positive semidefinite."""
+    """Demand that W - bound I is positive semidefinite for the Gramian W of a window. Raises: `Unproved`."""
     middle, off = window.W.fractions
     demand_nonnegative({"W less the bound": middle - (bound + off) * unit(len(middle))})
 
