@@ -38,7 +38,8 @@ SETTLED_SHARE = 0.01  # of the initial error
 
 @dataclass(frozen=True)
 class Tried:
-    """Results of a step with the gain theta on a trial; `settling`: the wanted settling time that gives this theta."""
+    """The results of a step with the gain `theta` on a trial; `settling`: the requested settling time for which this
+    theta would be proposed."""
 
     json_keys = "theta settled noise"
 
@@ -50,8 +51,8 @@ class Tried:
 
 @dataclass(frozen=True)
 class Advised:
-    """Proposed gains of an observer; `first`: its form and step; `tried`: the results of several theta on the trial,
-    its own among them. Without theta there is one entry, without a trial none."""
+    """The proposed gains of an observer; `first`: its form and step; `tried`: the results of several values of theta on
+    the trial, including the proposed one (one entry for an observer without theta, none without a trial)."""
 
     name: Annotated[str, "name of the tuning"]
     first: First
@@ -62,23 +63,24 @@ class Advised:
 
     @property
     def table(self) -> Mapping[str, Any]:
-        """The tuning, as a model file holds it, that gives the step of `first` again."""
+        """The tuning as a table of a model file, from which the step of `first` can be built again."""
         return self.first.table(self.name)
 
     @property
     def own(self) -> Tried | None:
-        """The result of its own theta on the trial."""
+        """The result on the trial of the proposed theta; None without a trial."""
         return next((one for one in self.tried if one.theta == (self.theta or 0.0)), None)
 
     @property
     def settles(self) -> Tried | None:
-        """The smallest tried theta that settles."""
+        """The result on the trial of the smallest theta that settles; None if none does."""
         settling = (one for one in self.tried if one.settled is not None)
         return min(settling, key=lambda one: one.theta, default=None)
 
     @property
     def sentence(self) -> str:
-        """Return a sentence that compares theta with the certified and the settling one; empty without theta."""
+        """Return a sentence that compares the proposed theta with the smallest certified and the smallest settling one;
+        empty without theta."""
         if self.theta is None:
             return ""
         parts = []
@@ -95,7 +97,7 @@ class Advised:
 
 
 class NoneAdmitted(BadArgument):
-    """The plant admits none of the requested observers."""
+    """The error for a plant that admits none of the requested observers."""
 
 
 @requires_any_plant
@@ -113,13 +115,14 @@ def advise(
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> tuple[tuple[Advised, ...], dict[str, str]]:
-    """Return the gains of the observers that a plant admits, and the reasons of the others, by observer.
+    """Return the proposed gains of the observers that a plant admits, and the reasons why other observers have none, by
+    name.
 
     `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
-    output, by default 1 % of half its range; `settling`: the wanted settling time of an initial error; `trial`: for
-    other values of theta, such as `hg.proposed_trial(plant)`; `rows`: the candidate forms, by default those that the
-    plant is in, slow ones only if `deep`; `jobs`: processes, None for one for each core; `each(what)` is called after
-    every observer.
+    output, by default 1 % of half its range; `settling`: the requested settling time of an initial error; `trial`: a
+    trial on which other values of theta are run, such as `hg.proposed_trial(plant)`; `rows`: the candidate forms, by
+    default those that the plant is in, the slow ones only if `deep`; `jobs`: processes, None for one for each core;
+    `each(what)` is called after every observer.
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
@@ -208,8 +211,8 @@ class _Problem:
 
 
 def tau(n: int) -> float:
-    """Return the time, in units of 1/theta, after which n poles at -theta leave a hundredth of an initial error. It is
-    found by bisection."""
+    """Return the time, in units of 1/theta, in which n poles at -theta reduce the response to an initial error to a
+    hundredth, by bisection."""
     low, high = 0.0, 100.0 + 10 * n
     while high - low > 1e-9:
         middle = (low + high) / 2

@@ -48,14 +48,15 @@ _USUAL = 0.02  # relative difference to a usual factor, which is taken in its pl
 
 
 def clear_ratio(between: str) -> float:
-    """Return the ratio of errors below which a change is clearly better; `between`: that of the course of inputs."""
+    """Return the ratio of prediction errors, with over without a change, below which the change is clearly better;
+    `between`: the tested course of inputs between samples, "" if the change has none."""
     return CLEAR_COURSE if between else CLEAR
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of some signals, by their numbers among inputs and outputs: by a map, or taken `shift` samples later;
-    `between`: the course of inputs between samples, empty for that of the step."""
+    """A change of some signals (by their numbers among inputs, then outputs): by a map such as another unit, or taken
+    `shift` samples later; `between`: another course of inputs between samples, "" for the step's own."""
 
     signals: tuple[int, ...]
     map: Map = AS_IT_IS
@@ -64,8 +65,8 @@ class Change:
 
     @property
     def simplicity(self) -> int:
-        """The rank of its kind: a sign or unit before a scale, and these before a delay, as half a period of an
-        oscillation is."""
+        """The rank of the kind of change: 0 for a sign or unit, 1 for a scale, 2 for a delay. For an oscillation half a
+        period of delay is the other sign, so the simpler one is preferred."""
         return 2 if self.map == AS_IT_IS else int(self.map not in MAPS)
 
 
@@ -86,7 +87,7 @@ class Better:
 
     @property
     def fault(self) -> str:
-        """The change in one word."""
+        """The kind of change in one word: between, delay, sign or scale."""
         if self.between or self.shift:
             return "between" if self.between else "delay"
         return "sign" if self.factor == -1 else "scale"
@@ -97,15 +98,15 @@ class Better:
         return tuple(self.signal.split(", "))
 
     def fix(self, before: Mapping[str, int], operands: Mapping[str, str]) -> str:
-        """Return the options that make the change; arguments as in `sentence`."""
+        """Return the command-line options that make the change; the arguments are those of `sentence`."""
         held = [f'between = "{self.between}" in the table of the observer'] if self.between else []
         shifts = [f"--shift {name}={before.get(name, 0) + self.shift}" for name in self.names if self.shift]
         maps = [f'--map {n}="{self.map.format(operands.get(n, n))}"' for n in self.names if self.map != "{}"]
         return " ".join([*maps, *(" and ".join([*held, " ".join(shifts)] if shifts else held),)]).strip()
 
     def sentence(self, before: Mapping[str, int], operands: Mapping[str, str]) -> tuple[str, str]:
-        """Return what the signal looks like, and the advice for the command line; `before`: the shifts in samples that
-        are set already, `operands`: the signals' columns in an expression."""
+        """Return a clause on how the signal differs, and the advice for the command line; `before`: the shifts in
+        samples that are set already, `operands`: the column of each signal, as written in an expression."""
         errors = f"predictions {AHEAD} steps ahead err {self.error:.3g} times as copying does, and {self.present:.3g}"
         finding, fix = f"{self.what}: with the change {errors} without", self.fix(before, operands)
         fix = "".join([fix, *(f", or equally {one.what}, {one.fix(before, operands)}" for one in self.equal)])
@@ -127,7 +128,7 @@ class Better:
 
     @property
     def what(self) -> str:
-        """A clause on what the signal looks like."""
+        """A clause on how the signal differs, such as "y looks like degrees"."""
         names, looks = " and ".join(self.names), "look" if len(self.names) > 1 else "looks"
         if self.between:
             course = "held from sample to sample" if self.between == "hold" else "on a line from sample to sample"
@@ -142,8 +143,9 @@ class Better:
 def better(
     step: CallableStep, u: Array, y: Array, first: int, engine: Engine | None, dt: Array | None = None
 ) -> Better | None:
-    """Return the change of signals with which u (N, m), y (N, p) from `first` on fit better; or None. `dt` as for
-    `step.run`; with it no signal is shifted, since samples then count no time."""
+    """Return the change of signals (unit, sign, scale, delay) with which the log u (N, m), y (N, p) fits the model
+    better, by errors from the sample `first` on; None without one. `dt` as for `step.run`; where dt varies no signal is
+    shifted, since a number of samples is no fixed time then."""
     u, y, dt = u[:LONGEST], y[:LONGEST], None if dt is None else dt[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
@@ -175,7 +177,8 @@ NEGATED = next(one for one in MAPS if one.scale == -1)
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A step on a log u (N, m), y (N, p), which changes of signals are tried on, from the sample `first` on."""
+    """A step on a log u (N, m), y (N, p) on which changes of signals are tried; prediction errors count from the sample
+    `first` on."""
 
     step: CallableStep
     u: Array
@@ -187,12 +190,12 @@ class Trial:
 
     @cached_property
     def signals(self) -> tuple[Signal, ...]:
-        """The inputs and outputs."""
+        """The signals of the log: inputs, then outputs."""
         return (*self.step.inputs, *self.step.outputs)
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """The numbers of the signals that are no derivatives of others."""
+        """The numbers of the signals that may be changed: all but the derivatives of other signals."""
         return tuple(j for j, signal in enumerate(self.signals) if signal.name not in self._rates)
 
     @cached_property
@@ -201,16 +204,16 @@ class Trial:
 
     @cached_property
     def inputs(self) -> tuple[int, ...]:
-        """The numbers of the inputs among them."""
+        """The numbers of the inputs among the signals in `free`."""
         return tuple(j for j in self.free if j < self.u.shape[1])
 
     @cached_property
     def now(self) -> float:
-        """The error without a change."""
+        """The prediction error sqrt(J) of the unchanged log."""
         return self.error(Change(()))
 
     def changes(self) -> Iterator[Change]:
-        """Yield the changes to try, of which later ones depend on the errors of those before."""
+        """Yield the changes to try; later ones depend on the errors of earlier ones."""
         for j in self.free:
             unit, ends, values = self.signals[j].unit, self._ranges[j], self.values[:, j]
             values = values[np.isfinite(values)]
@@ -256,7 +259,8 @@ class Trial:
         yield of(at)
 
     def _shifts(self, group: tuple[int, ...], way: int) -> Iterator[Change]:
-        """Yield shifts of signals in one direction until the error has been above its minimum for a few."""
+        """Yield shifts of signals by more and more samples in the direction `way` (1 or -1), until the error has passed
+        its minimum."""
         least, at = math.inf, 0
         for size in range(1, len(self.y) // SEGMENTS):
             yield (change := Change(group, shift=way * size))
@@ -272,11 +276,11 @@ class Trial:
 
     @cached_property
     def values(self) -> Array:
-        """The inputs and outputs (N, m + p)."""
+        """The samples of inputs and outputs side by side (N, m + p)."""
         return np.hstack([self.u, self.y])
 
     def changed(self, change: Change) -> Array:
-        """Return the signals (N, m + p), and their derivatives, with a change."""
+        """Return the samples (N, m + p) after a change of signals, which changes their derivatives too."""
         whole, names = self.values.copy(), [s.name for s in self.signals]
         for j in change.signals:
             one = change.map
@@ -288,12 +292,12 @@ class Trial:
         return whole
 
     def error(self, change: Change) -> float:
-        """Return the error sqrt(J) of a change."""
+        """Return the prediction error sqrt(J) after a change of signals."""
         return _typical(self._squares(change))
 
     def is_clear(self, change: Change) -> bool:
-        """Return whether the change is better in nearly all segments, and clearly better than its mean, or than the
-        change of the first quarter alone."""
+        """Return whether a change is better in nearly all segments, and clearly better than changing only the mean of
+        the signal, and than changing only the first quarter of the log."""
         gains = _means(self._squares(Change(())) - self._squares(change))
         if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
             return False  # by chance nearly all are above 0 in one of 28 logs
@@ -308,7 +312,8 @@ class Trial:
         return _typical(later) < CLEAR * _typical(other)
 
     def _alternatives(self, change: Change) -> Iterator[Array]:
-        """Yield the signals with only the mean of those changed times the factor, and inputs with that mean alone."""
+        """Yield the samples (N, m + p) in which only the mean of the changed signals is scaled; for inputs also with
+        this mean alone."""
         if change.map.scale == 1:
             return
         for part in (1.0, 0.0) if {*change.signals} <= {*self.inputs} else (1.0,):
@@ -344,7 +349,7 @@ class Trial:
         return nothing
 
     def misfit(self, change: Change) -> float:
-        """Return |log NIS| of the step with a change: how far its innovations are from the size that it expects."""
+        """Return |log NIS| of the step after a change: by how much its innovations differ from their expected size."""
         whole = self.changed(change)
         self.step.reset()
         u, y = whole[:, : self.u.shape[1]], whole[:, self.u.shape[1] :]
@@ -356,7 +361,7 @@ class Trial:
         return abs(math.log(nis)) if 0 < nis < math.inf else math.inf
 
     def named(self, change: Change) -> Better:
-        """Return a change with the names of its signals."""
+        """Return a change as `Better`, with the names of its signals and its errors."""
         names = ", ".join(self.signals[j].name for j in change.signals)
         outputs = tuple(s.name for s in self.step.outputs)
         late: tuple[str, ...] = ()

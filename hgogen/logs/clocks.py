@@ -42,8 +42,8 @@ _NAMES = re.compile(r"(?i)time|tempo|zeit|stamp|clock|date|sec|^t$|^t[_ \[(]|(?:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """The times (rows,) of a log at `rows` of its file, with the name of their column, empty for times by a period,
-    and its operand."""
+    """A column of times of a log: `values` at the `rows` of its file, the `name` of the column ("" for times by a
+    constant period), and its text in an expression (`operand`)."""
 
     record: Record
     table: Table
@@ -56,39 +56,39 @@ class Clock:
 
     @cached_property
     def there(self) -> Array:
-        """The numbers of the rows with a time."""
+        """The indices of the rows that have a time."""
         return np.flatnonzero(np.isfinite(self.values))
 
     @cached_property
     def steps(self) -> Array:
-        """The steps between them."""
+        """The differences of successive times, over the rows that have a time."""
         return np.diff(self.values[self.there])
 
     @cached_property
     def middle(self) -> float:
-        """The median of positive steps; 0 without any."""
+        """The median of the positive steps; 0 if there are none."""
         rising = self.steps[self.steps > 0]
         return float(np.median(rising)) if len(rising) else 0.0
 
     @cached_property
     def pace(self) -> float:
-        """The mean time between rows without falls and pauses."""
+        """The mean time between rows, without falls and long pauses."""
         usual = self.steps[(self.steps >= 0) & (self.steps <= 3 * max(self.middle, 1e-300))]
         return float(f"{usual.mean():.5g}") if len(usual) else 0.0
 
     def finding(self, fault: str, rows: Array, strength: float, text: str, fix: str, name: str = "") -> Finding:
-        """Return a finding at some `rows` of the file."""
+        """Return a finding about the times of some `rows` (indices of `there`)."""
         places = stretches_of(self.rows[self.there[rows]])
         return Finding(name or self.name, fault, places, len(rows), float(strength), text, fix)
 
     def at(self, row: int) -> str:
-        """Return words for the row after the step number `row`."""
+        """Return words for the row at the end of step number `row`, such as "at row 7 (3.5 s)"."""
         k = int(self.there[row + 1])
         return f"at row {self.rows[k]} ({self.values[k]:.6g} {self.record.report.unit})"
 
 
 def wraps(clock: Clock) -> Iterator[Finding]:
-    """Yield the finding that the times are a counter that wraps, or restarts."""
+    """Yield the finding that the times are a counter that wraps around, or a clock that restarts."""
     falls = np.flatnonzero(clock.steps < -2 * clock.middle)
     if not 0 < len(falls) <= _FALLS * len(clock.steps):
         return
@@ -105,7 +105,7 @@ def wraps(clock: Clock) -> Iterator[Finding]:
 
 
 def repeated(clock: Clock) -> Iterator[Finding]:
-    """Yield the finding that rows share their stamps."""
+    """Yield the finding that several rows have the same time stamp."""
     steps = np.where(clock.steps < 0, clock.middle, clock.steps)
     zero = steps == 0
     if not zero.mean() > _STALE or clock.middle <= 0:
@@ -131,7 +131,7 @@ def repeated(clock: Clock) -> Iterator[Finding]:
 
 
 def unit(clock: Clock) -> Iterator[Finding]:
-    """Yield the finding that times are in another unit than those of the step."""
+    """Yield the finding that the times have another unit than the step's dt."""
     report = clock.record.report
     factor = report.period / report.dt
     for prefix, power in _PREFIXES.values():
@@ -146,8 +146,8 @@ def unit(clock: Clock) -> Iterator[Finding]:
 
 
 def unit_of_seconds(clock: Clock) -> Iterator[Finding]:
-    """Yield the finding that times are taken as seconds, although their column's name has a shorter unit, or a step by
-    them is far too long for the model, and one by the shorter unit is not."""
+    """Yield the finding that times are read as seconds although they seem to be ms, us or ns: their column's name says
+    so, or a step in seconds is far too long for the model and a step in the shorter unit is not."""
     report, table = clock.record.report, clock.table
     if report.unit != "s" or table.header.count(clock.name) != 1 or [*unit(clock)]:
         return
@@ -200,7 +200,7 @@ def jitter(clock: Clock) -> Iterator[Finding]:
 
 
 def others(clock: Clock) -> Iterator[Finding]:
-    """Yield the findings of columns that are no signals and run like clocks."""
+    """Yield the findings about columns that are no signals and increase steadily, as clocks do."""
     columns, table = clock.record.report.columns.values(), clock.table
     even = scatter_of(clock.values) <= _EVEN
     for name in dict.fromkeys(table.header):
@@ -250,7 +250,7 @@ def _contradicted(clock: Clock, name: str, stamps: Array) -> Iterator[Finding]:
 
 
 def scatter_of(times: Array) -> float:
-    """Return the standard deviation of the steps between times over their median, without pauses."""
+    """Return the standard deviation of the time steps over their median, without pauses."""
     steps = np.diff(times[np.isfinite(times)])
     middle = float(np.median(steps)) if len(steps) else 0.0
     usual = steps[np.abs(steps) <= 3 * middle]
@@ -261,13 +261,13 @@ FAULTS = (wraps, repeated, unit, unit_of_seconds, others, gaps, jitter)  # cause
 
 
 def is_of_unit(finding: Finding) -> bool:
-    """Return whether a finding is that times are in another unit."""
+    """Return whether a finding says that the times have another unit."""
     return finding.fault in {prefix for prefix, _ in _PREFIXES.values()}
 
 
 def of_times(record: Record, varying: bool = False, longest: float = math.inf) -> list[Finding]:
-    """Return the faults of the times of a log's rows; `varying`: for a step that takes rows at their times; `longest`:
-    the longest dt that the step is advised to take."""
+    """Return the faults of the times of a log's rows; `varying`: whether the step accepts a varying dt; `longest`: the
+    longest dt that is advised for the step."""
     if record.stamps is None or record.table is None or record.rows is None:
         return []
     clock = Clock(record, record.table, record.rows, record.stamps, *record.clock, varying, longest)

@@ -30,12 +30,13 @@ class Finding(Encoded):
 
 
 def longest(first: np.ndarray, last: np.ndarray) -> tuple[tuple[int, int], ...]:
-    """Return the stretches `first` to `last` (k), the longest first, 20 at most."""
+    """Return the stretches of samples from `first` to `last` (k), the longest first, 20 at most."""
     order = np.argsort(first - last, kind="stable")[:MOST]
     return tuple((int(first[k]), int(last[k])) for k in order)
 
 
 def stretches_of(places: np.ndarray) -> tuple[tuple[int, int], ...]:
-    """Return the stretches of consecutive numbers among ascending `places` (k), the longest first, 20 at most."""
+    """Return the stretches (first, last) of consecutive numbers in ascending `places` (k), the longest first, 20 at
+    most."""
     ends = np.flatnonzero(np.diff(places) > 1)
     return longest(places[np.append(0, ends + 1)], places[np.append(ends, len(places) - 1)]) if len(places) else ()

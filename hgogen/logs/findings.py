@@ -65,9 +65,9 @@ _LEAST_OUTLIERS, _BEYOND = 3, 7.0  # samples; standard deviations of each
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A signal's samples `values` (N,), NaN where missing, at the times `t` (N,) from 0 on in the unit `time`; `off`
-    (N,): the innovations of an output in standard deviations, NaN where there is none; `alone(k, end)`: that of the
-    sample `end`, where all other outputs are missing and this one after the sample k."""
+    """The samples `values` (N,) of a signal, NaN where missing, at the times `t` (N,) from 0 on in the unit `time`.
+    `off` (N,): the innovations of an output in standard deviations, NaN where there are none; `alone(k, end)`: the
+    innovation at the sample `end` if all other outputs are missing, and this one after the sample k."""
 
     signal: Signal
     values: Array
@@ -78,11 +78,11 @@ class Course:
 
     @property
     def dt(self) -> float:
-        """The period, or the mean time between two samples."""
+        """The sampling period, or the mean time between two samples."""
         return float(self.t[-1] / (len(self.t) - 1))
 
     def stretch(self, first: int, last: int) -> str:
-        """Return words for the samples `first` to `last`."""
+        """Return words for the samples `first` to `last`, with their times."""
         begin = f"{self.t[first]:.6g}"
         if first == last:
             return f"at sample {first} ({begin} {self.time})"
@@ -90,18 +90,19 @@ class Course:
 
     @cached_property
     def there(self) -> Array:
-        """The numbers of the samples that are not missing."""
+        """The indices of the samples that are not missing."""
         return np.flatnonzero(np.isfinite(self.values))
 
     @cached_property
     def present(self) -> Array:
-        """The samples that are not missing."""
+        """The values of the samples that are not missing."""
         return np.asarray(self.values[self.there])
 
     @cached_property
     def resolution(self) -> float:
-        """The last decimal of values that are written in a few, at most `_DECIMALS` significant ones, of the largest
-        values, which have the fewest where digits are significant ones."""
+        """The last decimal place of the samples, such as 0.01, if they have at most `_DECIMALS` significant digits,
+        else 0. It is that of the largest values, which have the fewest decimals if the significant digits are
+        limited."""
         largest = float(np.abs(self.present).max()) or 1.0
         first = math.floor(math.log10(largest)) + 1
         values = self.present[np.abs(self.present) >= 10.0 ** (first - 1)]
@@ -113,7 +114,8 @@ class Course:
 
     @cached_property
     def quantum(self) -> float:
-        """The step q of values that are whole multiples of it, 0 where they have none: as many levels as samples."""
+        """The step q of which all samples are whole multiples; 0 if there is none, or about as many levels as
+        samples."""
         levels = np.unique(self.present)
         if not 2 < len(levels) < 0.5 * len(self.present):
             return 0.0
@@ -124,13 +126,14 @@ class Course:
 
 
 def runs(values: Array) -> tuple[Array, Array]:
-    """Return the first index and the length of each run of equal values (N,)."""
+    """Return the first index and the length of each run of equal values in a sequence (N,)."""
     first = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
     return first, np.diff(np.append(first, len(values)))
 
 
 def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
-    """Yield the fault of a signal that is constant while one of the `others`, or the model, is not."""
+    """Yield the finding that a signal is constant while one of the `others`, or the model's prediction of it, is
+    not."""
     there, present = course.there, course.present
     first, lengths = runs(present)
     k = int(np.argmax(lengths))
@@ -162,9 +165,9 @@ def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
 
 
 def predicted_motion(course: Course, start: int, end: int) -> bool:
-    """Return whether the innovations in the samples `start` to `end` are mostly beyond `_STEADILY_OFF`, and the model
-    leaves the value at which the signal stands by as much, from its estimate after half of them by this signal alone.
-    """
+    """Return whether the model predicts motion while the signal is constant in the samples `start` to `end`: most
+    innovations there are beyond `_STEADILY_OFF`, and so is the deviation when the model, from half of these samples on,
+    is corrected by this signal alone."""
     off = np.abs(course.off[start : end + 1])
     if not (np.isfinite(off).any() and np.nanmedian(off) > _STEADILY_OFF):
         return False
@@ -172,15 +175,15 @@ def predicted_motion(course: Course, start: int, end: int) -> bool:
 
 
 def is_moving(values: Array, start: int, end: int) -> bool:
-    """Return whether a course (N,) moves by a tenth of its range in the samples `start` to `end`, the last tenth left
-    out, which may have no effect yet."""
+    """Return whether a course (N,) varies by more than a tenth of its range in the samples `start` to `end`; the last
+    tenth of them, which may have no effect yet, is not counted."""
     inside, whole = values[start : end + 1 - (end - start) // 10], values[np.isfinite(values)]
     inside = inside[np.isfinite(inside)]
     return len(inside) > 1 and bool(np.ptp(inside) > _MOTION * np.ptp(whole))
 
 
 def clipped(course: Course) -> Iterator[Finding]:
-    """Yield the findings that a signal is cut off at its largest, and at its least value."""
+    """Yield the findings that a signal is clipped at its largest, or at its smallest value."""
     there, values = course.there, course.present
     change = np.abs(np.diff(values))
     moving = change[change > 0]
@@ -204,7 +207,8 @@ def clipped(course: Course) -> Iterator[Finding]:
 
 
 def every(places: Array) -> int | None:
-    """Return the largest m, 2 to 50, such that nearly all `places` (k) are at every m-th one; None for none."""
+    """Return the largest m, 2 to 50, of which nearly all gaps between ascending `places` (k) are multiples; None if
+    there is none."""
     if len(places) < 8:
         return None
     gaps = np.diff(places)
@@ -215,8 +219,8 @@ def every(places: Array) -> int | None:
 
 
 def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
-    """Yield the finding that a signal has new values, or new slopes, in every m-th sample only; `inputs` (N,) that step
-    at the same samples explain a slope."""
+    """Yield the finding that a signal has new values, or new slopes, in every m-th sample only; a slope is explained if
+    one of the `inputs` (N,) steps at the same samples."""
     there, values, name = course.there, course.present, course.signal.name
     if len(there) < LEAST or np.ptp(there) + 1 != len(there):
         return
@@ -240,7 +244,7 @@ def resampled(course: Course, inputs: Iterable[Array]) -> Iterator[Finding]:
 
 
 def codes(course: Course) -> Iterator[Finding]:
-    """Yield the fault of a value, such as -999, that is a code for missing samples."""
+    """Yield the finding that a value such as -999 is a code for missing samples."""
     there, values = course.there, course.present
     levels, counts = np.unique(values, return_counts=True)
     for end in (0, -1):
@@ -259,7 +263,7 @@ def codes(course: Course) -> Iterator[Finding]:
 
 
 def stale(course: Course) -> Iterator[Finding]:
-    """Yield the finding that many single samples repeat the one before, though the others differ."""
+    """Yield the finding that many single samples repeat the one before, while the other samples differ."""
     change = np.abs(np.diff(course.present))
     repeats, moving = change == 0, change[change > 0]
     if course.quantum or len(moving) < LEAST or not repeats.any():
@@ -277,7 +281,8 @@ def stale(course: Course) -> Iterator[Finding]:
 
 
 def quantum(course: Course, deviation: float) -> Iterator[Finding]:
-    """Yield the finding that the steps of a sensor are larger than its noise; `deviation`: of a sample by R."""
+    """Yield the finding that the quantum of a sensor is larger than its noise; `deviation`: the standard deviation of a
+    sample by R."""
     q, name, unit = course.quantum, course.signal.name, course.signal.unit
     unit = f" {unit}" if unit else ""
     if q / math.sqrt(12) > 2 * deviation:
@@ -288,8 +293,8 @@ def quantum(course: Course, deviation: float) -> Iterator[Finding]:
 
 
 def pulses(course: Course) -> Iterator[Finding]:
-    """Yield the finding that single samples are far from both of their neighbours, r_k = x_k - (x_(k-1) + x_(k+1))/2,
-    which are close to each other."""
+    """Yield the finding that single samples are far from both neighbours while these are close to each other, by r_k =
+    x_k - (x_(k-1) + x_(k+1))/2."""
     there, values = course.there, course.present
     r, across = values[1:-1] - (values[:-2] + values[2:]) / 2, np.abs(values[2:] - values[:-2])
     uneven = np.abs(r[r != 0])  # without the stretches in which the course is constant
@@ -312,8 +317,8 @@ def pulses(course: Course) -> Iterator[Finding]:
 
 
 def of_courses(inputs: Sequence[Course], outputs: Sequence[Course], turned: Container[str]) -> Iterator[Finding]:
-    """Yield the findings of the inputs, which may stand still, and of the outputs by their courses alone; `turned`: the
-    outputs that jump by turns."""
+    """Yield the findings about inputs and outputs by their courses alone; inputs may be constant. `turned`: the outputs
+    that jump by whole turns."""
     signals = [*inputs, *outputs]
     for course in signals:
         if len(course.there) < LEAST:
@@ -335,7 +340,7 @@ def of_courses(inputs: Sequence[Course], outputs: Sequence[Course], turned: Cont
 
 
 def of_turns(step: CallableStep, y: Array) -> Iterator[Finding]:
-    """Yield the findings that an output jumps by whole turns."""
+    """Yield the findings that an output (an angle) jumps by whole turns."""
     for each in unwrapped_outputs(step.observer.form.system.declared):
         for sentence in jumps_by_turns([each], y, step.dt, step.time):
             finding, _, fix = sentence.partition(": ")
@@ -345,8 +350,8 @@ def of_turns(step: CallableStep, y: Array) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class Written:
-    """The options of a command that change signals: `before`, the shifts in samples that are set, `operands`, the
-    column of each signal in an expression, and `clock`, that of the times, empty without one; `start`: the first."""
+    """The command-line options with which a log was read: `before`, the shifts in samples; `operands`, the column of
+    each signal as written in an expression; `clock`, the column of times ("" without one); `start`: the first time."""
 
     before: Mapping[str, int] = field(default_factory=dict)
     operands: Mapping[str, str] = field(default_factory=dict)
@@ -355,7 +360,8 @@ class Written:
     dt: float = 1.0
 
     def corrected(self, signal: Signal, size: float, ramp: bool) -> str:
-        """Return the option that takes an offset, or a straight line of a slope a sample, off a signal."""
+        """Return the option that subtracts from a signal an offset of `size`, or with `ramp` a line with the slope
+        `size` a sample."""
         operand = self.operands.get(signal.name, signal.name)
         if not ramp:
             return f'--map {signal.name}="{operand} {"-" if size > 0 else "+"} {abs(size):g}"'
@@ -371,9 +377,9 @@ class Written:
 @requires(CallableStep, "a step, as hg.sample makes it")
 def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
     """Return the faults of a log of a step's plant, by the courses of u (N, m) and y (N, p), and by the innovations of
-    the step, which runs over the log from its first estimate.
+    the step, which runs over the log from its initial estimate.
 
-    A healthy log has none, in 98 of 100 and more. Raises: `BadShape` for another number of columns.
+    More than 98 of 100 healthy logs have none. Raises: `BadShape` for another number of columns.
     """
     y = table("y", log.y, step.outputs, None)
     samples = replace(log, u=table("u", log.u, step.observer.form.system.supplied, len(y)), y=y).of(step.inputs)
@@ -394,8 +400,9 @@ def findings(
     written: Written,
     dt: Array | None = None,
 ) -> tuple[list[Finding], Better | None]:
-    """Return the faults of a log u (N, m), y (N, p), with the `run` of a step over it, causes before their effects, and
-    a change of signals that fits better from the sample `first` on; `dt` as for `step.run`."""
+    """Return the faults of a log u (N, m), y (N, p) over which a step had the results `run`, causes before their
+    effects, and a change of signals with which errors from the sample `first` on are smaller; `dt` as for
+    `step.run`."""
     step, run = judged(step, run, u, y, engine)
     assert run.innovations is not None  # of a step
     off, turns = normalised(run.innovations, run.variances), [*of_turns(step, y)]
@@ -431,8 +438,8 @@ def findings(
 def _alone(
     step: CallableStep, u: Array, y: Array, j: int, engine: Engine | None, dt: Array | None, k: int, end: int
 ) -> float:
-    """Return the innovation of the output j at the sample `end`, in standard deviations of one at the sample k at most,
-    where all others are missing and this one after k; NaN without any."""
+    """Return the innovation of output j at the sample `end`, in standard deviations of at most that at sample k, if all
+    other outputs are missing, and this one after k; NaN without one."""
     step.reset()
     rows = np.arange(len(y))
     used = np.where((np.arange(y.shape[1]) == j) & ((rows <= k) | (rows == end))[:, None], y, np.nan)
@@ -444,8 +451,8 @@ def _alone(
 
 
 def judged(step: CallableStep, run: Run, u: Array, y: Array, engine: Engine | None) -> tuple[CallableStep, Run]:
-    """Return the step and the run by which a log u, y is judged. A step for late samples is judged without delays, in
-    the order of measurement, with the estimates of the run."""
+    """Return the step and the run by which a log u, y is judged. A step for late samples is judged without delays, with
+    samples at the rows of their measurement, and with the estimates of the run."""
     if not step.ages:
         return step, run
     return step.undelayed, replace(run, status=step.undelayed.run(u=u, y=y, engine=engine).status)

@@ -57,7 +57,8 @@ NONE = 1e-6  # component of a direction: less is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """The structural identifiability of parameters, lags and offsets: whether any log could determine them."""
+    """The structural identifiability of parameters, lags and offsets: whether any log of these outputs could determine
+    them."""
 
     rank: Annotated[int, "how many sums of them the outputs tell at most"]
     count: Annotated[int, "number of parameters, lags and offsets"]
@@ -69,10 +70,10 @@ class Structure:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The estimate of a parameter, or of the offset of an output.
+    """The estimate of a parameter, of a lag, or of the offset of an output.
 
-    `nominal`: the value before the fit; `deviation`: the standard error, infinite if the logs do not determine it or it
-    lies at an end of its range; `at`: the "low" or "high" end of its range, "" within.
+    `nominal`: the value before the fit; `deviation`: the standard error, infinite if the logs do not determine the
+    value, or it lies at an end of its range; `at`: "low" or "high" at an end of its range, "" within.
     """
 
     name: str
@@ -85,7 +86,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class SearchEnd:
-    """The end of a search by IPOPT: its least cost, status and number of iterations."""
+    """The result of one search by IPOPT: its final cost, status and number of iterations."""
 
     cost: Annotated[float, "cost without the pull"]
     status: Annotated[str, "how IPOPT ended"]
@@ -152,7 +153,7 @@ class Fit(Encoded, Displayed):
 
     @property
     def at_end(self) -> dict[str, Place]:
-        """The end of its range, low or high, at which a parameter lies."""
+        """The parameters at an end of their range, each with "low" or "high"."""
         return _by_name([one for one in self.parameters if one.at], "at")
 
     @property
@@ -167,23 +168,25 @@ class Fit(Encoded, Displayed):
 
     @property
     def levels(self) -> dict[str, dict[str, float]]:
-        """Noise by prediction: process, the density by state, and sample, the deviation by output."""
+        """The fitted noise of a fit by prediction error: process, the density by state, and sample, the standard
+        deviation by output."""
         return dict(zip(("process", "sample"), self.noise, strict=True))
 
     @property
     def ends(self) -> tuple[SearchEnd, ...]:
-        """The end of the search from each start."""
+        """The result of the search from each start."""
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     @property
     def settled(self) -> bool:
-        """Whether a search settled at the least cost, up to rounding."""
+        """Whether a search that reached the least cost, up to rounding, converged."""
         best = min(one.cost for one in self.starts)
         return any(one.settled and above(self.by, one.cost, best) <= SAME for one in self.starts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence for each parameter at the end of its range, and for a result that is above its start."""
+        """A sentence for each parameter at an end of its range, and one if the fit ended with a higher cost than it
+        began with."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
         lines = []
         for one in self.parameters:
@@ -200,7 +203,7 @@ class Fit(Encoded, Displayed):
         return tuple(lines)
 
     def notes(self) -> tuple[str, ...]:
-        """Return the doubts about the result, a sentence each."""
+        """Sentences on the reliability of the result."""
         turning = [y.name for y in self.plant.outputs if y.period]
         lines = list(self.warnings)
         for one in self.lags:
@@ -269,8 +272,8 @@ class Fit(Encoded, Displayed):
 
 
 def above(by: str, cost: float, best: float) -> float:
-    """Return by how much a `cost` exceeds the `best`: relative for a sum of squares, a difference for a log likelihood;
-    `by`: "simulation" or "prediction"."""
+    """Return by how much a `cost` exceeds the `best` cost: the relative difference for a sum of squares ("simulation"),
+    the difference for a log likelihood ("prediction"); `by`: which of the two."""
     if by == "prediction":
         return cost - best
     return cost / best - 1 if best else 0.0
@@ -283,8 +286,8 @@ _HIGHER: Mapping[str, Callable[[float], str]] = {
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
-    """Return what no log of these outputs determines about the parameters `free` and the outputs' offsets, as opposed
-    to the given logs; None if derivatives of the outputs are undefined.
+    """Return what no log of these outputs can determine about the parameters `free` and the outputs' offsets; None if
+    derivatives of the outputs are undefined.
 
         rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
 
@@ -317,8 +320,8 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
 
 
 def parted(V: Array, hidden: Array) -> Array:
-    """Return the orthonormal directions V (q, k), rotated within their span so that as many as possible involve only
-    the parameters in the mask `hidden` (q)."""
+    """Return an orthonormal basis of the span of the directions V (q, k), in which as many vectors as possible involve
+    only the parameters in the mask `hidden` (q)."""
     if hidden.all() or not hidden.any():
         return V
     turned = V @ np.linalg.svd(V[~hidden])[2].T
@@ -339,14 +342,15 @@ AT = 1e-6  # distance from the end of a range that counts as at it, in units
 
 
 class CannotFit(BadLog):
-    """Logs from which the parameters cannot be fitted, or parameters that cannot be."""
+    """The error for logs from which the parameters cannot be fitted, or parameters that cannot be fitted at all."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The problem of a fit. `given`: the plant; `plant`: the plant with states for the lags of its sensors; `chosen`:
-    the fitted parameters besides the `lags`; `by`: one of `BY`; `corner`: the corner c of each output's pseudo-Huber
-    loss, None for squares; `begin`: values of parameters where searches begin, in place of the nominal ones."""
+    """The problem of a fit. `given`: the plant; `plant`: the plant with additional states for the lags of its sensors;
+    `chosen`: the fitted parameters without the `lags`; `by`: one of `BY`; `corner`: the corner c of each output's
+    pseudo-Huber loss, None for least squares; `begin`: values of parameters at which searches begin, instead of the
+    nominal ones."""
 
     given: System
     plant: System
@@ -361,12 +365,12 @@ class Task:
 
     @property
     def free(self) -> tuple[Signal, ...]:
-        """The fitted parameters of the plant, then the time constants of its sensors' lags."""
+        """The fitted parameters of the plant, followed by the time constants of its sensors' lags."""
         return (*self.chosen, *self.lags)
 
     @cached_property
     def spread(self) -> Array:
-        """The standard deviation of each output's samples, of a periodic one from its mean the short way round."""
+        """The standard deviation of each output's samples (p); for an angle by differences within half a turn."""
         columns = zip(self.plant.outputs, np.concatenate([record.y for record in self.records]).T, strict=True)
         return np.sqrt([np.nanmean(y.difference(column, y.mean(column)) ** 2) for y, column in columns])
 
@@ -376,7 +380,7 @@ class Task:
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem of the fit, with the Runge-Kutta steps a sample that the fastest mode needs. Raises:
+        """The problem of the fit, by Runge-Kutta steps that are short enough for the plant's fastest mode. Raises:
         `CannotFit`."""
         period = max(float(record.ahead.max()) for record in self.records)
         steps, growing = paced(self.plant, period)
@@ -389,8 +393,9 @@ class Task:
         return Predicting(*parts, unit=unit, robust=self.corner is not None)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """Return the multiple-shooting problem in segments in which errors grow by at most exp(GROWN); `growing`: their
-        log growth in a sample; `scale` (p): divisors of residuals; `steps`: Runge-Kutta steps a sample."""
+        """Return the multiple-shooting problem with segments so short that errors grow by at most exp(GROWN) in each;
+        `growing`: the log of their growth in a sample; `scale` (p): divisors of residuals; `samples`: those of the
+        longest segment; `steps`: Runge-Kutta steps a sample."""
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / growing))) if growing else length
         parts = (self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)
@@ -398,7 +403,7 @@ class Task:
 
     @cached_property
     def solver(self) -> Solver:
-        """The solver of the problem, with bounds and units of the unknowns from the declared ranges."""
+        """The solver of the problem, with bounds and scales of the unknowns from the declared ranges."""
         segments = sum(self.problem.segments)
         ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
         ends += [x.limits for x in self.plant.states] * segments
@@ -411,14 +416,14 @@ class Task:
 
     @property
     def nominal(self) -> Array:
-        """The unknowns (v) of the fit with the parameters at their nominal values, or at those of `begin`."""
+        """The unknowns (v) of the fit with the parameters at their nominal values, or at the values in `begin`."""
         values = [float(self.begin.get(p.name, self.plant.nominal[p])) for p in self.free]
         levels = [start for start, _, _ in self.problem.levels]
         return np.array([*values, *[0.0] * len(self.offset), *self._nodes, *levels])
 
     def drawn(self, draw: np.random.Generator) -> Array:
-        """Return the unknowns (v) with random parameters: within a range, else between half and twice the nominal
-        value."""
+        """Return the unknowns (v) with random parameters: uniform in a declared range, else log-uniform between half
+        and twice the nominal value."""
         start = self.nominal
         for i, p in enumerate(self.free):
             start[i] = draw.uniform(*p.interval) if p.bounded else start[i] * 2 ** draw.uniform(-1, 1)
@@ -442,8 +447,8 @@ class Task:
         return nodes
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
-        """Return the fit at the solution `best`, with standard errors and identifiability; `ended`: those of all
-        starts."""
+        """Return the `Fit` at the solution `best`, with standard errors and identifiability; `ended`: the solutions of
+        all starts."""
         known = self.problem.information(best.unknowns, self.solver.unit)
         count, inner = len(self.free), len(self.chosen)
         follow = [integrated_autocorrelation_time(e) for e in known.tell]
@@ -478,17 +483,17 @@ class Task:
 
     @cached_property
     def given_task(self) -> "Task":
-        """The task of the plant as it was given, of which only the states are fitted."""
+        """The fit of the states alone, with the plant's parameters at their nominal values."""
         return replace(self, plant=self.given, chosen=(), lags=(), offset=(), corner=None, begin={})
 
     @cached_property
     def given_solution(self) -> Solution:
-        """The states with which the plant as it was given follows the logs best."""
+        """The states with which the plant at its nominal parameters follows the logs best."""
         return self.given_task.solver.solve(self.given_task.nominal)
 
     def above_given(self, cost: float) -> float:
-        """Return by how much a `cost`, as in `above`, exceeds that of the plant as it was given; 0 for one that is not
-        above it, or for residuals that are integration errors."""
+        """Return by how much (as in `above`) a `cost` exceeds that at the nominal parameters; 0 if it does not, or if
+        the residuals are integration errors alone."""
         residuals = sum(np.isfinite(record.y).sum() for record in self.records)
         fine = self.by == "simulation" and cost < FINE**2 * residuals
         excess = above(self.by, cost, self.given_solution.cost)
@@ -509,10 +514,10 @@ class Task:
     def _deviations(
         self, known: Information, together: float, unknowns: Array
     ) -> tuple[Array, tuple[dict[str, float], ...], Structure | None]:
-        """Return the standard errors of parameters and offsets, in their units; the directions that
-        the logs do not determine, in units of the ranges; and the structural identifiability if
-        there are such directions. A parameter at an end of its range is fixed there. `together`:
-        how many residuals have the information of one independent residual."""
+        """Return the standard errors of parameters and offsets, in their units; the directions that the logs do not
+        determine, in units of the ranges; and the structural identifiability if there are such directions. A parameter
+        at an end of its range is fixed there. `together`: how many residuals have the information of one independent
+        residual."""
         every_name = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
         inner = np.array([not self._end(i, value) for i, value in enumerate(unknowns[: len(every_name)])])
         names = [name for name, within in zip(every_name, inner, strict=True) if within]
@@ -602,16 +607,16 @@ def fit(
     """Return the parameters with which the plant follows the logs best.
 
     `records`: inputs u (N, m), outputs y (N, p), NaN for missing samples, and their period; `free`: the fitted
-    parameters, by default those with a range, which bounds them; another stays within a hundredth and a hundred times
-    its value. `offset`: the outputs with an unknown constant added; `lag`: those whose sensor has an unknown
-    first-order lag; `between`: inputs between samples; `by`: the error to minimise, that of a "simulation", by multiple
-    shooting, or the "prediction" error of a Kalman filter whose noise is fitted too, for a plant with process noise or
-    an unstable one; `starts`: the first at the nominal values, the others random within the ranges, by `seed`;
-    `robust`: an outlier, as of a failed sensor, costs its distance, not its square; `jobs`: processes for the
-    starts, None for one for each core, of which the result does not depend; `each(progress)` is called after every
-    iteration, with several processes after every start; `resume`: the progress of the same fit, stopped earlier, from
-    which it continues; `begin`: values of parameters at which the first start begins, such as those of an earlier fit,
-    by default the nominal ones.
+    parameters, by default those with a declared range, which bounds them; a parameter without a range stays between a
+    hundredth of its value and a hundred times its value. `offset`: the outputs with an unknown constant added; `lag`:
+    those whose sensor has an unknown first-order lag; `between`: the course of inputs between samples; `by`: the error
+    to minimise, that of a "simulation", by multiple shooting, or the "prediction" error of a Kalman filter whose noise
+    is fitted too, for an unstable plant or one with process noise; `starts`: the number of searches, the first from the
+    nominal values, the others from random values within the ranges, by `seed`; `robust`: whether outliers, as of a
+    failed sensor, cost their distance instead of its square; `jobs`: processes for the starts, None for one for each
+    core, which do not change the result; `each(progress)` is called after every iteration, with several processes after
+    every start; `resume`: the progress of the same fit, stopped earlier, which is continued; `begin`: values of
+    parameters at which the first search begins, such as those of an earlier fit, by default the nominal ones.
 
     Raises: `Misfit` if `plant` is no plant; `CannotFit`; `CannotGoOn`; `BadGain` for invalid counts and names;
     `BadShape`, `BadNames` for logs of another shape.
@@ -647,11 +652,11 @@ def fit(
 
 
 def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: float) -> tuple[System, list[Signal]]:
-    """Return the plant with a state for the first-order lag of each of these outputs' sensors, and the time constants
-    tau as parameters, in the order of the outputs.
+    """Return the plant with one more state for the first-order lag of each of these outputs' sensors, and the time
+    constants tau of the lags as parameters, in the order of the outputs.
 
-    `period`, `duration`: of a sample and of the shortest log, in the plant's time. Raises: `CannotFit` for a periodic
-    output that reads an input, whose derivative no log holds.
+    `period`, `duration`: the length of a sample and of the shortest log, in the plant's time. Raises: `CannotFit` for a
+    periodic output that depends on an input, whose derivative no log holds.
     """
     low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
     flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
@@ -698,7 +703,8 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
 
 
 def _from_starts(task: Task, searches: Searches, begins: Sequence[Array], jobs: int | None) -> tuple[Solution, ...]:
-    """Return the searches from `begins` by `jobs` processes, after those that are known; a stopped one is repeated."""
+    """Return the solutions of the searches from `begins` by `jobs` processes, after those that are known already; an
+    interrupted search is repeated."""
     ended = searches.resumed.ended[: len(begins)] if searches.resumed else ()
     solutions, known = dict(enumerate(ended)), len(ended)
     for number, solution in Workers(replace(task), jobs).results(_searched, list(enumerate(begins))[known:]):
@@ -715,7 +721,8 @@ def _searched(task: Task, numbered: tuple[int, Array]) -> tuple[int, Solution]:
 
 
 def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterator[tuple[Signal, float, float]]:
-    """Yield the states that rows measure alone, slope x + level, with these two numbers."""
+    """Yield the states that single outputs measure, y = slope x + level, each with slope and level; `rows`: the output
+    equations."""
     for row in rows:
         for x in row.free_symbols & set(states) if len(row.free_symbols) == 1 else ():
             slope = row.diff(x)
@@ -724,7 +731,7 @@ def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterat
 
 
 def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, t: Array) -> dict[sp.Expr, Array]:
-    """Return the courses (N) of states, and those of states that are by definition their rates, x_i' = +-x_j, by
+    """Return the courses (N) of states, with those of the states that are by definition their rates (x_i' = +-x_j), by
     differences over `length` rows at the times `t` (N)."""
     complete, half = dict(courses), max(1, length // 2)
     for _ in plant.states:
@@ -739,8 +746,8 @@ def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, t: 
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
-    """Return the search of least cost among those that converged, else among the others; the first of equal ones. None
-    if no cost is finite. `by`: "simulation" or "prediction"."""
+    """Return the solution of least cost among the searches that converged, or among all if none did; the first of equal
+    ones. None if no cost is finite. `by`: "simulation" or "prediction"."""
     finite = [one for one in ended if np.isfinite(one.cost)]
     settled = [one for one in finite if one.settled] or finite
     least = min((one.cost for one in settled), default=0.0)

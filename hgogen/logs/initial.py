@@ -39,9 +39,9 @@ LEAST, SMALL = 1e-4, 1e-6  # sigma over the spread of an output; difference quot
 def first_states(
     step: CallableStep, u: Array, y: Array, elapsed: Array | None, measured: Mapping[str, float], steady: bool = False
 ) -> dict[str, float]:
-    """Return the initial states, by name, that the first samples of a log u (N, m), y (N, p) determine, without the
-    `measured` ones; `elapsed` (N): the time since the row before, for a step in which dt varies; `steady`: those that
-    they determine of a plant at rest, none if they change."""
+    """Return the initial states, by name, that the first samples of a log u (N, m), y (N, p) determine, without those
+    in `measured`; `elapsed` (N): the time since the row before, for a step in which dt varies; `steady`: whether the
+    plant is assumed to be at rest, in which case there are none if the samples change."""
     form = step.observer.form
     states = [signal for signal, _ in form.estimates]
     size = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in states])
@@ -79,7 +79,8 @@ class _Minimum(NamedTuple):
 
 
 def _minimum(residuals: Callable[[Array], Array], d: Array, size: Array, low: Array, high: Array) -> _Minimum | None:
-    """Return the minimum from the start d (n); None where a residual has no value, or no step is better than d."""
+    """Return the minimum of the sum of squares by a search from d (n); None if a residual has no value, or no step
+    improves on d."""
     x, M = d, np.eye(len(d))
     for _ in range(ITERATIONS):
         errors = residuals(np.vstack([x, x + np.diag(SMALL * size)]))
@@ -112,7 +113,7 @@ def _scatter(outputs: Sequence[Signal], y: Array) -> Array:
 
 
 class _Window:
-    """The first rows of a log, and the model of a step over them."""
+    """The first rows of a log, with the model by which they are predicted."""
 
     def __init__(self, step: CallableStep, u: Array, y: Array, elapsed: Array | None, sigma: Array) -> None:
         self.outputs, self.u, self.y, self.elapsed, self.sigma = step.outputs, u, y, elapsed, sigma

@@ -33,7 +33,7 @@ _MODELLESS = (COPYING, DIFFERENCING)
 
 @dataclass(frozen=True, eq=False)
 class ValidationLog:
-    """A log whose rows from `cut` on are validation data; `truth` (N) of hidden states by name."""
+    """A log whose rows from `cut` on are validation data; `truth`: measured courses (N) of hidden states, by name."""
 
     log: Log
     cut: int
@@ -43,7 +43,7 @@ class ValidationLog:
 @dataclass(frozen=True)
 class Judged:
     """The RMS errors of a tuning on the validation rows, and the whiteness of its innovations by their first `LAGS`
-    correlations; mappings are empty if nothing was compared."""
+    autocorrelations; mappings are empty if nothing could be compared."""
 
     name: Annotated[str, "name of the tuning"]
     errors: Annotated[Mapping[int, Mapping[str, float]], "RMS errors of predictions, by samples ahead and output"]
@@ -62,8 +62,9 @@ def judged(
     ahead: Iterable[int],
     each: Callable[[], None] = lambda: None,
 ) -> tuple[Judged, ...]:
-    """Return the errors of the tuned rows, of the steps `others` by name, and of predictors without a model, on the
-    validation rows of the logs; `ahead`: prediction horizons in samples; `each()` is called after every step."""
+    """Return the validation errors of tuned observers, of the steps `others` by name, and of predictors without a
+    model, on the validation rows of the logs; `ahead`: prediction horizons in samples; `each()` is called after every
+    step."""
     horizons = tuple(sorted(set(ahead)))
     records = [replace(record, log=readable(plant, record.log, k)) for k, record in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
@@ -79,8 +80,8 @@ def judged(
 
 
 def coloured(e: Array) -> int:
-    """Return how many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white
-    noise does (Box, Jenkins, Time Series Analysis, 1970)."""
+    """Return how many of the first `LAGS` autocorrelations of a sequence (N,) are beyond 2/sqrt(N), as 1 in 20 of white
+    noise are (Box, Jenkins, Time Series Analysis, 1970)."""
     r = correlations(e, min(LAGS, len(e) - 1))
     return 0 if r is None else int(np.count_nonzero(abs(r) > 2 / np.sqrt(len(e))))
 
@@ -158,8 +159,8 @@ def _rms(parts: Sequence[Array]) -> list[float]:
 def verdicts(
     calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT, explained: bool = False
 ) -> tuple[str, ...]:
-    """Return sentences that judge a calibration by its validation errors `rows`; `where`: the words for the rows of the
-    logs, by default the validation rows; `explained`: whether a fault of the logs explains the innovations."""
+    """Return sentences that judge a calibration by its validation errors `rows`; `where`: words for the rows of the
+    logs on which it was validated; `explained`: whether a fault of the logs explains large innovations."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
@@ -206,7 +207,8 @@ def _ahead(samples: int) -> str:
 
 
 def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
-    """Yield a sentence that lists the rows that are as good as the `best`, and those that another measure prefers."""
+    """Yield a sentence that lists the tunings that are as good as the `best`, and those that another error measure
+    prefers."""
     others = [f"{row.name} ({row.error:.3g})" for row in calibration.tied if row.name != best.name]
     ties = [f"as good, within {100 * (AS_WELL - 1):.0f} %: {', '.join(others)}"] if others else []
     other_measures = [*_other_horizons(best, judged), *_of_hidden_states(best, judged, calibration.truth)]
@@ -216,8 +218,8 @@ def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, 
 
 
 def _rival(error: float, others: Mapping[str, float], verb: str, measure: str) -> Iterator[str]:
-    """Yield that the least of `others`, errors by name, is clearly less than `error`, and which predictors without a
-    model are as good."""
+    """Yield a sentence if the least of `others` (errors by name) is clearly less than `error`, with the predictors
+    without a model that are as good."""
     finite = {name: other for name, other in others.items() if other == other}
     name = min((each for each in finite if each not in _MODELLESS), key=lambda each: finite[each], default="")
     for each in (name, *_MODELLESS):

@@ -62,8 +62,9 @@ AT_ONCE = 50  # samples between checkpoints of CasADi's reverse mode
 
 
 def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
-    """Return the names of the states with their own process noise, else of all; `flow`: their rates. A state whose rate
-    is by definition another state (x_i' = +-x_j) has none, since noise would contradict the definition."""
+    """Return the names of the states that have process noise; `flow`: the rates x'. A state whose rate is by definition
+    another state (x_i' = +-x_j) has none, since noise would contradict the definition; if no state is left, all have
+    noise."""
     by_definition = {*states, *(-x for x in states)}
     noisy = [name for name, row in zip(names, flow, strict=True) if row.expand() not in by_definition]
     return tuple(noisy or names)
@@ -74,7 +75,8 @@ class Innovations:
     """An extended Kalman filter as CasADi functions of its parameters theta (q), of which the last is the time to the
     next sample: `move` (x, u now, u then, theta) -> x at the next sample, `read` (x, u, theta) -> y, `process` (theta,
     Phi) -> q (n, n), `sensor` theta -> r (p) of the `outputs`. A correction is clamped to `ends` (2, n), maybe
-    infinite; `spans` (p): W of the outliers of each output, None without outliers; `gates`: of the innovations."""
+    infinite; `spans` (p): the span W of each output's outliers, None for a filter without outliers; `gates`: the
+    innovation gates."""
 
     move: Any
     read: Any
@@ -92,13 +94,14 @@ class Innovations:
 
     def along(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
         """Return the cost (1, N) of a log's samples, their innovations e (p, N) and variances s (p, N); `memory`: the
-        predicted state x- and covariance P- at the first sample, which corrects only if `first`."""
+        predicted state x- and covariance P- at the first sample, which is used for a correction only if `first`."""
         _, cost, e, s, _ = self._over(self._step, record, memory, theta, first)
         return cost, e, s
 
     def decided(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
-        """Return the mask (N, p) of the samples of a log that the gates admit, decided along the log, the innovations e
-        (p, N) and variances s (p, N) of the filter that corrects by these; arguments as of `along`."""
+        """Return the mask (N, p) of the samples that the gates admit, decided one after the other along the log, and
+        the innovations e (p, N) and variances s (p, N) of the filter that uses only these samples; arguments as of
+        `along`."""
         counted = ca.vertcat(memory, ca.DM.zeros(len(self.gates)))
         _, _, e, s, valid = self._over(self._deciding_step, record, counted, theta, first)
         return np.array(valid).T > 0, e, s
@@ -114,8 +117,8 @@ class Innovations:
         return results
 
     def _kappa(self, there: Array) -> Array:
-        """Return the mean kappa (N, p) of e^2/s over samples that pass their gates, `there` (N, p); 1 without a
-        gate."""
+        """Return the mean kappa (N, p) of e^2/s over samples within their gates, `there` (N, p) being the mask of
+        samples; 1 without a gate."""
         kappa = np.ones(there.shape)
         for group in self.gates:
             means = np.array([1.0, *(truncated_mean(limit, k) for k, limit in enumerate(group.limits, 1))])
@@ -196,8 +199,8 @@ class Innovations:
 
 
 def log_odds(square: Any, log_s: Any, span: float) -> Any:
-    """Return log((1 - pi) N(e; 0, s)/(pi/W)), the logarithm of the odds that a sample is no outlier, by the `square`
-    e^2/s of its innovation and log s; `span`: W."""
+    """Return log((1 - pi) N(e; 0, s)/(pi/W)), the log odds that a sample is no outlier; `square`: e^2/s of its
+    innovation; `log_s`: log s; `span`: W."""
     return math.log((1 - OUTLIERS) / OUTLIERS * span / math.sqrt(2 * math.pi)) - (square + log_s) / 2
 
 
@@ -207,7 +210,8 @@ def softplus(x: Any) -> Any:
 
 
 def spans_of(outputs: Sequence[Signal], logs: Iterable[Log]) -> Array:
-    """Return the span W of outliers of each output (p): its period, else the range of its samples."""
+    """Return the span W of outliers of each output (p): the period of a periodic output, else the range of its
+    samples."""
     pairs = zip(outputs, np.concatenate([log.y for log in logs]).T, strict=True)
     return np.array([y.period or float(np.nanmax(column) - np.nanmin(column)) or 1.0 for y, column in pairs])
 
@@ -242,8 +246,9 @@ _OPTIONS: Any = {
 
 @dataclass(frozen=True)
 class Noise:
-    """A maximum of the likelihood: `process` Q_i by coordinates (z^2/time), `sample` sigma_j of a sample by output,
-    `likelihood`: log L per sample, and whether the search `settled` there."""
+    """A maximum of the likelihood: the densities `process` Q_i by coordinate (z^2/time), the standard deviations
+    `sample` sigma_j of a sample by output, log L per sample (`likelihood`), and whether the search converged
+    (`settled`)."""
 
     process: Mapping[str, float]
     sample: Mapping[str, float]
@@ -253,9 +258,10 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of logs on a form, as a function of process and sensor noise; `scale`: the units; `between`:
-    inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample; `gates`: of the innovations, of which
-    the `records` have no outliers (`without_outliers`); `robust`: whether samples may be outliers."""
+    """The likelihood of logs on a form, as a function of process and sensor noise; `scale`: the units; `between`: the
+    course of inputs between samples, "line" or "hold"; `steps`: Runge-Kutta steps a sample; `gates`: innovation gates,
+    beyond which samples were removed from the logs (by `without_outliers`); `robust`: whether samples may be
+    outliers."""
 
     form: Form
     records: Sequence[Log]
@@ -266,15 +272,16 @@ class Likelihood:
     robust: bool = False
 
     def ended(self, begin: tuple[float, float] | Noise) -> Ended:
-        """Return where the search for a maximum ended that began from the logarithms of all process and all sample
-        noise, in units, or from a `Noise`."""
+        """Return the end of a search for a maximum of the likelihood, begun from the logarithms of all process noise
+        and of all sample noise (in units), or from a `Noise`."""
         if isinstance(begin, Noise):
             return self._ended(self._logs(begin))
         process, sample = begin
         return self._ended([process] * len(self._noisy) + [sample] * len(self.form.output))
 
     def without_outliers(self) -> tuple[Log, ...]:
-        """Return the logs without the samples that the gates reject at the most likely noise of those that are left."""
+        """Return the logs without the samples beyond the gates, at the noise that maximises the likelihood of the other
+        samples."""
         if not self.gates:
             return tuple(self.records)
         robust = replace(self, gates=(), robust=True)
@@ -292,7 +299,8 @@ class Likelihood:
         return tuple(cleaned)
 
     def _admitted(self, record: Log, memory: Array, logs: Array) -> Log:
-        """Return a log without the samples that the gates reject; the first sample, which corrects nothing, stays."""
+        """Return a log without the samples beyond the gates; the first sample, which is not used for a correction,
+        stays."""
         mask, _, _ = self._filter.decided(record, memory, ca.DM(logs), first=False)
         mask[0] = True
         return replace(record, y=np.where(mask, record.y, np.nan))
@@ -302,7 +310,8 @@ class Likelihood:
         return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
 
     def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
-        """Return the maxima that the searches found: the settled ones first, then the most likely first."""
+        """Return the maxima of the likelihood at the ends of the searches: converged ones first, then by decreasing
+        likelihood."""
         finite = [one for one in ended if np.isfinite(one[0])]
         maxima, places = list[Noise](), list[Array]()
         for one in sorted(finite, key=lambda one: (not one[2], -one[0])):
@@ -313,16 +322,17 @@ class Likelihood:
         return tuple(maxima)
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
-        """Return the innovations e (N - 1, p) of a filter with this noise along a log, and variances s, NaN if
+        """Return the innovations e (N - 1, p) of a filter with this noise along a log, and their variances s, NaN if
         missing or beyond a gate."""
         there, e, s = self._filter.decided(record, self._start(record), ca.DM(self._logs(noise)), first=False)
         there = there[1:]
         return tuple(np.where(there, np.array(each).T[1:], np.nan) for each in (e, s))
 
     def below_quantum(self, noise: Noise) -> dict[str, float]:
-        """Return by output the least deviation q/sqrt(12) that its quantum q admits, where the `noise` is at it and
-        half of it is more likely by a factor of exp(10) and more: a model that errs, since no sensor is as good. A
-        sensor that stands on one step has innovations below their variance, and is no such case."""
+        """Return by output the least standard deviation q/sqrt(12) of a sensor with the quantum q, where the `noise` is
+        at this bound and half of it would be more likely by a factor of exp(10) and more. Then the model is wrong,
+        since no sensor has less noise. A sensor that stays on one step is not included: its innovations are below their
+        variance."""
         logs, below = self._logs(noise), dict[str, float]()
         squares = np.concatenate([e**2 / s for e, s in (self.innovations(noise, log) for log in self.records)])
         for j, name in enumerate(noise.sample):
@@ -345,9 +355,9 @@ class Likelihood:
 
     @cached_property
     def _least(self) -> Array:
-        """The least logarithms: of R_j the variance q^2/12 of rounding to multiples of the quantum q of output j, and
-        5 % more, by which two digits of it may be below it; of Q_i what rounding to float adds at each sample, with
-        steps of 2^-24 of the range."""
+        """The least logarithms of the unknowns. For R_j: the variance q^2/12 of rounding to the quantum q of output j,
+        plus 5 %, which two printed digits may lose. For Q_i: the rounding to float at each sample, in steps of 2^-24 of
+        the range."""
         duration = 1 if self.form.system.discrete else self.scale.dt
         process = math.log((ROUNDING**2 / 12) * self.scale.longest / duration)
         quanta = map(quantum_of, np.concatenate([record.y for record in self.records]).T)
@@ -364,8 +374,7 @@ class Likelihood:
 
     @cached_property
     def _noisy(self) -> dict[str, float]:
-        """The coordinates with process noise of their own, each
-        with the unit of its noise density, size^2/time."""
+        """The coordinates with process noise, each with the unit of its noise density, size^2/time."""
         names = states_with_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 

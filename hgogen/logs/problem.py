@@ -58,8 +58,8 @@ SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: 
 @dataclass(frozen=True, eq=False)
 class Information:
     """The Fisher information `M` (q, q) of the parameters and offsets in their units, for residuals of standard
-    deviation 1; `residuals` (N, p) of each log, in the units of the outputs, NaN for missing samples; `tell`: the
-    residuals of each output weighted by the loss, log after log, in the units of M."""
+    deviation 1; `residuals`: (N, p) of each log, in the units of the outputs, NaN for missing samples; `tell`: by
+    output, the residuals of all logs weighted by the loss, in the units of M."""
 
     M: Array
     residuals: tuple[Array, ...]
@@ -67,7 +67,7 @@ class Information:
 
     @property
     def outputs(self) -> tuple[Array, ...]:
-        """The residuals of each output, log after log."""
+        """The residuals of each output, those of all logs in sequence."""
         return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
@@ -157,7 +157,8 @@ class _OnRecords:
 
 
 def short_way(differences: Any, signals: Sequence[Signal]) -> Any:
-    """Return a column (MX) of differences of these signals, those of periodic ones the short way round."""
+    """Return the differences (column, MX) of two values of these signals; for a periodic signal the difference within
+    half a period."""
     periods = np.array([signal.period or 0.0 for signal in signals])
     if not periods.any():
         return differences
@@ -166,7 +167,7 @@ def short_way(differences: Any, signals: Sequence[Signal]) -> Any:
 
 
 def eliminated(F: Any, A: Any, q: int) -> Array:
-    """Return the information M (q, q) on the first q unknowns when the others are optimal: the Schur complement of the
+    """Return the information M (q, q) on the first q unknowns when all others are optimal: the Schur complement of the
     Hessian F (v, v) under the constraints A dx = 0; F and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
     A_p, A_s = A[:, :q], A[:, q:]
@@ -178,7 +179,8 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
-    """Return tables (N, p) of the logs, NaN if missing, from each output's measured values, log after log."""
+    """Return tables (N, p) for each log, NaN for missing samples, from the values of each output at its measured
+    samples, log after log."""
     arrays = [np.full(record.y.shape, np.nan) for record in records]
     for j, values in enumerate(outputs):
         begin = 0
@@ -191,8 +193,9 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
-    """Return the Runge-Kutta steps a sample that the plant's fastest mode requires, 1 for a map, and the growth rate of
-    errors; `period`: of a sample. Raises: `BadLog` for samples too slow for the plant."""
+    """Return the number of Runge-Kutta steps a sample that the plant's fastest mode requires (1 for a discrete plant),
+    and the growth rate of errors; `period`: that of the samples. Raises: `BadLog` for samples too slow for the
+    plant."""
     fastest, growing = rates(plant)
     if plant.discrete:
         return 1, math.log(max(fastest, 1.0)) / period
@@ -205,8 +208,8 @@ def paced(plant: System, period: float) -> tuple[int, float]:
 
 
 def rates(plant: System) -> tuple[float, float]:
-    """Return the largest modulus of an eigenvalue of df/dx, and the largest real part, 0 if none is positive: over the
-    point at rest and random points of the declared ranges."""
+    """Return the largest modulus and the largest real part (0 if none is positive) of an eigenvalue of df/dx, over the
+    nominal point at rest and random points of the declared ranges."""
     draw, n, signals = np.random.default_rng(0), len(plant.states), (*plant.states, *plant.inputs, *plant.parameters)
     symbols = {s: ca.SX.sym(s.name) for s in signals}
     at = column(symbols.values())
@@ -244,7 +247,8 @@ class Shooting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, the cost, and the gaps between segments, which are 0 at a solution, as CasADi graphs."""
+        """The fit as CasADi graphs: the unknowns, the cost, and the gaps between segments, which are 0 at a
+        solution."""
         v, errors, gaps = self.followed
         if self.corner is None:
             return v, ca.sumsqr(errors) / 2, gaps
@@ -253,7 +257,8 @@ class Shooting(_OnRecords):
 
     @cached_property
     def followed(self) -> tuple[Any, Any, Any]:
-        """The unknowns (MX), the residuals of the measured samples, and the gaps between segments, as columns."""
+        """The simulation as CasADi columns: the unknowns, the residuals of the measured samples, and the gaps between
+        segments."""
         v = ca.MX.sym("v", self.size)
         p, o, every = self.parts(v)
         errors, gaps = [], []
@@ -264,13 +269,14 @@ class Shooting(_OnRecords):
         return v, ca.vertcat(*errors), ca.vertcat(*gaps)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Return each output's residuals of measured samples over its scale, log after log, at the `unknowns` (v)."""
+        """Return the residuals of each output's measured samples over its scale, log after log, at the `unknowns`
+        (v)."""
         v, errors, _ = self.followed
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """Return the Fisher information of the parameters p at the unknowns (v), whose sizes are `unit` (v), where the
-        states are eliminated: they follow p by the continuity conditions of multiple shooting."""
+        """Return the Fisher information of the parameters at the unknowns (v), whose sizes are `unit` (v). The states
+        are eliminated: the continuity constraints of multiple shooting determine them."""
         v, errors, gaps = self.followed
         at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
         J, A = (table @ ca.diag(unit) for table in at(unknowns))
@@ -338,12 +344,13 @@ class Predicting(_OnRecords):
 
     @property
     def noisy(self) -> tuple[str, ...]:
-        """The states with process noise of their own."""
+        """The names of the states that have process noise."""
         return states_with_noise([x.name for x in self.plant.states], self.plant.states, self.plant.flow)
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """The start and bounds of the logarithms of Q_i and r_j, at least q^2/12 by the quantum q of an output."""
+        """The start and the bounds of the logarithms of Q_i and r_j; r_j is at least q^2/12 by the quantum q of its
+        output."""
         start, low, high = SAMPLE
         quanta = [quantum_of(column) for column in np.concatenate([record.y for record in self.records]).T]
         pairs = zip(quanta, self.scale, strict=True)
@@ -351,8 +358,8 @@ class Predicting(_OnRecords):
         return (*[PROCESS] * len(self.noisy), *((max(start, each), each, high) for each in least))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the density Q_i of process noise by state, negligible for a state without noise of its own, and the
-        deviation of a sample, by output, at the `unknowns` (v)."""
+        """Return at the `unknowns` (v) the density Q_i of process noise by state (negligible for a state without
+        process noise), and the standard deviation of a sample by output."""
         logs = np.asarray(unknowns)[self.size - len(self.levels) :]
         process = self._density(ca.DM(logs)).full().ravel()
         samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
@@ -362,7 +369,7 @@ class Predicting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, -log of the likelihood, and an empty column of constraints, as CasADi graphs."""
+        """The fit as CasADi graphs: the unknowns, -log of the likelihood, and an empty column of constraints."""
         v, cost, _, _ = self._series
         return v, cost, ca.MX(0, 1)
 
@@ -371,8 +378,8 @@ class Predicting(_OnRecords):
         return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """Return the information at the unknowns (v), whose sizes are `unit` (v), when the first states and the noise
-        levels are optimal for each p."""
+        """Return the Fisher information of the parameters at the unknowns (v), whose sizes are `unit` (v), with the
+        first states and the noise levels optimal for all parameter values."""
         v, _, e, s = self._series
         F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
         tell, (errors, deviations) = self.residuals(unknowns), map(self.by_output, self._at(unknowns))
@@ -443,8 +450,8 @@ Problem = Shooting | Predicting
 
 
 def gathered(Phi: Any, Q: Any) -> Any:
-    """Return by Simpson's rule the covariance that white noise of the density Q (n, n) adds over a sample with the
-    transition matrix Phi: integral of Phi(t) Q Phi(t)'."""
+    """Return the covariance that white noise of the density Q (n, n) adds over a sample with transition matrix Phi (n,
+    n): the integral of Phi(t) Q Phi(t)', by Simpson's rule."""
     eye = ca.DM.eye(Phi.shape[0])
     D = Phi - eye
     half = eye + D / 2 - D @ D / 8
@@ -466,8 +473,8 @@ _OTHER = {
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The `unknowns` with their `cost`, without the penalty; IPOPT's final `status` and number of `iterations`;
-    `settled`: whether it converged."""
+    """The end of a search: the `unknowns` with their `cost` (without the penalty), IPOPT's `status` and number of
+    `iterations`; `settled`: whether the search converged."""
 
     unknowns: Array
     cost: float
@@ -478,8 +485,8 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """IPOPT on the problem of a fit: `low`, `high` (v): bounds of the unknowns, maybe infinite; `unit` (v): their
-    sizes."""
+    """A solver (IPOPT) of the problem of a fit: `low`, `high` (v): the bounds of the unknowns, possibly infinite;
+    `unit` (v): their sizes."""
 
     problem: Problem
     low: Array
@@ -489,8 +496,9 @@ class Solver:
     def solve(
         self, start: Array, at: Array | None = None, each: Callable[[int, Array], None] = lambda k, last: None
     ) -> Solution:
-        """Return the solution of a search from the unknowns `start` (v), to which a penalty pulls parameters and
-        offsets, or continued from the unknowns `at`. `each(k, last)` is called after iteration k with its unknowns."""
+        """Return the solution of a search that begins from the unknowns `start` (v), or continues from `at` (v); a
+        penalty pulls parameters and offsets towards `start`. `each(k, last)` is called after iteration k with its
+        unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
         watch, solver = self._watched if at is None else self._callback_and_solver(_OPTIONS | _CONTINUED)
         watch.begin(lambda k, w: each(k, w * self.unit))
@@ -551,7 +559,7 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(self.sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, entries: Any) -> list[int]:
-        """Report the iterate. Return 0 to go on, a positive number to stop after a Ctrl-C or an error, which CasADi
+        """Report the iterate. Return 0 to continue, a positive number to stop after a Ctrl-C or an error, which CasADi
         would replace by its own."""
         try:
             self.each(self.count, entries[ca.nlpsol_out().index("x")].full().ravel())
@@ -562,13 +570,13 @@ class _Watch(ca.Callback):
 
 
 class CannotGoOn(BadLog):
-    """The saved progress belongs to another fit or tuning, or is invalid."""
+    """The error for saved progress that is invalid, or belongs to another fit or tuning."""
 
 
 @dataclass(frozen=True, eq=False)
 class Progress(Encoded):
-    """The progress of a fit, identified by the digests `task`: the searches that `ended`, and of the running one the
-    `iteration` and its unknowns `at` (v)."""
+    """The progress of a fit, which is identified by the digests `task`: the results of the searches that `ended`, and
+    of the running one the `iteration` and its unknowns `at` (v)."""
 
     task: Mapping[str, str]
     ended: tuple[Solution, ...]
@@ -577,12 +585,12 @@ class Progress(Encoded):
 
     @property
     def start(self) -> int:
-        """The number of the running search, from 0: first those of the starts, then the passes of a robust fit."""
+        """The number of the running search, from 0: first one for each start, then the passes of a robust fit."""
         return len(self.ended)
 
 
 def progress_of(table: Mapping[str, Any]) -> Progress:
-    """Return the progress of a fit from the `table` that `as_dict` returned. Raises: `CannotGoOn`."""
+    """Return the progress of a fit from a `table` that `as_dict` returned. Raises: `CannotGoOn`."""
     try:
         ended = []
         for one in table["ended"]:
@@ -596,7 +604,8 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 
 
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
-    """Return the digests that identify a fit or a tuning: of the plant, the logs, the options, and the version."""
+    """Return the digests that identify a fit or a tuning: those of the plant, the logs, the options, and the
+    version."""
     signals = [(s.name, s.nominal, s.interval, *([s.period] if s.period else [])) for s in plant.signals]
     arrays = [part for log in records for part in (log.u.tobytes(), log.y.tobytes(), log.ahead.tobytes())]
     return {
@@ -608,7 +617,8 @@ def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -
 
 
 def demand_same(what: str, stopped: Mapping[str, str], task: Mapping[str, str]) -> None:
-    """Raise `CannotGoOn` for a `stopped` fit or tuning whose digests are not those of the `task`."""
+    """Raise `CannotGoOn` if the digests of a `stopped` fit or tuning differ from those of the `task`; `what`: its name
+    in the message."""
     if others := [_OTHER[part] for part, digest in task.items() if stopped.get(part) != digest]:
         raise CannotGoOn(what, f"is of {' and '.join(others)}; give it what it was begun with, or begin anew")
 
@@ -622,8 +632,8 @@ def _digest(*parts: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Searches:
-    """The searches of a fit one after the other; searches that the progress `resumed` has are not repeated. `each` is
-    called after every iteration."""
+    """The searches of a fit, one after the other; those that the progress `resumed` contains are not repeated. `each`
+    is called after every iteration."""
 
     task: Mapping[str, str]
     each: Callable[[Progress], None]
@@ -634,7 +644,7 @@ class Searches:
             demand_same("the stopped fit", self.resumed.task, self.task)
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:
-        """Return the searches `ended`, and one more, which `solver` begins from the unknowns `begin`."""
+        """Return the solutions `ended`, followed by that of one more search, by `solver` from the unknowns `begin`."""
         resumed = self.resumed
         if resumed is not None and len(ended) < resumed.start:
             return (*ended, resumed.ended[len(ended)])

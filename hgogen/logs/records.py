@@ -41,14 +41,14 @@ UNEVEN, ROUNDING = 100, 1e-9  # ratio of the longest to the shortest dt of a ste
 
 
 class BadLog(BadArgument):
-    """A log from which nothing can be learned of a plant."""
+    """The error for a log from which nothing can be learned about a plant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt; `start`: t at the
-    first sample, for a plant with functions of t; `times` (N): of the samples of an irregular log, whose `dt` is a
-    typical time between two."""
+    """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt; `start`: the time t
+    of the first sample, for a plant with functions of t; `times` (N): the times of the samples of an irregular log,
+    whose `dt` is a typical step."""
 
     u: np.ndarray
     y: np.ndarray
@@ -58,11 +58,12 @@ class Log:
 
     @property
     def elapsed(self) -> np.ndarray:
-        """The time (N) since the sample before, 0 at the first."""
+        """The time (N) since the previous sample, 0 at the first."""
         return np.concatenate([[0.0], self.ahead[:-1]])
 
     def given(self, step: CallableStep) -> np.ndarray | None:
-        """Return `elapsed` for a step that is given it as `dt`, None for a step with a period."""
+        """Return the argument `dt` of `step.run`: the elapsed times for a step with varying dt, None for a step with a
+        constant period."""
         return self.elapsed if step.clock.varying else None
 
     @property
@@ -72,12 +73,12 @@ class Log:
 
     @property
     def end(self) -> float:
-        """The time dt after the last sample."""
+        """The end time of the log: dt after the last sample."""
         return self.start + len(self.y) * self.dt if self.times is None else float(self.times[-1] + self.dt)
 
     @property
     def duration(self) -> float:
-        """The sum of the times to the next sample."""
+        """The length of the log in time, from the first sample to dt after the last."""
         return float(self.ahead.sum())
 
     def since(self, first: int) -> "Log":
@@ -87,8 +88,8 @@ class Log:
         return replace(self, u=self.u[first:], y=self.y[first:], start=float(at), times=times)
 
     def of(self, inputs: Sequence[Signal]) -> "Log":
-        """Return the log with a column for each input that a form reads: those of the plant, which it holds, after
-        them their derivatives, as differences, and times."""
+        """Return the log with a column for each of the `inputs` that a form reads: the plant's inputs, which the log
+        holds, then their derivatives (by differences) and times."""
         of_caller, sources = supplied(inputs), derived(inputs)
         columns = {u.name: u.unwrapped(column) for u, column in zip(of_caller, self.u.T, strict=False)}
         names = (sources[u.name] for u in of_caller[len(columns) :])
@@ -100,8 +101,8 @@ class Log:
 
 
 def step_limits(logs: Iterable[Log]) -> tuple[float, float] | None:
-    """Return the shortest and the longest dt of a step that takes irregular logs in at most `SUBSTEPS` sub-steps from
-    sample to sample; None where all logs have a period."""
+    """Return the shortest and the longest dt of a step for irregular logs, with at most `SUBSTEPS` sub-steps between
+    two samples; None if all logs have a constant period."""
     logs = list(logs)
     if all(log.times is None for log in logs):
         return None
@@ -111,8 +112,8 @@ def step_limits(logs: Iterable[Log]) -> tuple[float, float] | None:
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
-    """Return the log number `number` with inputs and outputs as numeric tables; a missing input repeats the last value,
-    and periodic signals are in their turn. Raises: `BadLog`, `BadShape`."""
+    """Return the log after validation, as tables of numbers; a missing input repeats the last value, and periodic
+    signals lie within their period. `number`: that of the log in messages. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
     u = in_turn(plant.supplied, table("u", record.u, plant.supplied, len(y)), Signal.reduced)
     name = f"record {number}"
@@ -137,19 +138,19 @@ def demanded(plant: System, record: Log, number: int) -> Log:
 
 
 def reading_of(state: Signal, y: Signal, values: Any) -> Any:
-    """Return the values of a state as its output `y` measures them: of a periodic output the one of its turns that is
-    nearest to the middle of the state's range, and of a periodic state in its turn."""
+    """Return the values of a state that its output `y` measures. Of a periodic output, that turn is meant which is
+    nearest to the middle of the state's range; the values of a periodic state lie within its period."""
     return state.turned(y.nearest(values, middle_of(state)))
 
 
 def middle_of(signal: Signal) -> float:
-    """Return the middle of a signal's range, 0 without one."""
+    """Return the middle of a signal's declared range, 0 without a range."""
     return sum(signal.interval) / 2 if signal.bounded else 0.0
 
 
 def beyond(plant: System, record: Log, faulty: Collection[str] | None = None) -> Iterator[str]:
     """Yield a sentence for each output that measures a state outside of its declared range, with the plausible cause;
-    `faulty`: the signals with a fault, None where no observer judged the log."""
+    `faulty`: the signals with a fault, None if no observer judged the log."""
     for y, h, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
         state = next((x for x in plant.states if x == h and x.bounded), None)
         if state is None:
@@ -171,8 +172,8 @@ def beyond(plant: System, record: Log, faulty: Collection[str] | None = None) ->
 
 
 def wider(low: float, high: float, least: float, largest: float) -> str:
-    """Return the ends of a range from `low` to `high` that holds the values from `least` to `largest`, with a tenth of
-    its width to spare but not across 0, as a model file has them."""
+    """Return the text, as in a model file, of the changed ends of a range `low`..`high` that contains the values
+    `least` to `largest`, with a margin of a tenth of its width; an end does not cross 0."""
     spare, unit, ends = 0.1 * (high - low), 10.0 ** (math.floor(math.log10(high - low)) - 1), []
     if least < low:
         first = math.floor((least - spare) / unit) * unit
@@ -200,14 +201,14 @@ def record(
     decimal: DecimalSign | None = None,
     dates: DateOrder | None = None,
 ) -> Log:
-    """Return the log in a file (text, Parquet, MAT, Excel, ULog or MDF) or a DataFrame, on the grid of `dt`, by default
-    with its own period, or, of an irregular log, the times of its rows.
+    """Return the log in a file (text, Parquet, MAT, Excel, ULog or MDF) or a DataFrame, resampled with the period `dt`,
+    by default with its own period; an irregular log has by default the times of its rows.
 
     `time`: the column of times, or an expression, or `period`, the time between rows; `columns`: the column of each
     signal, or an expression of columns as for --map, by default the column of its name; `shift`: samples by which a
     signal is delayed. An input that is logged faster than dt, or irregularly, is averaged: over half a step to both
-    sides, or over the step before ("hold", as the step takes it) or after ("forward", as `hg.fit` does). `decimal`: "."
-    or ",", and `dates`: "dmy", "mdy" or "ymd", where the cells of a text do not tell.
+    sides ("line"), or over the step before ("hold", as the observer's step uses it) or after ("forward", as `hg.fit`
+    does). `decimal`: "." or ",", and `dates`: "dmy", "mdy" or "ymd", where the cells of a text do not tell.
 
     Raises: `BadRecord`; `NotInstalled` for a file whose library is missing.
     """
@@ -225,15 +226,16 @@ def record(
 
 
 def log_of(record: Record, plant: System | None = None, rows: int | None = None) -> Log:
-    """Return the log of a plant in a record, its first `rows` alone; without a plant one of no signals."""
+    """Return the log of a plant from a file's contents `record`, only its first `rows` if set; without a plant a log
+    without signals."""
     inputs, outputs = (plant.supplied, plant.outputs) if plant else ((), ())
     u, y, t = (each[:rows] for each in (record.of(inputs), record.of(outputs), record.t))
     return Log(u, y, record.report.dt, float(record.t[0]), t if record.report.spacing else None)
 
 
 def demand_regular(plant: System, report: Report) -> None:
-    """Raise `BadRecord` for a discrete plant and a log whose rows are not `dt` apart: its map is not for other times.
-    Rows that are missing in the grid are missing samples."""
+    """Raise `BadRecord` for a discrete plant and a log with rows that are not `dt` apart, since a map advances by one
+    period. Rows that are missing in the grid are missing samples."""
     if not plant.discrete:
         return
     if report.spacing:
@@ -250,8 +252,8 @@ SMALLEST, FINEST, WHOLE = 1e-9, 4, 0.02  # gaps over the range that are rounding
 
 
 def quantum_of(values: np.ndarray) -> float:
-    """Return the largest q of which all differences of the `values` (N) are whole multiples, the resolution of a sensor
-    or of a file's digits; 0 where there is none."""
+    """Return the quantum of a sensor or of a file's digits: the largest q such that all differences of the `values` (N)
+    are whole multiples of q; 0 if there is none."""
     present = values[np.isfinite(values)]
     levels = np.unique(present)
     gaps = np.diff(levels)
@@ -277,16 +279,16 @@ BEGIN = 0.05  # share of a log at its beginning, in which an estimate may conver
 
 @dataclass(frozen=True)
 class Ahead:
-    """The criterion by which gains are judged: errors of predictions `samples` samples ahead, relative to those of
-    copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged. `outputs`:
+    """A criterion by which gains are judged: the errors of predictions `samples` samples ahead, relative to those of
+    copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged; `outputs`:
     the signals of y."""
 
     samples: int
     outputs: tuple[Signal, ...] = ()
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """Return for each log the squared errors (N, p) of copying: (y_j(k+h) - y_j(k))^2 at each sample with a last
-        value."""
+        """Return for each log the squared errors (N, p) of copying, (y_j(k+h) - y_j(k))^2; y_j(k) is the last value up
+        to sample k."""
         h, rival_squares = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
@@ -296,35 +298,36 @@ class Ahead:
         return rival_squares
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the errors e_j(k+h|k) (N, p) of predictions h samples ahead, from the run of a step along a log, log
-        number `k`, at samples that the step used."""
+        """Return the errors e_j(k+h|k) (N, p) of predictions h samples ahead from the run of a step along a log, at
+        samples that the step used; `k`: the number of the log."""
         one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
         return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """The criterion by which gains are judged: estimation errors of hidden states, relative to the deviations from
-    their mean; `truth` (N) of each log by state, NaN for missing samples; `states`: their signals."""
+    """A criterion by which gains are judged: the estimation errors of hidden states, relative to the states' deviations
+    from their mean; `truth`: for each log the courses (N) by state, NaN for missing samples; `states`: their
+    signals."""
 
     truth: tuple[Mapping[str, Array], ...]
     states: tuple[Signal, ...]
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """Return for each log the squared deviations from the mean, (x_j - mean of x_j)^2."""
+        """Return for each log the squared deviations (N, q) from the mean, (x_j - mean of x_j)^2."""
         tables = [np.column_stack(list(each.values())) for each in self.truth]
         means = np.array([x.mean(column) for x, column in zip(self.states, np.concatenate(tables).T, strict=True)])
         return [differences(self.states, table, np.broadcast_to(means, table.shape)) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the errors of the estimate along log number k."""
+        """Return the estimation errors (N, q) of a run along log number k."""
         return np.column_stack([run.off(state, true) for state, true in self.truth[k].items()])
 
 
 @dataclass(frozen=True)
 class Judge:
-    """The data by which steps are judged: the logs `records`, the criterion `yardstick` (errors of predictions or of
-    hidden states), the number of `segments` in a log of mean length."""
+    """A judge of steps by the logs `records`: the criterion `yardstick` (prediction errors, or errors of hidden
+    states), and the number of `segments` in a log of mean length."""
 
     records: Sequence[Log]
     yardstick: Ahead | Hidden
@@ -336,8 +339,9 @@ class Judge:
 
             E_s = mean over j of the mean over segment s of (e_j/c_j)^2
 
-        Predictions further than one sample ahead are also those of a step that begins in the middle of a log, where its
-        own start is wrong: else a model that nothing corrects, from the right start, would be the best.
+        Predictions more than one sample ahead are averaged with those of a second run, which begins in the middle of
+        the log with a wrong initial state. Otherwise a model that is never corrected, begun in the right state, would
+        be the best.
         """
         errors = []
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=RejectsMany):
@@ -356,8 +360,8 @@ class Judge:
         return np.concatenate(errors)
 
     def _squares(self, k: int, step: CallableStep, first: int) -> Array:
-        """Return the squared errors (N, q) of a step that begins at the sample `first` of log number k; infinite if the
-        estimate diverged."""
+        """Return the squared errors (N, q) of a step that begins at the sample `first` of log number k; all infinite if
+        the estimate diverged."""
         record = self.records[k].of(step.inputs).since(first)
         engine = quickest_engine(step, sum(len(each.y) for each in self.records))
         step.reset(record.start)
@@ -367,7 +371,7 @@ class Judge:
 
     @property
     def most(self) -> int:
-        """Return the largest number of segments in a log of mean length such that no segment is empty."""
+        """The largest number of segments in a log of mean length such that no segment is empty."""
         lengths = list(map(len, self._rival_squares))
         return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
@@ -408,8 +412,8 @@ def _mean(values: Array) -> float:
 
 
 def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
-    """Return the candidate whose mean of `errors` (squared, by segment) is least, and for each segment the error of the
-    candidate that is best on the other segments (cross-validation)."""
+    """Return the key of the candidate whose mean error is least, and the cross-validated error of each segment: that of
+    the candidate that is best on all other segments; `errors`: squared errors by segment for each candidate."""
     keys, table = list(errors), np.array(list(errors.values()))
     segments = range(table.shape[1])
     judged = [table[int(np.argmin(np.delete(table, s, axis=1).sum(axis=1))), s] for s in segments]
@@ -428,16 +432,16 @@ def as_good(errors: Array, best: Array) -> bool:
 
 
 def clearly_worse(errors: Array, best: Array) -> bool:
-    """Return whether the root of the mean of the squared `errors` by segment exceeds that of the `best` by more than
-    5 %, and their mean by more than one standard error of the paired differences."""
+    """Return whether a candidate is clearly worse: the RMS of its `errors` (squared, by segment) exceeds that of the
+    `best` by more than 5 %, and the mean by more than one standard error of the paired differences."""
     difference = errors - best
     scatter = difference.std(ddof=1) / np.sqrt(len(difference))
     return bool(errors.mean() > AS_WELL**2 * best.mean() and not difference.mean() <= scatter)
 
 
 def readable(plant: System, record: Log, number: int) -> Log:
-    """Return the log number `number` without the samples that a step rejects: those outside of an output's plausible
-    range. Raises: `BadLog`, `BadShape`."""
+    """Return log number `number` without the samples that a step rejects, those outside of an output's plausible range.
+    Raises: `BadLog`, `BadShape`."""
     ranges = readings(forms.original(plant))
     pairs = [plausible_range(y, ends) for y, ends in zip(plant.outputs, ranges, strict=True)]
     low, high = np.clip(np.array(pairs).T, -HUGE, HUGE)

@@ -34,28 +34,31 @@ _ITERATIONS = 3
 
 @dataclass(frozen=True)
 class Coefficient:
-    """The coefficient c of an output's innovations, with its standard error and their standard deviation."""
+    """The estimated coefficient c of a trend in an output's innovations (`value`), its standard error (`error`), and
+    the standard deviation of the innovations about the trend (`spread`)."""
 
     value: float
     error: float
     spread: float
 
     def strength(self, times: float) -> float:
-        """Return its size over the limits; `times`: a factor on that of the least one."""
+        """Return the ratio of the coefficient to the limits of detection; `times`: a factor on the limit of its
+        size."""
         size = abs(self.value) / (times * SIZE * max(self.spread, 1.0))
         return min(abs(self.value) / (ERRORS * self.error), size) if self.error else 0.0
 
 
 def normalised(innovations: Array, variances: Array | None) -> Array:
-    """Return innovations (N, p) in standard deviations: those of an observer, or without any their own."""
+    """Return innovations (N, p) in standard deviations: by the observer's `variances` (N, p), or, if it has none, by
+    their RMS."""
     if variances is not None:
         return np.asarray(innovations / np.sqrt(variances))
     return np.asarray(innovations / [rms(e[np.isfinite(e)]) or 1.0 for e in innovations.T])
 
 
 def coefficient(n: Array, begin: int, ramp: bool) -> Coefficient | None:
-    """Return the mean of innovations (N,), or with a `ramp` their change by a straight line over the log; None of
-    too few."""
+    """Return the mean of innovations (N,) from the sample `begin` on or, with `ramp`, their change over the log by a
+    straight line; None if there are too few. Outliers are left out."""
     at = np.flatnonzero(np.isfinite(n[begin:])) + begin
     values = n[at]
     if len(values) < LEAST or not np.std(values) > 0:
@@ -73,8 +76,8 @@ def coefficient(n: Array, begin: int, ramp: bool) -> Coefficient | None:
 
 
 class Explanation(NamedTuple):
-    """A signal that explains coefficients by an offset, or a slope a sample, of a size, with the mean square of the
-    innovations without it."""
+    """A signal whose offset (or slope a sample) of this `size` explains the trends in all innovations, with the mean
+    square of the innovations after correction (`squares`)."""
 
     squares: float
     signal: Signal
@@ -82,7 +85,8 @@ class Explanation(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """The course of innovations, of a coefficient {}; the fault's name; a factor on the least size."""
+    """The words for a kind of trend: what the innovations do, with {} for the coefficient, and the name of the fault; a
+    factor on the limit of its size."""
 
     what: str
     name: str
@@ -97,7 +101,7 @@ FAULTS = {
 
 @dataclass(frozen=True, eq=False)
 class Trends:
-    """The innovations of a step over a log u (N, m), y (N, p), and its signals; `dt` as for `step.run`."""
+    """The trends in the innovations `off` (N, p) of a step over a log u (N, m), y (N, p); `dt` as for `step.run`."""
 
     step: CallableStep
     u: Array
@@ -108,20 +112,21 @@ class Trends:
 
     @property
     def begin(self) -> int:
-        """The first sample whose innovation counts."""
+        """The first sample whose innovation is counted."""
         return math.ceil(BEGIN * len(self.y))
 
     @cached_property
     def signals(self) -> tuple[Signal, ...]:
-        """The inputs and outputs."""
+        """The signals of the log: inputs, then outputs."""
         return (*self.step.inputs, *self.step.outputs)
 
     def coefficients(self, off: Array, ramp: bool) -> list[Coefficient | None]:
-        """Return the coefficient of each output."""
+        """Return the coefficient of each output in the innovations `off` (N, p): the mean, or the slope with `ramp`."""
         return [coefficient(n, self.begin, ramp) for n in off.T]
 
     def explanations(self, ramp: bool, now: Sequence[Coefficient | None]) -> list[Explanation]:
-        """Return the signals that explain the coefficients, each with its offset or slope a sample, the best first."""
+        """Return the signals that explain the coefficients `now` by an offset (with `ramp`: a slope a sample), the best
+        first."""
         used = [j for j, one in enumerate(now) if one is not None and one.error > 0]
         errors = np.array([one.error for one in now if one is not None and one.error > 0])
         present = np.array([one.value for one in now if one is not None and one.error > 0]) / errors
@@ -168,8 +173,8 @@ class Trends:
             return normalised(run.innovations, run.variances)
 
     def findings(self, written: Callable[[Signal, float, bool], str], constants: Sequence[str]) -> Iterator[Finding]:
-        """Yield the drift of a signal, or its offset; `written`: the option that takes a size off a signal, of a
-        straight line or of all samples; `constants`: the states that the model holds constant."""
+        """Yield the finding of a signal's drift or offset; `written(signal, size, ramp)`: the option that subtracts it;
+        `constants`: the states that the model holds constant."""
         present = {fault: self.coefficients(self.off, fault == "drift") for fault in FAULTS}
         strengths = {
             fault: [c.strength(FAULTS[fault].factor) if c else 0.0 for c in now] for fault, now in present.items()

@@ -60,10 +60,11 @@ class Tuned:
     """The gains of an observer that predict best.
 
     `name`: the observer's, or "adaptive" for a riccati with an adaptive theta; `first`: observer, form and step;
-    `numbers`: the scale that its rule used; `noise`: the maximum of the `likelihood` with Q and R, None if the rule
-    does not read both; `sampling`: `method`, `between` and, in float, `real`, as in a tuning; `errors`: by segment,
-    cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their errors over all segments; `hidden`:
-    the squared errors of hidden states by segment, relative to their mean, None without a truth to compare with.
+    `numbers`: the scale from which its rule computed the gains; `noise`: the maximum of the `likelihood`, which gives Q
+    and R, None if the rule does not read both; `sampling`: `method`, `between` and, in float, `real`, as in a tuning;
+    `errors`: squared, by segment, cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their
+    errors over all segments; `hidden`: the squared errors of hidden states by segment, relative to their mean, None
+    without a truth.
     """
 
     name: str
@@ -78,17 +79,17 @@ class Tuned:
 
     @property
     def error(self) -> float:
-        """The cross-validated RMS error relative to copying the last value, or to the mean of a truth."""
+        """The cross-validated RMS error, relative to copying the last value, or to the mean of a measured truth."""
         return float(np.sqrt(self.errors.mean()))
 
     @property
     def table(self) -> Mapping[str, Any]:
-        """The tuning, as a model file holds it, that gives the step of `first` again."""
+        """The tuning as a table of a model file, from which the step of `first` can be built again."""
         return {**self.first.table(self.name), **self.sampling}
 
     def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
-        """Return the innovations over their standard deviations, e/sqrt(s), by output; `records`: pairs of a log and
-        the row from which on they are returned. Empty without fitted noise."""
+        """Return the normalised innovations e/sqrt(s) by output; `records`: pairs of a log and the first row to return.
+        Empty without fitted noise."""
         if self.noise is None or self.likelihood is None:
             return {}
         scaled = []
@@ -100,7 +101,7 @@ class Tuned:
 
     @property
     def below_quantum(self) -> Mapping[str, float]:
-        """The least deviation of each output whose quantum is larger than the noise that the log would make likely."""
+        """The bound q/sqrt(12) of each output whose most likely noise would be smaller than its quantum q allows."""
         return {} if self.noise is None or self.likelihood is None else self.likelihood.below_quantum(self.noise)
 
     @property
@@ -111,10 +112,10 @@ class Tuned:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The problem of tuning observers on logs: `judge` gives the errors of a step, `rows` are the candidate forms in
-    order, `limits` the period of the logs, or the shortest and the longest dt for irregular ones, `sampling` the method
-    and its options, `gates` those of filters that have any; `begin`: noise that is likely on a part of the logs, by the
-    number of the form."""
+    """The problem of tuning observers on logs. `judge`: gives the errors of a step; `rows`: the candidate forms in
+    order; `limits`: the period of the logs, or the shortest and the longest dt for irregular ones; `sampling`: the
+    method and its options; `gates`: innovation gates, for the filters that have them; `begin`: by the number of the
+    form, noise that is likely on a part of the logs."""
 
     records: tuple[Log, ...]
     judge: Judge
@@ -139,19 +140,19 @@ class Task:
         return self._likelihoods[row]
 
     def starts(self, row: int) -> tuple[tuple[float, float] | Noise, ...]:
-        """Return where searches for a maximum of the likelihood on the form number `row` begin."""
+        """Return the starting points of the searches for a maximum of the likelihood on form number `row`."""
         return (*self.begin[row], MIDDLE) if row in self.begin else STARTS
 
     def make_step(self, name: str, row: Row, gains: Gains) -> First:
-        """Return the step of the observer `name` on the form of a row with these gains, at the period of the logs, and
-        with the gates if it has any. Raises: as the observer and `sample` do."""
+        """Return the step of the observer `name` on the form in `row` with these gains, at the period of the logs, and
+        with the gates if the observer accepts gates. Raises: as the observer and `sample` do."""
         gated = self.gates and GATE in signature(getattr(every, name)).parameters
         gains = {**gains, GATE: dict(group.entry for group in self.gates)} if gated else gains
         return first_of(name, row, gains, self.limits, self.sampling)
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
-        """Return the step of the observer `name` on the form number `row` with the gains that its rule computes from
-        `numbers`, or the reason why there is no step."""
+        """Return the step of the observer `name` on form number `row`, with the gains that the observer's rule computes
+        from `numbers`, or the reason why there is no step."""
         gains = gains_of(getattr(every, name), numbers)
         if isinstance(gains, str):
             return gains
@@ -163,25 +164,27 @@ class Task:
 
 @dataclass(frozen=True)
 class Start:
-    """A search for a maximum of the likelihood on the form number `row`, from start `number`; `label`: for progress."""
+    """A search for a maximum of the likelihood on form number `row`, from starting point `number`; `label`: for
+    progress."""
 
     row: int
     number: int
     label: ClassVar[str] = "likelihood"
 
     def result(self, task: Task) -> Ended:
-        """Return where the search for a maximum of the likelihood ended."""
+        """Return the end of the search for a maximum of the likelihood."""
         return task.likelihood(self.row).ended(task.starts(self.row)[self.number])
 
     def read(self, stored: Any) -> Ended:
-        """Return the result from its numbers in lists."""
+        """Return the result that was stored as lists of numbers (`stored`)."""
         likelihood, logs, settled = stored
         return likelihood, np.array(logs, dtype=float), settled
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A trial of the observer `label` on the form number `row` with the gains that its rule computes from `numbers`."""
+    """An attempt with the observer `label` on form number `row`, with the gains that the observer's rule computes from
+    `numbers`."""
 
     row: int
     label: str
@@ -193,7 +196,7 @@ class Attempt:
         return first if isinstance(first, str) else task.judge.errors(first.step)
 
     def read(self, stored: Any) -> Array | str:
-        """Return the result from its numbers in a list."""
+        """Return the result that was stored as a list of numbers or a reason (`stored`)."""
         return stored if isinstance(stored, str) else np.array(stored, dtype=float)
 
 
@@ -204,8 +207,8 @@ Asking = Generator[list[Piece], list[Any], Result]  # yields pieces of work, rec
 def together(
     searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]], width: int = 1
 ) -> Iterator[tuple[str, Result]]:
-    """Yield the name and result of each search as it ends. A search asks for pieces of work; `work` computes the pieces
-    of `width` searches at once, equal ones only once."""
+    """Yield the name and result of each search as it ends. A search is a generator that requests pieces of work; `work`
+    computes the pieces of `width` searches at a time, equal pieces only once."""
     waiting, results = iter(searches), dict[Piece, Any]()
     answers: dict[str, Any] = dict.fromkeys(islice(waiting, width))
     while answers:
@@ -226,7 +229,8 @@ class UnknownObserver(BadArgument):
 
 
 def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ...]:
-    """Return the names, each once, by default all observers of such plants. Raises: `UnknownObserver`."""
+    """Return the requested names of observers without repetition, by default all observers for such a plant. Raises:
+    `UnknownObserver`."""
     known = tuple(every.__all__)
     for name in names or ():
         if name not in (*known, *SYNONYMS):
@@ -237,7 +241,8 @@ def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ..
 
 
 def reasons(refused: Mapping[str, object]) -> str:
-    """Return why observers have no gains as one text, each reason once; `refused`: the reasons by observer."""
+    """Return as one text why observers have no gains, each reason once with its observers; `refused`: the reasons by
+    observer."""
     names: dict[str, list[str]] = {}
     for name, reason in refused.items():
         names.setdefault(str(reason), []).append(name)
@@ -247,9 +252,10 @@ def reasons(refused: Mapping[str, object]) -> str:
 def first_of(
     observer: str, row: Row, gains: Gains, dt: float | tuple[float, float], sampling: Mapping[str, Any]
 ) -> First:
-    """Return an observer's step on the form of a row with these gains at the period `dt`, or between the shortest and
-    the longest, for the variance of a sample at which R is a density; `sampling`: `method`, `between` and `real`, as in
-    a tuning. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer and `sample` do."""
+    """Return an observer's step with these gains, on the form in `row`, at the period `dt` or, for a pair, between the
+    shortest and the longest (R then is the density that corresponds to the variance of a sample at the longest).
+    `sampling`: `method`, `between` and `real`, as in a tuning. The warning `StepMayFail` is ignored, since the errors
+    reveal it. Raises: as the observer and `sample` do."""
     gains = per_sample(getattr(every, observer), gains, dt[1]) if isinstance(dt, tuple) else gains
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
@@ -260,19 +266,21 @@ def first_of(
 
 
 def observer_on(row: Row, name: str, gains: Gains) -> Observer:
-    """Return the observer `name` on the form of a row with these gains. Raises: as the observer does."""
+    """Return the observer `name` with these gains on the form in `row`. Raises: as the observer does."""
     observer: Observer = getattr(every, name)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
     return observer
 
 
 def thetas(theta: float, dt: float) -> list[float]:
-    """Return a grid of gains theta, from a thirtieth of the given theta to the largest that steps of `dt` admit."""
+    """Return a grid of gains: from a thirtieth of `theta` to the largest theta for which steps of `dt` are short
+    enough."""
     least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
     return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
 def tuned(task: Task, name: str) -> Asking[Tuned | str]:
-    """Search the gains of the observer `name` on the first form that admits it, else return why none."""
+    """Return the tuned gains of the observer `name` on the first form that admits it, or the reason why there are none
+    (a search, which requests pieces of work)."""
     refusals = ["the plant is in none of its forms"]
     for number, row in enumerate(task.rows):
         if row.form is None or refuted(row.form.checks):
@@ -289,8 +297,8 @@ def tuned(task: Task, name: str) -> Asking[Tuned | str]:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A search for an observer's gains on the form of a row: the numbers (`Scale`) from which its rule computes gains
-    are varied from `base` on; `scales`: those tried, `refusals`: why some gave no step."""
+    """A search for an observer's gains on form number `row`: the numbers (`Scale`) from which the observer's rule
+    computes the gains are varied from `base` on; `scales`: those tried, `refusals`: why some of them gave no step."""
 
     task: Task
     name: str
@@ -300,8 +308,8 @@ class Search:
     refusals: list[str] = field(default_factory=list)
 
     def search(self) -> Asking[Tuned | None]:
-        """Return the tuned gains: the best `Scale` (numbers that the rule reads) of a grid, and of those between it and
-        its neighbours; None if none gives a step."""
+        """Return the tuned gains: those by the best `Scale` of a grid, or between that and its neighbours in the grid;
+        None if no scale gives a step."""
         noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
         maxima: tuple[Noise, ...] = ()
         if not any(map(self._takes, self._grid(()))):  # before the likelihood, which takes longer
@@ -335,8 +343,7 @@ class Search:
         return True
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
-        """Return the squared errors E_s by segment, by the
-        number of each `Scale` whose step does not diverge."""
+        """Return the squared errors E_s by segment, by the number of each `Scale` whose estimate does not diverge."""
         new = list(scales)
         results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
         self.refusals.extend(one for one in results if isinstance(one, str))
@@ -380,10 +387,10 @@ class Search:
 
 @dataclass(frozen=True)
 class Calibration(Displayed):
-    """The result of `tune`: `rows` of observers, the best first; `refused`: why an observer has no row, by its name.
-    Gains were chosen by the errors of predictions `ahead` samples ahead, or of the states in `truth`, which were
-    measured, on `segments` of each log; `gates`: the samples beyond gates, which were left out; `final`: the observers
-    that were tuned once more on the whole logs, of which the first is to be taken."""
+    """The result of `tune`: the tuned observers in `rows`, the best first; `refused`: why others have no gains, by
+    name. Gains were chosen by the errors of predictions `ahead` samples ahead, or of measured states (`truth`), on
+    `segments` of each log; `gates`: the samples beyond gates, which were left out; `final`: the observers that were
+    tuned again on the whole logs, of which the first is recommended."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
@@ -395,8 +402,8 @@ class Calibration(Displayed):
 
     @property
     def credible(self) -> tuple[Tuned, ...]:
-        """The rows that a measured truth does not contradict: they estimate hidden states as well as the row that does
-        so best, within 5 % or the scatter between segments; all rows without a truth."""
+        """The rows that a measured truth does not contradict: their errors of hidden states are within 5 %, or the
+        scatter between segments, of the least; all rows without a truth."""
         errors = {row.name: row.hidden for row in self.rows if row.hidden is not None}
         best = min(errors.values(), key=np.mean, default=None)
         contradicted = [name for name, each in errors.items() if best is not None and clearly_worse(each, best)]
@@ -404,13 +411,13 @@ class Calibration(Displayed):
 
     @property
     def tied(self) -> tuple[Tuned, ...]:
-        """The credible rows that predict as well as the best of them: within 5 %, and no worse segment by segment."""
+        """The credible rows that predict as well as the best of them: within 5 %, and not worse segment by segment."""
         credible = self.credible
         return tuple(row for row in credible if as_good(row.errors, credible[0].errors))
 
     @property
     def best(self) -> Tuned:
-        """The row to take: the one of least rank among the tied, or that from all rows."""
+        """The recommended row: the one of lowest `rank` among the tied rows, or its repetition on the whole logs."""
         return self[self.final[0].name] if self.final else min(self.tied, key=lambda row: row.rank)
 
     def __getitem__(self, name: str) -> Tuned:
@@ -429,7 +436,7 @@ ABOVE = 1.1  # gamma_0 over the largest innovation
 
 
 class CannotTune(BadArgument):
-    """The error for logs, or observers, that give no gains."""
+    """The error for logs or observers from which no gains can be tuned."""
 
 
 @requires_any_plant
@@ -513,8 +520,8 @@ def tune(
 def _judge(
     plant: System, logs: tuple[Log, ...], true: tuple[Mapping[str, np.ndarray], ...], ahead: int, segments: int
 ) -> Judge:
-    """Return the judge by predictions `ahead`, or by the `true` courses of hidden states if there are any. Raises:
-    `CannotTune` for logs that show no change; `BadGain` for more segments than samples."""
+    """Return the judge by predictions `ahead` samples ahead, or by the courses `true` of hidden states if there are
+    any. Raises: `CannotTune` for logs without any change; `BadGain` for more segments than samples."""
     judge = _of_hidden(plant, true, logs, segments) or Judge(logs, Ahead(ahead, plant.outputs), segments)
     if judge.count < 2:
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
@@ -527,13 +534,13 @@ def _judge(
 def _of_hidden(
     plant: System, true: tuple[Mapping[str, np.ndarray], ...], logs: tuple[Log, ...], segments: int
 ) -> Judge | None:
-    """Return the judge by the `true` courses of hidden states, None without any."""
+    """Return the judge by the courses `true` of hidden states, None without any."""
     named = {x.name: x for x in plant.declared.states}
     return Judge(logs, Hidden(true, tuple(named[state] for state in true[0])), segments) if true else None
 
 
 def _by_truth(judge: Judge | None, row: Tuned | str) -> Tuned | str:
-    """Return the row with its errors by a `judge` of hidden states, where it has two segments to compare."""
+    """Return the row with its errors of hidden states by `judge`, if there are at least two segments to compare."""
     if judge is None or isinstance(row, str) or judge.count < 2:
         return row
     return replace(row, hidden=judge.errors(row.first.step))
@@ -549,8 +556,8 @@ def _noise_by_form(tuned_rows: Iterable[Tuned], candidates: Sequence[Row]) -> di
 
 
 def _demand_same_task(task: Task, plant: System, judged: tuple[Any, ...], done: MutableMapping[str, Any]) -> None:
-    """Raise `CannotGoOn` for results `done` of another tuning, else note there which one it is; `judged`: how its gains
-    are judged, last the truth."""
+    """Raise `CannotGoOn` if the results `done` belong to another tuning; else store in `done` what identifies this one.
+    `judged`: the arguments by which its gains are judged, last the truth."""
     *options, true = judged
     courses = [{name: course.tobytes() for name, course in each.items()} for each in true]
     forms = [(row.name, row.form and (row.form.flow, row.form.to_form)) for row in task.rows]
@@ -563,7 +570,8 @@ def _demand_same_task(task: Task, plant: System, judged: tuple[Any, ...], done: 
 def _without_outliers(
     logs: tuple[Log, ...], dt: float, gates: tuple[GatedGroup, ...], rows: Iterable[Row], sampling: Mapping[str, str]
 ) -> tuple[tuple[Log, ...], tuple[GateShare, ...]]:
-    """Return the logs without the samples beyond the gates, by the likelihood on the first form, and their shares."""
+    """Return the logs without the samples beyond the gates, by the likelihood on the first form, and the share of these
+    samples for each gate."""
     form = next((row.form for row in rows if row.form is not None and not refuted(row.form.checks)), None)
     if not gates or form is None:
         return logs, ()
@@ -581,15 +589,16 @@ def _without_outliers(
 def likelihood_of(
     form: Form, logs: Iterable[Log], dt: float, between: str, gates: tuple[GatedGroup, ...]
 ) -> Likelihood:
-    """Return the likelihood of logs on a form, with inputs `between` samples, "line" or "hold"; `dt`: their period, or
-    the longest of a step."""
+    """Return the likelihood of logs on a form; `dt`: their period, or the longest of a step; `between`: the course of
+    inputs between samples, "line" or "hold"; `gates`: innovation gates."""
     records = [log.of(form.system.inputs) for log in logs]
     steps, _ = paced(form.system, max(float(record.ahead.max()) for record in records))
     return Likelihood(form, records, scale(form, dt), between, steps, gates)
 
 
 def _common_period(records: Sequence[Log]) -> float | tuple[float, float]:
-    """Return the period of the logs or, if any is irregular, the shortest and the longest dt of a step for them."""
+    """Return the common period of the logs or, if any log is irregular, the shortest and the longest dt of a step for
+    them."""
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     if (limits := step_limits(records)) is not None:
@@ -689,7 +698,8 @@ def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:
-    """Return the innovation I_d, the integral of |y - yhat|^2 over the window d, without the logs' begin."""
+    """Return the innovation I_d along the logs, the integral of |y - yhat|^2 over the window d, without the beginning
+    of each log."""
     parts, engine = [], quickest_engine(first.step, sum(len(record.y) for record in task.records))
     for record in task.records:
         first.step.reset(record.start)
