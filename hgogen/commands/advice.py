@@ -44,7 +44,8 @@ KNOWN = {  # the verdict on convergence in words, and its rank; None: no theorem
 
 @dataclass(frozen=True)
 class Admitted:
-    """An observer that the plant admits; `convergence` is None if no theorem covers it."""
+    """An observer that the plant admits; `convergence`: the verdict on its convergence, None if no theorem covers
+    it."""
 
     json_keys = "observer name form known where line proposed operations=cost.operations functions=cost.functions"
 
@@ -59,24 +60,24 @@ class Admitted:
 
     @property
     def known(self) -> str:
-        """The verdict about its convergence, in a word."""
+        """The verdict on its convergence, in a word."""
         return KNOWN[self.convergence][0]
 
     @property
     def rank(self) -> tuple[int, int, int]:
-        """The sort key; the best observer has the least."""
+        """The sort key, lowest for the best observer: first by what is known of convergence, then by cost."""
         return KNOWN[self.convergence][1], self.cost.operations, self.cost.functions
 
     @property
     def proposed(self) -> bool:
-        """Whether its gains are a first proposal, and not those of the model's tuning."""
+        """Whether the gains are a first proposal rather than those of the model's tuning."""
         return not self.name
 
 
 @dataclass(frozen=True)
 class Advice:
-    """The advice for a model: the observers that its plant admits, and notes; `plain`: whether the model is plain text,
-    and not Python."""
+    """The advice for a model: the observers that its plant admits, and notes; `plain`: whether the model is a
+    plain-text file rather than Python."""
 
     json_keys = "take=admitted advice=notes"
 
@@ -95,10 +96,10 @@ def advice(
     deep: bool = False,
     kinds: Collection[str] = tuple(observers.__all__),
 ) -> Advice:
-    """Return the observers of `kinds` that a model's plant admits, and further advice. Unless `deep`, skip what may
-    take seconds: tunings on a slow form, and observers whose proof needs a solver.
+    """Return the observers among `kinds` that a model's plant admits, and further advice. Unless `deep`, what may take
+    seconds is skipped: tunings on a slow form, and observers whose proof needs a solver.
 
-    `claims`: those about the model's own observer, whose step is not built again.
+    `claims`: the claims about the model's own observer, whose step is then not built again.
     """
     tuned = _Tuned(model, claims, deep, kinds)
     rows = dict(tuned.rows())
@@ -233,8 +234,8 @@ def _line(one: First, model: Model) -> str:
 
 
 def unobservable_note(plant: System, form: Form) -> Iterator[str]:
-    """Yield a sentence on the states of a plant that are proved not to be observable, and what to do, if there are any.
-    Nothing is computed where the plant is proved to be in a `form` of observable plants."""
+    """Yield a sentence on the states that are proved to be unobservable, if there are any, and what to do. Nothing is
+    computed for a plant that is proved to be in a `form` of observable plants."""
     if asking(form.kind).candidate and all(check.verdict is Verdict.PROVED for check in form.checks):
         return
     try:

@@ -40,13 +40,13 @@ _FILES = {
 
 
 def command_of(name: str) -> TyperCommand:
-    """Import the file of a command and return the command."""
+    """Return the command with this name, after importing its file."""
     imported: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[name]}"), f"{name}_")
     return imported
 
 
 class _Deferred(TyperCommand):
-    """A placeholder for a command: the command's file is imported only when it runs or prints its own help."""
+    """A placeholder for a command, whose file is imported only when the command runs or prints its own help."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)

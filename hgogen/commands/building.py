@@ -88,7 +88,7 @@ Prefix = Annotated[
 
 def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
     """Return the files of a step as they are written into the folder `where`: unchanged, or arranged for ecosystems of
-    firmware projects with the measured costs that the folder already holds.
+    firmware projects, with the measured costs (cost.json) that the folder already holds.
 
     Raises: `UnknownEcosystem`, `ReservedName`; `CannotWrite` for a folder with files that hgogen did not write.
     """
@@ -100,7 +100,7 @@ def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where:
 
 
 def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
-    """Return image files by path in the folder of results: below extras/ where `ecosystems` are named."""
+    """Return image files by path in the folder of results: in extras/ if `ecosystems` are named, else at the top."""
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
@@ -115,8 +115,8 @@ def costs_known(where: Folder) -> Mapping[str, Any] | None:
 
 
 def _demand_replaceable(where: Folder, library: Files) -> None:
-    """Raise `CannotWrite` if one of the files `library` would replace a file that hgogen
-    did not write, or if src/ holds a foreign source, which every build would compile."""
+    """Raise `CannotWrite` if one of the files `library` would replace a file that hgogen did not write, or if src/
+    holds a foreign source, which every build would compile."""
     for path, text in zip(where.demand(*library), library.values(), strict=True):
         if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
             raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
@@ -129,7 +129,7 @@ def _demand_replaceable(where: Folder, library: Files) -> None:
 
 @dataclass(eq=False)
 class CostTooHigh(HgogenError):
-    """Costs above their limits: (name, value, limit) of each."""
+    """The error for costs above their limits: (name, value, limit) of each."""
 
     status: ClassVar[int] = 1
     over: tuple[tuple[str, int, int], ...]
@@ -145,7 +145,7 @@ def _limit_option(what: str) -> typer.models.OptionInfo:
 
 @dataclass(frozen=True)
 class CostReport(ModelReport):
-    """The costs of a model's C."""
+    """The measured costs of a model's C."""
 
     json_keys = "model *costs files"
 
@@ -246,7 +246,7 @@ Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
 def run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
-    """Run each trial over its seeds, or the first `count` of them. Show a progress bar."""
+    """Return the results of each trial over its seeds, or over the first `count` of them. Display a progress bar."""
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     with Bar(f"trials in {LANGUAGES[engine]}", sum(map(len, seeds.values()))) as bar:
         return [tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
@@ -268,7 +268,7 @@ def _real(model: Model) -> Real:
 
 @dataclass(frozen=True, eq=False)
 class Built(ModelReport):
-    """A model checked, its code generated, and its trials in C and in Python."""
+    """The report of `build`: the model's claims, its generated code, and its trials in C and in Python."""
 
     json_keys = "model *claims c_names compiler self_check trials comparison files"
 
@@ -369,7 +369,7 @@ def _run_self_check(files: Sources, engine: Engine) -> str | None:
 
 @dataclass(frozen=True)
 class Generated:
-    """The code of a model."""
+    """The generated code of a model."""
 
     model: Annotated[str, "path of the model"]
     c_names: Annotated[dict[str, str], "by signal, its name in the language, where that is another"]
@@ -378,7 +378,7 @@ class Generated:
 
 @dataclass(frozen=True)
 class AllGenerated(Report):
-    """The code of models."""
+    """The generated code of several models."""
 
     models: Annotated[tuple[Generated, ...], "the code of each model"]
 
@@ -441,7 +441,7 @@ def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTrial:
-    """A trial of a step as JSON has it."""
+    """A trial of a step as it is printed in JSON."""
 
     json_keys = "*row bounds falling each=row.tried.each"
 
@@ -454,7 +454,7 @@ class SimulatedTrial:
 
 @dataclass(frozen=True, eq=False)
 class Simulated(ModelReport):
-    """A model's observer on its trials."""
+    """The results of a model's observer on its trials."""
 
     json_keys = "model gains trials files"
 
@@ -464,7 +464,7 @@ class Simulated(ModelReport):
 
     @property
     def gains(self) -> dict[str, Any]:
-        """The observer's gains, those of several coordinates or outputs by the name of each."""
+        """The observer's gains; gains of several coordinates or outputs by their names."""
         return gains_by_name(self.step.layout.gains)
 
     def tables(self) -> Iterator[Any]:
@@ -479,7 +479,7 @@ class Simulated(ModelReport):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedCampaigns(ModelReport):
-    """Campaigns of a model's observer, with --vary or --runs."""
+    """The campaigns of a model's observer, with --vary or --runs."""
 
     gains: Annotated[dict[str, Any], "the observer's gains, those of several coordinates by the name of each"]
     campaigns: Annotated[tuple[CampaignRow, ...], "the campaign on each trial"]

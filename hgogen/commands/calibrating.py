@@ -97,7 +97,7 @@ Names = Annotated[
 
 @dataclass(frozen=True)
 class TunedGains:
-    """The findings about tuned gains that declared ones do not have."""
+    """The properties of tuned gains that are not computed for declared gains."""
 
     form: Annotated[str, "the form the observer is built on"]
     error: Annotated[float, "cross-validated error, in errors of copying or, tuned on the truth, of the mean"]
@@ -110,7 +110,7 @@ class TunedGains:
 
 @dataclass(frozen=True, eq=False)
 class TunedRow:
-    """An observer with tuned or declared gains; only tuned ones have `gains`."""
+    """An observer with tuned or declared gains; `gains` is set for tuned ones only."""
 
     json_keys = (
         "name=judged.name *gains held_out=judged.errors hidden=judged.hidden nis=judged.nis coloured=judged.coloured"
@@ -127,7 +127,7 @@ FAR = 10.0  # factor by which a gain moves only if the rows held out are unlike 
 
 @dataclass(frozen=True)
 class GainChange:
-    """A number of the recommended gains, from the rows that were not held out and from all rows."""
+    """A number among the recommended gains, estimated with and without the validation rows."""
 
     gain: Annotated[str, "its name, as Q w"]
     judged: Annotated[float, "from the rows that were not held out: its errors are in `rows`"]
@@ -135,19 +135,19 @@ class GainChange:
 
     @property
     def largest(self) -> float:
-        """The larger modulus of the two."""
+        """The larger absolute value of the two estimates."""
         return max(abs(self.judged), abs(self.final))
 
     @property
     def factor(self) -> float:
-        """The factor by which it changed, up or down; infinite across zero."""
+        """The ratio of the larger estimate to the smaller, at least 1; infinite for a change of sign."""
         pair = sorted((self.judged, self.final), key=abs)
         return pair[1] / pair[0] if pair[0] * pair[1] > 0 else 1.0 if pair[0] == pair[1] else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class TuneReport(ModelReport):
-    """Observers tuned to measured records."""
+    """The report of `tune`: observers tuned to measured logs."""
 
     json_keys = (
         "model equations records=logs.reports findings take tuning ahead truth segments "
@@ -166,33 +166,34 @@ class TuneReport(ModelReport):
 
     @property
     def findings(self) -> tuple[tuple[Finding, ...], ...]:
-        """The faults of each log, by first gains, then those that only the tuned filter reveals."""
+        """The faults of each log: those found by first gains, then those that only the tuned filter reveals."""
         return tuple((*first, *more) for first, more in zip(self.logs.findings, self.by_tuned, strict=True))
 
     @property
     def take(self) -> str:
-        """Name of the tuning to take."""
+        """Name of the recommended tuning."""
         return self.calibration.best.name
 
     @property
     def tuning(self) -> dict[str, Mapping[str, Any]]:
-        """Tables of the tunings by name; that to take is estimated from all rows, also from those held out."""
+        """Tables of the tunings by name; the recommended one is estimated from all rows, including the validation
+        rows."""
         return {row.name: row.table for row in self.written}
 
     @property
     def written(self) -> tuple[Tuned, ...]:
-        """The tunings as they are written: that to take is estimated from all rows."""
+        """The tunings that are written to the file; the recommended one is estimated from all rows."""
         final = {row.name: row for row in self.calibration.final}
         return tuple(final.get(row.name, row) for row in self.calibration.rows)
 
     @property
     def changes(self) -> tuple[GainChange, ...]:
-        """Numbers of the gains to take, before and after the rows held out were learned from; empty if none were."""
+        """Numbers among the recommended gains, without and with the validation rows; empty without validation rows."""
         return gain_changes(self.calibration.best, self.calibration.final[0]) if self.calibration.final else ()
 
     @property
     def truth(self) -> tuple[str, ...]:
-        """The states tuned on."""
+        """The states whose measured truth was used for tuning."""
         return tuple(self.calibration.truth)
 
     @property
@@ -339,7 +340,7 @@ def tune_(
 
 
 class _Results(dict[str, Any]):
-    """Results by trial, each a line of a file; lines that hold none are left out."""
+    """The results of trials by name, stored as lines of a file; lines that hold no result are ignored."""
 
     def __init__(self, lines: Iterable[str], add: Callable[[str], None]) -> None:
         self._add = add
@@ -355,7 +356,8 @@ class _Results(dict[str, Any]):
 
 @contextmanager
 def _kept_results(folder: Folder, resume: bool) -> Iterator[_Results]:
-    """Yield the results of the trials of a tuning, which a file of the folder takes as they come."""
+    """Yield the results of a tuning's trials; new ones are appended to a file in the folder, from which a later call
+    with `resume` continues."""
     if not resume:
         folder.remove(BEGUN)
     results: _Results | None = None
@@ -371,8 +373,9 @@ def _kept_results(folder: Folder, resume: bool) -> Iterator[_Results]:
 def _searched(
     first: Callable[..., Calibration], again: Callable[..., Calibration] | None, observers: int, path: Path
 ) -> tuple[Calibration, str, bool]:
-    """Return the calibration by a search `first`, of which the best row is estimated `again` from all rows, the reason
-    where it is not, and whether Ctrl-C ended the search: the observers found until then go to the file `path`."""
+    """Return the calibration by the search `first`, with its best row estimated `again` from all rows; the reason if
+    that failed; and whether Ctrl-C ended the search, in which case the observers tuned so far are written to the file
+    `path`."""
     so_far, trials = list[Calibration](), count(1)
 
     def ended(calibration: Calibration) -> None:
@@ -405,8 +408,8 @@ def _searched(
 
 
 def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibration]) -> tuple[Calibration, str]:
-    """Return the calibration with its best row, and the Kalman filter on the same plant, estimated in the same way from
-    all rows, of which the better one is to be taken; or the calibration as it is and the reason."""
+    """Return the calibration with its best row, and the Kalman filter on the same plant, tuned again on all rows (the
+    better one is recommended), and ""; or the unchanged calibration and the reason."""
     best, names = calibration.best, {row.name for row in calibration.rows}
     again = [name for name in dict.fromkeys((best.name, FILTER)) if name in names]
     forms = {id(row): row for row in (calibration[name].first.row for name in again)}
@@ -423,8 +426,8 @@ def tuned_again(calibration: Calibration, tune_on_all_rows: Callable[..., Calibr
 
 
 def _faults_by_tuned(logs: Logs, calibration: Calibration) -> tuple[tuple[Finding, ...], ...]:
-    """Return the faults of each log that the tuned filter reveals and first gains did not: where Q and R are far from
-    those of the log, a late or biased sensor is hidden in the noise that they assume."""
+    """Return the faults of each log that the tuned filter reveals, but first gains did not. Where their Q and R are far
+    from the true ones, the assumed noise hides a late or biased sensor."""
     rows = (*calibration.final, *calibration.rows)
     tuned_filter = next((row for row in rows if row.first.observer == FILTER and row.name != ADAPTIVE), None)
     if tuned_filter is None:
@@ -434,14 +437,14 @@ def _faults_by_tuned(logs: Logs, calibration: Calibration) -> tuple[tuple[Findin
 
 
 def gain_changes(judged: Tuned, final: Tuned) -> tuple[GainChange, ...]:
-    """Return the numbers of the gains of two tunings of one observer."""
+    """Return each number among the gains of an observer in two tunings."""
     before, after = (dict(numbers_in(one.first.starting.gains)) for one in (judged, final))
     return tuple(GainChange(name, before[name], after[name]) for name in before if name in after)
 
 
 def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
-    """Yield how far the gains to take moved when all rows were learned from; `reason`: why there are none of these, or
-    empty."""
+    """Yield a sentence on how far the recommended gains moved when all rows were used; `reason`: why they could not be
+    estimated from all rows, or ""."""
     take = calibration.best
     if reason:
         yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {reason}"
@@ -460,7 +463,7 @@ def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
 
 
 def numbers_in(gains: Any, name: str = "") -> Iterator[tuple[str, float]]:
-    """Yield the numbers of nested gains with the keys to each as a name, such as "Q w"."""
+    """Yield the numbers in nested gains, each with the keys that lead to it as its name, such as "Q w"."""
     if isinstance(gains, Mapping | list | tuple):
         pairs = gains.items() if isinstance(gains, Mapping) else enumerate(gains, 1)
         for key, each in pairs:
@@ -470,7 +473,8 @@ def numbers_in(gains: Any, name: str = "") -> Iterator[tuple[str, float]]:
 
 
 def gates_of(texts: Iterable[str]) -> Gates:
-    """Return the probabilities of gates by their outputs, from texts such as "px, py=0.999". Raises: `BadParameter`."""
+    """Return the probability of each innovation gate by its outputs, from texts such as "px, py=0.999". Raises:
+    `BadParameter`."""
     gates: dict[str | tuple[str, ...], Any] = {}
     for text in texts:
         outputs, _, probability = text.rpartition("=")
@@ -510,14 +514,14 @@ def _judged(
 
 
 def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:
-    """Return the rows, with `word` appended to each name that one of the model's own tunings already has."""
+    """Return the rows; `word` is appended to the names that already belong to one of the model's own tunings."""
     declared_tables = replace(model, tables={}).tuning.tables
     return tuple(replace(row, name=f"{row.name}_{word}" if row.name in declared_tables else row.name) for row in rows)
 
 
 def requested_forms(model: Model, deep: bool) -> tuple[Row, ...]:
     """Return the candidate forms for tuning: the form that the user has set, else the forms of the model's own tunings,
-    then those that the plant is in, the slow ones only if `deep`."""
+    followed by those that the plant is in (the slow ones only if `deep`)."""
     if model.setting.form:
         return (of(model.setting.form, model.plant),)
     return (*_custom_forms(model), *everywhere(model.plant, deep=deep))
@@ -566,7 +570,7 @@ def _row(calibration: Calibration, row: Judged) -> TunedRow:
 
 @dataclass(frozen=True, eq=False)
 class AdvisedRow:
-    """Proposed gains of an observer as JSON has them."""
+    """Proposed gains of an observer as they are printed in JSON."""
 
     json_keys = (
         "name=gains.name form theta=gains.theta certified=gains.certified settles settled=gains.own.settled noise "
@@ -582,23 +586,23 @@ class AdvisedRow:
 
     @property
     def settles(self) -> float | None:
-        """The first theta tried that settles."""
+        """The smallest theta tried that settles."""
         gains = self.gains
         return gains.settles.theta if gains.settles and gains.theta is not None else None
 
     @property
     def settled(self) -> float | None:
-        """The time to settle of its own theta."""
+        """The settling time with the proposed theta."""
         return self.gains.own.settled if self.gains.own else None
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """RMS that noise alone makes of the estimate, by state."""
+        """RMS error of the estimate by noise alone, by state."""
         return self.gains.own.noise if self.gains.own else {}
 
     @property
     def known(self) -> str:
-        """The verdict about the convergence."""
+        """The verdict on convergence."""
         return KNOWN[self.gains.first.known][0]
 
     @property
@@ -614,7 +618,7 @@ class AdvisedRow:
 
 @dataclass(frozen=True, eq=False)
 class AdviceReport(ModelReport):
-    """Gains without a record."""
+    """The report of `advise`: gains without a log."""
 
     json_keys = "model equations take tuning trial rows refused notes files"
 
@@ -627,7 +631,7 @@ class AdviceReport(ModelReport):
 
     @property
     def take(self) -> str:
-        """Name of the tuning to take."""
+        """Name of the recommended tuning."""
         return min(self.rows, key=lambda row: row.rank).gains.name
 
     @property
@@ -637,11 +641,11 @@ class AdviceReport(ModelReport):
 
     @property
     def notes(self) -> list[str]:
-        """The place of each theta among those that are certified and those that settle."""
+        """Sentences that compare each proposed theta with the certified and the settling ones."""
         return [row.gains.sentence for row in self.rows if row.gains.sentence]
 
     def figures(self, plant: System) -> dict[str, Any]:
-        """Return the figure of settling time and noise over theta; empty if only one theta was tried."""
+        """Return the figure of settling time and noise over theta; none if only one theta was tried."""
         from hgogen.run import figures
 
         compared = [row.gains for row in self.rows if len(row.gains.tried) > 1]

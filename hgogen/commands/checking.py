@@ -59,10 +59,10 @@ Limit = Annotated[
 
 
 class OptionalFile(TyperCommand):
-    """A command whose --json takes a file if --library is given; otherwise --json is a flag."""
+    """A command whose option --json takes a file name if --library is set; otherwise --json is a flag."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a bare --json its default value."""
+        """Return the arguments as typer parses them, after giving a --json without a file name its default value."""
         several = any(arg.split("=")[0] == "--library" for arg in args)
         words: list[str] = []
         for arg, following in zip(args, [*args[1:], None], strict=False):
@@ -73,7 +73,7 @@ class OptionalFile(TyperCommand):
 
 @dataclass(frozen=True)
 class ObservedPlant:
-    """The observability of a plant, as JSON has it."""
+    """The observability of a plant as it is printed in JSON."""
 
     json_keys = "*observability least_seen=weakest"
 
@@ -85,7 +85,7 @@ class ObservedPlant:
 
 @dataclass(frozen=True)
 class NamedRange:
-    """The range of an expression as JSON has it."""
+    """The range of an expression as it is printed in JSON."""
 
     json_keys = "expression *range"
 
@@ -98,10 +98,10 @@ _SINGULAR = "where the plant is not observable; its checks do not count for the 
 
 @dataclass(frozen=True, eq=False)
 class CheckReport(ModelReport):
-    """The report of a check of a model. A part is computed when it is first read, so that the user has the first tables
-    if a later one takes long or fails.
+    """The report of `check` on a model. Each part is computed when it is first read, so that the first tables are
+    printed even if a later one takes long or fails.
 
-    `name`: the tuning, None for the model's own observer; `certificate`: the file that becomes the certificate.
+    `name`: the tuning, None for the model's own observer; `certificate`: the file to which the certificate is written.
     """
 
     json_keys = "model headline observability=observed forms=survey.rows bounds *claims undefined singular *advice"
@@ -119,7 +119,7 @@ class CheckReport(ModelReport):
 
     @cached_property
     def weakest(self) -> ObservabilityMeasure | None:
-        """The direction that the outputs show least; None where it is not measured."""
+        """The observability measure with the least observable direction; None where it is not measured."""
         model, known = self.loaded, self.observability
         if known.rank < known.n or model.plant.discrete:
             return None
@@ -137,22 +137,22 @@ class CheckReport(ModelReport):
 
     @property
     def observed(self) -> Annotated[ObservedPlant, "what is generically observable"]:
-        """The observability of the plant, with its least direction."""
+        """The observability of the plant, with its least observable direction."""
         return ObservedPlant(self.observability, self.weakest)
 
     @cached_property
     def survey(self) -> Survey:
-        """The forms of the plant."""
+        """The forms that the plant is in, or is not in."""
         return hg.survey(self.loaded.plant, deep=self.deep)
 
     @cached_property
     def claims(self) -> Checked:
-        """The claims about the observer, or about the best form without one."""
+        """The claims about the observer; for a model without an observer, about the best form."""
         return checked(self.loaded, self.survey, self.name)
 
     @cached_property
     def undefined(self) -> tuple[Check, ...]:
-        """Rows and derivatives without a finite value somewhere in the ranges."""
+        """The equations and derivatives that have no finite value somewhere in the ranges."""
         return (*undefined_values(self.loaded.plant), *undefined_slopes(self.loaded.plant))
 
     @cached_property
@@ -162,7 +162,7 @@ class CheckReport(ModelReport):
 
     @cached_property
     def advice(self) -> Advice:
-        """The advice on the model file, without the options that are set."""
+        """The advice on the model file as it is written, without the options of the command line."""
         written, claims = self.loaded.set(AS_WRITTEN), self.claims
         if self.loaded.setting:
             claims = checked(written, self.survey, self.name)
@@ -170,12 +170,12 @@ class CheckReport(ModelReport):
 
     @property
     def headline(self) -> str:
-        """The whole in one line."""
+        """The result of the check in one line."""
         return headline(self.observability, self.survey, self.claims, self.weakest)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The limits of the claims, and the reasons."""
+        """The limits of the claims, and reasons for missing parts."""
         return self.claims.notes
 
     def latex(self) -> str:
@@ -203,8 +203,8 @@ class CheckReport(ModelReport):
         yield advice_tables(self.advice)
 
     def demand(self) -> None:
-        """Print the notes and write the certificate; raise `Refuted` if a claim on the observer is refuted that nobody
-        accepted."""
+        """Print the notes and write the certificate; raise `Refuted` if a claim about the observer is refuted and the
+        user has not accepted it."""
         claims, model = self.claims, self.loaded
         note(*(sentence for sentence in self.notes if sentence not in model.notes))
         if self.certificate is not None:
@@ -214,7 +214,7 @@ class CheckReport(ModelReport):
 
 
 def _certify(claims: Checked, path: Path) -> None:
-    """Write the proofs as a certificate, and note which claims can be verified again."""
+    """Write the proofs as a certificate, and print which claims `recheck` can verify."""
     from hgogen.certificates.certificate import asserted, certificate, stated
 
     content = certificate(claims.form, claims.checks, claims.observer)
@@ -230,9 +230,9 @@ KINDS = ("high_gain", "uniform_injection", "riccati")
 
 @dataclass(frozen=True, eq=False)
 class ShortAnswer(CheckReport):
-    """The short answer of a check: at most ten lines, in the order of a user's questions, or the claim `proof` alone.
+    """The short answer of a check: at most ten lines in the order of a user's questions, or the single claim `proof`.
 
-        what is observable, and in which forms the plant is; which state the outputs show least
+        what is observable, and in which forms the plant is; which state is least observable
         which observer to take, and the line that makes it
         what is proved of it, what is not, and what to fix first
 
@@ -246,12 +246,12 @@ class ShortAnswer(CheckReport):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The limits of the claims on an observer; the lines say what to take without one."""
+        """The limits of the claims about an observer; none without an observer, where the lines say which to take."""
         return self.claims.notes if self.claims.demanded else ()
 
     @cached_property
     def advice(self) -> Advice:
-        """The advice on the model as it is set, about few observers."""
+        """The advice on the model with the options of the command line, about few observers."""
         short = self._about(self.claims.observer, *KINDS)
         if all(one.proposed for one in short.admitted) and self.loaded.tuning.tables:
             return self._about(*KINDS, *self.loaded.tuning.kinds.values())
@@ -262,12 +262,12 @@ class ShortAnswer(CheckReport):
 
     @property
     def as_set(self) -> bool:
-        """Whether options set the observer, so that none is advised."""
+        """Whether command-line options set the observer, so that none is advised."""
         return self.claims.step is not None and bool(self.loaded.setting)
 
     @property
     def preferred(self) -> Admitted | None:
-        """The observer to take, of those advised."""
+        """The recommended observer; None if none is admitted."""
         own = self.claims.observer
 
         def place(one: Admitted) -> tuple[bool, int, bool, bool, tuple[int, int, int]]:
@@ -278,7 +278,7 @@ class ShortAnswer(CheckReport):
 
     @property
     def judged(self) -> tuple[str, Form, tuple[Check, ...]]:
-        """The name, form and checks of the observer that the lines are about."""
+        """The name, the form and the checks of the observer that the lines are about."""
         claims, one = self.claims, None if self.as_set else self.preferred
         if one is None or (one.observer == claims.observer and not one.proposed):
             return claims.observer, claims.form, claims.checks
@@ -320,7 +320,7 @@ class ShortAnswer(CheckReport):
         yield Group(Text(f"{'':12}{one.line}", no_wrap=True, overflow="ignore"))
 
     def _fix(self, known: Convergence) -> str:
-        """Return the one thing to fix first; `known`: of the observer's convergence."""
+        """Return the one thing to fix first; `known`: the verdict on the observer's convergence."""
         for gap in self.undefined:
             return f"{gap.id}: {gap.reason}"
         if self.observability.known.rank.unobservable:
@@ -337,7 +337,7 @@ class ShortAnswer(CheckReport):
 
 @dataclass(frozen=True, eq=False)
 class FormClaims(Report):
-    """The claims of one form, each with its verdict; why the plant has no such form."""
+    """The claims about one form, each with its verdict, or the reason why the plant has no such form."""
 
     plant: str
     row: FormRow
@@ -353,14 +353,14 @@ class FormClaims(Report):
 
 @dataclass(frozen=True, eq=False)
 class LibraryReport(Report):
-    """The answers to the models of a library."""
+    """The answers about the models of a library."""
 
     json_keys = "*answers"
 
     answers: Mapping[str, Mapping[str, Any]]
 
     def tables(self) -> Iterator[Any]:
-        """Yield how often each field has which answer, and what is wrong with models."""
+        """Yield how often each field has which answer, and the errors of models."""
         each = self.answers.values()
         table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(each)} models")
         for field in library.FIELDS:
@@ -463,7 +463,8 @@ def _demand_results(certificate: Path | None, as_json: str | None, latex: bool) 
 
 
 def in_forms(observability: Observability, forms: Survey) -> str:
-    """Return in which forms the plant is proved to be; without one, for an observable plant, what to take instead."""
+    """Return the forms that the plant is proved to be in, as text; without one, what to do instead for an observable
+    plant."""
     if forms.proved:
         return f"{', '.join(row.kind for row in forms.proved)}, proved"
     rows = [row for row in forms.rows if row.kind != "original"]
@@ -476,7 +477,7 @@ def in_forms(observability: Observability, forms: Survey) -> str:
 
 
 def weakest(least: ObservabilityMeasure) -> str:
-    """Return by how much the state that the outputs show least moves them."""
+    """Return a sentence on the least observable state: how much a change of the state changes the outputs."""
     weak = next(iter(least.direction))
     if least.by_motion:
         return f"{weak}, which only the plant's motion shows, not its linearisation at a point"
@@ -485,8 +486,8 @@ def weakest(least: ObservabilityMeasure) -> str:
 
 
 def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]:
-    """Yield what is proved of an observer and its form, and what is not: the first claim of each in full, its
-    convergence if that is among them, and the names of the others."""
+    """Yield what is proved of an observer and its form, and what is not: the first claim of each in full (convergence
+    if it is among them), and the names of the other claims."""
 
     def place(check: Check) -> tuple[bool, bool, bool]:  # a theorem about a form is none about the original
         return check.id.fact != "convergence", check.id.maker != "original", check.id.maker != observer
@@ -504,7 +505,7 @@ def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]
 
 
 def line(label: str, text: str) -> RenderableType:
-    """Return a line of the answer, whose text is indented where it is wrapped."""
+    """Return a line of the answer: `label`, then `text`, which is indented where it is wrapped."""
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column(width=10, no_wrap=True)
     grid.add_column(overflow="fold")
@@ -513,7 +514,7 @@ def line(label: str, text: str) -> RenderableType:
 
 
 def _proof(form: Form, checks: Iterable[Check], observer: str, name: str) -> RenderableType:
-    """Return a claim with its reason, its advice and the evidence that a certificate has of it. Raises: `BadParameter`
+    """Return the claim `name` with its reason, its advice and its evidence as in a certificate. Raises: `BadParameter`
     for a name of no claim."""
     from hgogen.certificates.certificate import NotCertifiable, certificate  # slow to import
 
@@ -538,8 +539,8 @@ _REPEATABLE = 20  # characters of a reason that may be repeated
 
 
 def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
-    """Return the table of forms: in which forms the plant is, in which order of states, or why not. A fix that the
-    checks `below` already advise is left out."""
+    """Return the table of forms: whether the plant is in each form and in which order of states, or why not. Advice
+    that the checks `below` repeat is left out."""
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = NONE
     for row in forms.answered:
@@ -645,7 +646,7 @@ def _names(checks: Iterable[Check]) -> str:
 
 
 def undefined_list(checks: Iterable[Check]) -> RenderableType:
-    """Return a line for each equation of the plant that has no finite value, or may have none, in the declared
+    """Return a line for each equation of the plant that has, or may have, no finite value somewhere in the declared
     ranges."""
     lines = []
     for check in checks:

@@ -34,7 +34,7 @@ from hgogen.which_forms import Survey
 
 @dataclass(frozen=True)
 class ListedCheck:
-    """A check of a list, as JSON has it."""
+    """A check in a list, as it is printed in JSON."""
 
     json_keys = "*check accepted"
 
@@ -44,7 +44,7 @@ class ListedCheck:
 
 @dataclass(frozen=True)
 class AppliedTheorem:
-    """A theorem on a step, as JSON has it."""
+    """A theorem about a step, as it is printed in JSON."""
 
     json_keys = "conclusion=theorem.conclusion reference=theorem.reference hypotheses"
 
@@ -54,12 +54,12 @@ class AppliedTheorem:
 
 @dataclass(frozen=True)
 class Checked(Encoded):
-    """The claims about a model: about its step's observer, or about a form if there is no step or the observer refused
-    the form.
+    """The claims about a model: about its step's observer, or about a form if there is no step or the observer does not
+    accept the form.
 
-    `observer`: its name, or ""; `demanded`: whether there is an observer, so that a refuted check is an error; `step`:
-    the step of the tuning `tuning`, "" for the model's own; `known`: the error bound under the declared noise and
-    disturbances, None if the model declares none.
+    `observer`: its name, or ""; `demanded`: whether the model has an observer, so that a refuted check is an error;
+    `step`: the step of the tuning `tuning`, "" for the model's own; `known`: the error bounds under the declared noise
+    and disturbances, None if the model declares none.
     """
 
     json_keys = (
@@ -86,7 +86,7 @@ class Checked(Encoded):
 
     @property
     def informative(self) -> bool:
-        """True if the checks say more than why the plant is not in the form."""
+        """Whether the checks say more than why the plant is not in the form."""
         return self.demanded or self.form.structured
 
     @property
@@ -111,7 +111,7 @@ class Checked(Encoded):
 
     @property
     def open(self) -> tuple[Check, ...]:
-        """The refuted checks that the model does not accept."""
+        """The refuted checks that the user has not accepted."""
         return refuted(self.checks, self.accepted)
 
     @property
@@ -131,7 +131,7 @@ class Checked(Encoded):
 
     @property
     def gain_values(self) -> dict[str, Any]:
-        """The observer's gains, those of several coordinates or outputs by the name of each."""
+        """The observer's gains; gains of several coordinates or outputs by their names."""
         return gains_by_name(self.gains)
 
     @property
@@ -141,7 +141,8 @@ class Checked(Encoded):
 
     @property
     def refuted(self) -> tuple[str, ...]:
-        """The ids of refuted checks that nobody accepted; with an observer, the exit status is 1 if there are any."""
+        """The ids of refuted checks that the user has not accepted; with an observer, the exit status is 1 if there are
+        any."""
         return tuple(check.id for check in self.open)
 
     @property
@@ -156,7 +157,7 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
 
 def checked(model: Model, survey: Survey | None = None, name: str | None = None) -> Checked:
     """Return the claims about the observer of a model's tuning `name`, by default of the model's own step. For a model
-    without an observer they are about the best form of the survey, by default of the forms that are fast to check. The
+    without an observer they are about the best form in `survey`, by default among the forms that are fast to check. The
     model's dissipation inequality (38) is added if it declares one.
 
     Raises: `MissingPart`, `ModelFails`.
@@ -224,7 +225,7 @@ _COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "y
 
 
 def coloured(text: object, verdict: Verdict | None, without: str = "") -> Text:
-    """Return a text in the colour of a verdict, `without` one in that colour."""
+    """Return a text in the colour of a verdict; `without`: the colour where there is no verdict."""
     return Text(str(text), style=_COLOURS.get(verdict, "cyan") if verdict else without)
 
 
@@ -235,8 +236,8 @@ _ZEROS, _DIGITS = 20, 15  # trailing zeros from which on, and digits up to which
 
 
 def checks_table(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
-    """Return a table of claims with their verdicts, below the lines `head` (equations, gains), followed by the fixes of
-    refuted claims; `accepted`: ids of claims that the user accepted."""
+    """Return a table of claims with their verdicts, with the lines `head` (equations, gains) above and the advice on
+    refuted claims below; `accepted`: the ids of claims that the user accepted."""
     listed = tuple(listed)
     title, *lines = head
     table = headed("", "verdict", "check", "claim and reason")
@@ -302,7 +303,8 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
 
 
 def few(names: Iterable[Any], most: int = 8) -> str:
-    """Return a text of names separated by commas; of more than `most` names the middle ones are elided."""
+    """Return names as text, separated by commas; of more than `most` names the middle ones are left out, as "a, b, c,
+    .., z"."""
     names = [str(name) for name in names]
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
 
@@ -322,8 +324,8 @@ def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> Rendera
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
-    """Return the bound of each state's error under the declared noise and disturbances; None if the model declares
-    none.
+    """Return the proved bounds of each state's error under the declared noise and disturbances; None if the model
+    declares none.
 
     Raises: `NoSolver`; `MissingPart` for an invalid size or signal.
     """
@@ -336,8 +338,8 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
 
 
 def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
-    """Return the bound of each state's error under the declared noise and disturbances, None without a solver or a
-    proof. `say` is called with the reason if a requested bound is missing."""
+    """Return the proved bounds of each state's error under the declared noise and disturbances, None without a solver
+    or a proof. `say` is called with the reason if requested bounds are missing."""
     try:
         known = bound_of(step, model)
     except NoSolver as missing:
@@ -349,8 +351,8 @@ def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -
 
 
 def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> CallableStep:
-    """Return the step whose code states its proved error bounds, or that none is proved; unchanged if the model
-    requests none."""
+    """Return the step whose generated code states the proved error bounds `known`, or that none is proved; unchanged if
+    the model requests no bounds."""
     if model.bounds is None:
         return step
     return replace(step, signed=known.signed if known else Signed())

@@ -60,14 +60,14 @@ _AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 
 class Report(Encoded):
-    """The report of a command, a dataclass: its JSON or tables, its `files`, and its exit status."""
+    """The report of a command, a dataclass: its fields in JSON, its tables, its `files`, and its exit status."""
 
     def tables(self) -> Iterable[Any]:
         """Return the tables that are printed without --json."""
         return ()
 
     def demand(self) -> None:
-        """Do what follows the printed report: raise the error that sets the exit status."""
+        """Raise the error that sets the exit status, after the report was printed, if there is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def _options_of(
 
 
 def _option(hint: Any) -> Any:
-    """Return the annotation of an option for typer, of several types the first."""
+    """Return the annotation of an option for typer; of a union, the first type."""
     kind, option = get_args(hint)
     if not isinstance(option, Option):
         return hint
@@ -107,13 +107,13 @@ PRINTED = "-"  # the standard output as the file of --json
 
 
 def json_file(as_json: str | bool | None) -> Path | None:
-    """Return the file that --json names, None for the standard output and without --json."""
+    """Return the file that --json names; None for the standard output, or without --json."""
     return Path(as_json) if isinstance(as_json, str) and as_json != PRINTED else None
 
 
 def print_report(report: Report, as_json: str | bool | None) -> None:
-    """Print a report: its tables, each when it is computed, and its files, or JSON, which may go into a file. Raises:
-    what the report demands."""
+    """Print a report as tables (each as soon as it is computed) or as JSON, to the standard output or into a file.
+    Raises: the errors of `Report.demand`."""
     file = json_file(as_json)
     if file is not None:
         new = "" if file.parent.is_dir() else ", in a new folder"
@@ -130,15 +130,15 @@ def print_report(report: Report, as_json: str | bool | None) -> None:
 
 
 def early(*parts: Any) -> None:
-    """Print tables before the report, unless --json is given."""
+    """Print tables as soon as they are computed, in advance of the report, unless --json is given."""
     print_result(False, {}, *(() if _AS_JSON.get() else parts))
 
 
 def command(
     *reports: type[Encoded], cls: type[TyperCommand] = TyperCommand
 ) -> Callable[[Callable[..., Report | None]], Any]:
-    """Return a decorator that makes a command of a function, which returns one of the `reports` or prints by itself.
-    Errors become one sentence and an exit status."""
+    """Return a decorator that turns a function into a command. The function returns one of the `reports`, or prints by
+    itself; its errors become one sentence and an exit status."""
 
     def register(function: Callable[..., Any]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
@@ -181,7 +181,7 @@ def command(
 
 @contextmanager
 def _ending() -> Iterator[None]:
-    """Run a command as the body of this context; an error becomes one sentence and an exit status."""
+    """Run a command as the body of this context; errors become one sentence and an exit status."""
     try:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
@@ -214,7 +214,8 @@ _FAILURES = {
 
 
 def _warned(printed: set[str], message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """Print a warning that is not among those `printed`, as where a command makes the same step several times."""
+    """Print a warning unless its text is in `printed`, which happens if a command builds the same step several
+    times."""
     kind = "" if issubclass(category, UserWarning) else f"{category.__name__}: "
     text = f"{kind}{' '.join(str(message).split())}"
     if text not in printed:
@@ -223,7 +224,7 @@ def _warned(printed: set[str], message: Warning | str, category: type[Warning], 
 
 
 def explained(context: typer.Context, names: str | None) -> str | None:
-    """Return the names of observers in an option, after a note on each textbook name."""
+    """Return the names of observers in an option unchanged, after printing a note on each textbook name."""
     if names and not context.resilient_parsing:
         from hgogen.estimators.synonyms import SYNONYMS  # slow to import
 
@@ -272,7 +273,7 @@ HeldOut = Annotated[
 
 @dataclass(frozen=True)
 class Runs:
-    """The options of a campaign; all None if no campaign is requested."""
+    """The command-line options of a campaign; all are None if no campaign is requested."""
 
     vary: Annotated[
         str | None,
@@ -302,8 +303,9 @@ class Runs:
 
 @dataclass(frozen=True)
 class Columns:
-    """The options by which a log is read: the column of times, else the `period` between rows, the time of the first
-    row if `start` sets it, the columns of the signals, the rows taken, and the spelling of numbers and dates."""
+    """The command-line options with which a log is read: the column of times, else the `period` between rows; the time
+    of the first row, if `start` sets it; the columns of the signals; the rows to use; the spelling of numbers and
+    dates."""
 
     time: Annotated[
         str | None,
@@ -367,7 +369,7 @@ class Columns:
         }
 
     def begun(self, record: "Record") -> "Record":
-        """Return the log with the time of its first row."""
+        """Return the log with the time of its first row set to `start`, if that is given."""
         return record if self.start is None else replace(record, t=self.start + (record.t - record.t[0]))
 
 
@@ -379,7 +381,7 @@ GROUPS = {Setting: False, Runs: False, Columns: True}  # whether its options rep
 
 
 def engine_here(reader: Reader | None = None) -> "Engine":
-    """Return the given engine, else C if there is a compiler, else Python with a note."""
+    """Return the requested engine, else C if there is a compiler, else Python, with a note."""
     if reader:
         return reader
     engine = native.engine()
@@ -389,7 +391,8 @@ def engine_here(reader: Reader | None = None) -> "Engine":
 
 
 def begun_work(folder: Folder, name: str, what: str) -> Path:
-    """Return the path of the file with the begun work `what`. Raises: `BadParameter` without such a file."""
+    """Return the path of the file with the unfinished work `what` (words for the message). Raises: `BadParameter` if
+    there is no such file."""
     (path,) = folder.demand(name)
     if not path.exists():
         raise typer.BadParameter(f"there is no {what} to go on with, {path}; leave it out", param_hint="--resume")
@@ -397,7 +400,7 @@ def begun_work(folder: Folder, name: str, what: str) -> Path:
 
 
 def one_or_all(trials: tuple["Trial", ...], name: str | None) -> tuple["Trial", ...]:
-    """Return the trial of that name, by default all trials. Raises: `BadParameter`."""
+    """Return the trial with this name, or all trials without a name. Raises: `BadParameter`."""
     chosen = tuple(one for one in trials if name in (None, one.name))
     if not chosen:
         raise typer.BadParameter(f"{name!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
@@ -417,8 +420,8 @@ def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
 
 
 def once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
-    """Return pairs of name and value as a mapping; `option`: the option in the message. Raises: `typer.BadParameter`
-    for a name that is given twice."""
+    """Return pairs (name, value) as a mapping; `option`: the option in the message. Raises: `typer.BadParameter` for a
+    name that occurs twice."""
     values: dict[str, Value] = {}
     for name, value in pairs:
         if name in values:
@@ -446,7 +449,7 @@ def names_in(text: str | None, option: str) -> tuple[str, ...]:
 
 
 def horizons(text: str, option: str) -> tuple[int, ...]:
-    """Return numbers of samples ahead from a text such as "1,5,25". Raises: `typer.BadParameter`."""
+    """Return prediction horizons, in samples, from a text such as "1,5,25". Raises: `typer.BadParameter`."""
     try:
         ahead = tuple(int(part) for part in text.split(","))
     except ValueError:
@@ -460,7 +463,7 @@ _WORDS = {bool: "true or false", int: "whole number", float: "number", type(None
 
 
 class Meaning(NamedTuple):
-    """A JSON key at its `depth` below the report: the type of its value, and its meaning."""
+    """A JSON key at its `depth` in a report (0 for the top level): the type of its value (`kind`), and its meaning."""
 
     name: str
     depth: int
@@ -479,8 +482,8 @@ def names(result: type) -> list[str]:
 
 
 def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iterator[Meaning]:
-    """Yield the JSON keys of a report, each followed by those of the nested reports. A report within itself is not
-    repeated."""
+    """Yield the JSON keys of a report class with their meanings, each followed by the keys of its nested reports. A
+    report within itself is not repeated."""
     for key in keys_of(result):
         annotation, text = _type_and_meaning(result, key.path)
         inner = _result_in(annotation)
@@ -494,8 +497,8 @@ def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iter
 
 
 def _type_and_meaning(result: Any, path: str) -> tuple[Any, str]:
-    """Return the type at the end of a path of attributes such as `result.noise`
-    of a report class, and the description of the last field or property."""
+    """Return the type at the end of a path of attributes such as `result.noise` of a report class, and the description
+    of the last field or property."""
     annotation, text, none = result, "", False
     for name in path.split("."):
         none = none or type(None) in _alternatives(annotation)

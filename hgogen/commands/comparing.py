@@ -57,7 +57,7 @@ Names = Annotated[
 
 @dataclass(frozen=True, eq=False)
 class ComparedTrial:
-    """Observers on a trial of a plant."""
+    """The results of several observers on one trial of a plant."""
 
     json_keys = "trial=trial.name seeds criterion times=trial.events estimate start=trial.start left=leaving observers"
 
@@ -68,7 +68,7 @@ class ComparedTrial:
 
     @property
     def criterion(self) -> str:
-        """The meaning of settled."""
+        """When a trial counts as settled."""
         return criterion(self.trial, self.plant.time)
 
     @property
@@ -82,7 +82,7 @@ class ComparedTrial:
         return leaving_signals(self.plant, self.observers[0].first)  # all observers share the truth
 
     def notes(self) -> Iterator[str]:
-        """Yield the doubts about the trial, and when guards acted."""
+        """Yield sentences on the reliability of the trial, and on when guards acted."""
         unit = self.plant.time
         if self.estimate == {name: float(value) for name, value in self.trial.start.items()}:
             yield (
@@ -96,7 +96,7 @@ class ComparedTrial:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ModelReport):
-    """Several observers of one model, each on the same noise."""
+    """The report of `compare`: several observers of one model, on the same noise."""
 
     json_keys = "model dt engine trials refused files"
 
@@ -108,7 +108,7 @@ class Comparison(ModelReport):
     files: Written
 
     def tables(self) -> Iterator[Any]:
-        """Yield the observers side by side."""
+        """Yield tables with a row for each observer."""
         for one in self.trials:
             title = f"trial {one.trial.name}, seeds {one.seeds}, settled: {one.criterion}"
             yield comparison_tables(title, one.observers, self.unit, one.estimate, one.trial.start)
@@ -117,7 +117,7 @@ class Comparison(ModelReport):
 
 @dataclass(frozen=True, eq=False)
 class ComparedCampaigns(ModelReport):
-    """Campaigns of several observers, with --vary or --runs."""
+    """The campaigns of several observers, with --vary or --runs."""
 
     dt: Annotated[float, "sampling period of all observers"]
     engine: Annotated[Engine, "who runs the steps: c or python"]
@@ -172,8 +172,8 @@ def compare_(
 def _alike(
     model: Model, names: list[str], trials: Sequence[Trial]
 ) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
-    """Return the steps by trial and tuning, all at the shortest of their sampling
-    periods; the period; and by name why other tunings are refused."""
+    """Return the steps by trial and tuning, all at the shortest of their sampling periods; that period; and by name the
+    reasons why other tunings are refused."""
     steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
     first = steps[trials[0].name]
@@ -269,7 +269,8 @@ def _names(model: Model, requested: str | None) -> list[str]:
 
 
 def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
-    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: of time."""
+    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: that of
+    time."""
     from hgogen.run import figures as figure
 
     first = each[0].first
@@ -280,8 +281,8 @@ def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
 def comparison_tables(
     title: str, each: Sequence[Measured], unit: str, estimate: Mapping[str, float], start: Mapping[str, float]
 ) -> RenderableType:
-    """Return the tables of the results of several observers, a row for each; they began with the `estimate` of the
-    plant's state, by name, which was truly `start`."""
+    """Return tables with a row for each observer. All observers began with the `estimate` of the plant's state (by
+    name), while the true state was `start`."""
     states = list(each[0].rms)
     columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
     whole = headed(title, "observer", *columns, numbers=len(columns))

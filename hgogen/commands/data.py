@@ -31,9 +31,9 @@ HELD_OUT, LARGEST_PART = 0.3, 0.9  # part at the end of each log that judges: by
 
 @dataclass(frozen=True, eq=False)
 class Logs:
-    """The logs of a plant. The rows of each from `cuts` on are validation data, of all rows if `cuts` are the lengths.
-    The first `given` logs are those to learn from, the others only judge. `faulty`: the signals of each log with a
-    fault, None where no observer judged it."""
+    """The logs of a plant. In each log, the rows from its entry in `cuts` on are validation rows (none if that is the
+    log's length). The first `given` logs are used for learning, the others only for validation. `faulty`: the signals
+    with a fault of each log, None if no observer judged the log."""
 
     plant: System
     records: tuple[Record, ...]
@@ -45,18 +45,18 @@ class Logs:
 
     @property
     def learned(self) -> tuple[Log, ...]:
-        """The logs to learn from with their training rows alone, those before the cuts."""
+        """The training rows, those before the cuts, of the logs used for learning."""
         records = zip(self.records[: self.given], self.cuts, strict=False)
         return tuple(log_of(record, self.plant, cut) for record, cut in records)
 
     @property
     def allowed(self) -> tuple[Log, ...]:
-        """The logs to learn from with all rows."""
+        """The logs used for learning, with all their rows."""
         return self.whole[: self.given]
 
     @property
     def parted(self) -> bool:
-        """Whether logs to learn from have validation rows."""
+        """Whether a log used for learning has validation rows."""
         return any(len(log.y) > cut for log, cut in zip(self.allowed, self.cuts, strict=False))
 
     @property
@@ -66,7 +66,8 @@ class Logs:
 
     @property
     def judging(self) -> dict[int, int]:
-        """The first validation row by the number of each log that has any; 0 for all logs where none has."""
+        """The first validation row by the number of each log that has validation rows; 0 for every log if none has
+        any."""
         cuts = dict(enumerate(self.cuts))
         lengths = [len(record.t) for record in self.records]
         return {k: cut for k, cut in cuts.items() if cut < lengths[k]} or dict.fromkeys(cuts, 0)
@@ -78,11 +79,12 @@ class Logs:
 
     @property
     def whole(self) -> tuple[Log, ...]:
-        """The logs with all rows, for training and validation."""
+        """The logs with all rows, both training and validation rows."""
         return tuple(log_of(record, self.plant) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the logs leave the declared ranges, with the file's name if several."""
+        """Return sentences on signals that leave the declared ranges, with the file's name if there are several
+        logs."""
         several, faulty = len(self.records) > 1, self.faulty or (None,) * len(self.records)
         return tuple(
             f"{record.report.path}: {note}" if several else note
@@ -91,8 +93,8 @@ class Logs:
         )
 
     def inspected(self, model: Model, observer: str | None = None) -> "Logs":
-        """Return the logs with their faults, by the step of the model's observer, or of that of `JUDGE` with its first
-        gains; those of times alone where no step can be made."""
+        """Return the logs with their faults, found by the step of the model's observer, or of `JUDGE` with first gains;
+        only faults of the times if no step can be made."""
         faults, faulty = list[tuple[Finding, ...]](), list[tuple[str, ...] | None]()
         with Bar("looking for faults", 2 * len(self.records)) as bar:
             for record, log in zip(self.records, self.whole, strict=True):
@@ -109,7 +111,7 @@ class Logs:
         return replace(self, findings=tuple(faults), faulty=tuple(faulty))
 
     def inspected_again(self, step: CallableStep) -> tuple[tuple[Finding, ...], ...]:
-        """Return the faults of each log by the run of a `step` that are not among those known."""
+        """Return the faults of each log that a run of this `step` reveals and that are not known yet."""
         pairs = zip(self.records, self.whole, self.findings, strict=True)
         known = [(record, log, {(one.signal, one.fault) for one in faults}) for record, log, faults in pairs]
         return tuple(
@@ -125,7 +127,7 @@ class Logs:
         yield from map(Text, self.notes())
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
-        """Return columns of each log that are not signals, by name."""
+        """Return by name the columns of each log that are no signals."""
         return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
 
 
@@ -142,10 +144,11 @@ def logs_of(
     window: Window,
     varying: bool = False,
 ) -> Logs:
-    """Return the logs in files on the grid of `dt`, by default with their own period, or, if irregular, the times of
-    their rows. `held_out`: texts of the option --held-out, a part of each log or files of logs that only judge;
-    `named`: their columns; `other_columns`: others by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None
-    for none; `window`: the averaging window of inputs; `varying`: whether regular logs keep their times, too.
+    """Return the logs in files, resampled with the period `dt`, by default with their own period; an irregular log has
+    by default the times of its rows. `held_out`: texts of the option --held-out, a share of each log or names of logs
+    for validation only; `named`: the columns; `other_columns`: further columns by name, set by the command-line
+    `options`; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the averaging window of inputs; `varying`:
+    whether regular logs also have the times of their rows.
 
     Raises: `BadRecord`.
     """
@@ -168,8 +171,9 @@ def logs_of(
 
 
 def demand_in_time(model: Model, shift: Sequence[str] | None) -> None:
-    """Demand a shift of each output whose samples come late by a tuning of the model: parameters and gains are
-    learned from samples in the order of measurement. `shift`: texts SIGNAL=SAMPLES. Raises: `typer.BadParameter`."""
+    """Demand a --shift for each output whose samples come late in a tuning of the model, since parameters and gains are
+    learned from samples at the rows of their measurement. `shift`: texts SIGNAL=SAMPLES. Raises:
+    `typer.BadParameter`."""
     tables = [table for table in model.tuning.tables.values() if isinstance(table, Mapping)]
     late = {y: most for table in tables for y, most in (table.get("delays") or {}).items()}
     shifted = {text.partition("=")[0].strip() for text in shift or ()}
@@ -187,7 +191,8 @@ JUDGE = "riccati"  # the observer that judges logs if the model has none
 
 
 def judging_step(model: Model, observer: str | None, dt: float | tuple[float, float]) -> CallableStep | None:
-    """Return the step at `dt` by which a log is judged; None where the model has none and no first gains."""
+    """Return the step with the period `dt` by which a log is judged; None if the model has no observer and no first
+    gains."""
     try:
         return model.sampled(dt).step(observer or judging_observer(model)).undelayed
     except HgogenError:
@@ -195,8 +200,8 @@ def judging_step(model: Model, observer: str | None, dt: float | tuple[float, fl
 
 
 def judging_observer(model: Model) -> str | None:
-    """Return the name of the observer by which logs are judged if none is given: of the model's first tuning, else that
-    of `JUDGE`; None for the model's own step."""
+    """Return the name of the observer by which logs are judged if the user names none: that of the model's first
+    tuning, else `JUDGE`; None for the model's own step."""
     return None if model.has("step") else next(iter(model.tuning.tables), JUDGE)
 
 
@@ -209,8 +214,8 @@ def log_findings(
     shifts: Mapping[str, int] = MappingProxyType({}),
     first: int = 0,
 ) -> tuple[list[Finding], Better | None]:
-    """Return the faults of a log u (N, m), y (N, p), and a change of signals that fits better, by the `run` of a step
-    over it; `shifts`: those that are set; `first`: the sample from which on errors count."""
+    """Return the faults of a log u (N, m), y (N, p) by the `run` of a step over it, and a change of signals with which
+    the log fits the model better; `shifts`: the shifts that are set; `first`: the sample from which on errors count."""
     times = of_times(record, step.clock.varying is not None, step.advised)
     if step.dt > step.advised and any(map(is_of_unit, times)):  # no sample can be judged
         return times, None
@@ -222,7 +227,7 @@ def log_findings(
 
 
 def findings_by(step: CallableStep, record: Record, log: Log, shifts: Mapping[str, int]) -> list[Finding]:
-    """Return the faults of a log by a run of the step from its first estimate; arguments as in `log_findings`."""
+    """Return the faults of a log by a run of the step from its initial estimate; arguments as in `log_findings`."""
     samples = log.of(step.inputs)
     step.reset(log.start)
     run = step.run(u=samples.u, y=samples.y, engine=engine_here(), dt=samples.given(step))
@@ -235,14 +240,14 @@ def faulty_signals(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 def fault_lines(findings: Iterable[Finding]) -> Iterator[Text]:
-    """Yield a printed line for each fault."""
+    """Yield a line to print for each fault."""
     for one in findings:
         yield Text.assemble((f"{one.signal}, {one.fault}: ", "bold"), str(one))
 
 
 def parts_of(held_out: Sequence[str]) -> tuple[float, list[Path]]:
-    """Return the part of each log that is held out, and the logs that only judge, of which the former is 0 where there
-    are any; `held_out`: a number or file names. Raises: `typer.BadParameter`."""
+    """Return the share of each log that is held out (0 if files are named), and the files of logs for validation only;
+    `held_out`: a number or file names. Raises: `typer.BadParameter`."""
     if not held_out:
         return HELD_OUT, []
     judges = [Path(text) for text in held_out if Path(text).exists()]
@@ -259,8 +264,8 @@ def parts_of(held_out: Sequence[str]) -> tuple[float, list[Path]]:
 
 
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return for each state with a measured truth the name of its column among the signals, and the file's column or
-    expression; `pairs`: texts STATE=COLUMN. Raises: `typer.BadParameter`."""
+    """Return, for each state with a measured truth, the name of the column that holds it among the signals, and the
+    file's column or expression; `pairs`: texts STATE=COLUMN. Raises: `typer.BadParameter`."""
     names = [x.name for x in plant.declared.states]
     columns = []
     for text in pairs:
@@ -273,19 +278,19 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Return, for each column of a measured state, the option that a user writes for it, as `--truth w=COLUMN`; the
-    keys are names by `truth_name`, `true` is the result of `truth_of`."""
+    """Return for each column of a measured state the command-line option of the user, such as `--truth w=COLUMN`;
+    `true`: the result of `truth_of`, the keys are names by `truth_name`."""
     return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
 
 
 def truth_name(state: str) -> str:
-    """Return the name of the column of a state's truth among the signals."""
+    """Return the name of the column, among the signals, that holds the measured truth of a state."""
     return f"truth of {state}"
 
 
 def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
-    """Yield a sentence on horizons in `ahead`, in samples, that are not in `compared`, those with samples to
-    compare."""
+    """Yield a sentence on the horizons in `ahead` (samples) that are not in `compared`, since the log has no samples to
+    compare there."""
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
         yield f"no sample is there to compare with predictions {far} samples ahead"
@@ -293,7 +298,7 @@ def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[st
 
 @dataclass(frozen=True)
 class Begin:
-    """The value at which the estimate of a state starts."""
+    """The initial estimate of a state, and where it comes from."""
 
     value: Annotated[float, "the value"]
     why: Annotated[str, "where it comes from"]
@@ -302,8 +307,8 @@ class Begin:
 def log_summary(
     read: Report, begins: Mapping[str, Begin] | None = None, findings: Iterable[Finding] = ()
 ) -> RenderableType:
-    """Return the printed summary of a log; `begins`: the initial estimates that the log gives, by state; `findings`:
-    the faults of the log that are printed below, without a sentence on the same cause here."""
+    """Return the printed summary of a log; `begins`: the initial estimates by state that the log gives; `findings`:
+    faults that are printed below, whose causes are not repeated here."""
     uneven = any(one.fault == "jitter" for one in findings)
     lines = [line for line in read.sentences() if not (uneven and WITHOUT_PERIOD in line)]
     if begins:

@@ -31,7 +31,7 @@ _MOST = 20  # rates at most
 
 @dataclass(frozen=True)
 class NoiseBound:
-    """The gain from the noise of an output to the estimate of a state."""
+    """The bound of the gain from the noise of an output to the estimate of a state."""
 
     state: Annotated[str, "state with the error"]
     output: Annotated[str, "output with the noise"]
@@ -41,7 +41,7 @@ class NoiseBound:
 
 @dataclass(frozen=True, eq=False)
 class DesignedPoint:
-    """A gain as JSON has it."""
+    """A designed gain as it is printed in JSON."""
 
     json_keys = (
         "observer=point.observer.name designed=point.wanted theta K=point.gain.K argument=point.gain.argument "
@@ -65,7 +65,7 @@ class DesignedPoint:
 
 @dataclass(frozen=True, eq=False)
 class Designs(ModelReport):
-    """Gains for wanted rates, and those of a model's tuning."""
+    """The report of `design`: gains for requested rates of decay, and those of the model's tuning."""
 
     json_keys = (
         "model observer=step.observer.name form=step.observer.form.kind method=step.code.rule dt=step.dt points=rows "
@@ -78,7 +78,7 @@ class Designs(ModelReport):
     files: Written = ()
 
     def drawn(self, folder: Folder) -> Self:
-        """Return the report with its figure written into a folder."""
+        """Return the report with its figure, which is written into a folder."""
         from hgogen.run.figures import curve
 
         return replace(self, files=tuple(folder.write(rendered({"design": curve(self.points, self.step)}))))
@@ -202,7 +202,7 @@ class FrequencyGain:
 
 @dataclass(frozen=True, eq=False)
 class Gains(ModelReport):
-    """The response of the estimates to sinusoidal noise."""
+    """The report of `response`: the frequency response of the estimates to noise of the outputs."""
 
     json_keys = "model observer coordinates=continuous.coordinates dt omega gains files"
 

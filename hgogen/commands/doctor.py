@@ -23,7 +23,7 @@ _SECONDS = 10  # until a program has told its version
 
 
 class Wanted(NamedTuple):
-    """A program or library; `find` returns its version and place, None where there is none."""
+    """A program or library that hgogen may use; `find` returns its version and place, None if it is not installed."""
 
     name: str
     use: str
@@ -79,7 +79,7 @@ WANTED = (
 
 @dataclass(frozen=True)
 class Found(Encoded):
-    """A program or library of this machine."""
+    """A program or library, with its version and place on this machine if it is installed."""
 
     name: Annotated[str, "its name"]
     version: Annotated[str | None, "its version, null where it is missing"]
@@ -90,7 +90,7 @@ class Found(Encoded):
 
 @dataclass(frozen=True)
 class Machine(Report):
-    """The programs and libraries of this machine."""
+    """The report of `doctor`: the programs and libraries of this machine."""
 
     tools: Annotated[tuple[Found, ...], "each program and library"]
 

@@ -73,7 +73,7 @@ _FEEDBACK = (
 
 
 class By(StrEnum):
-    """The error that a fit minimises."""
+    """The error that a fit minimises: that of simulation, or of prediction."""
 
     SIMULATION = "simulation"
     PREDICTION = "prediction"
@@ -93,7 +93,7 @@ class PredictionErrors:
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A fitted parameter without and with the rows held out."""
+    """A fitted parameter, estimated without and with the validation rows."""
 
     judged: Annotated[float, "without the rows held out: its errors are in `predictions`"]
     final: Annotated[float, "from all rows"]
@@ -101,7 +101,7 @@ class ParameterChange:
 
 @dataclass(frozen=True, eq=False)
 class FitReport(ModelReport):
-    """A fit, and how well it predicts the rows held out."""
+    """The report of `fit`: the parameters, and the prediction errors on the validation rows."""
 
     json_keys = (
         "model equations records=logs.reports findings=logs.findings *result changes predictions unjudged proposals "
@@ -120,7 +120,7 @@ class FitReport(ModelReport):
 
     @property
     def changes(self) -> dict[str, ParameterChange]:
-        """Parameters before and after the rows held out were learned from; empty if none were."""
+        """Parameters, estimated without and with the validation rows; empty without validation rows."""
         before = self.judged.values if self.judged is not self.result else {}
         return {one.name: ParameterChange(before[one.name], one.value) for one in self.result.parameters if before}
 
@@ -131,7 +131,8 @@ class FitReport(ModelReport):
         return (*judgements, *_without_offset(self.result), *self.proposals)
 
     def _distance(self) -> Iterator[str]:
-        """Yield how far the parameters moved when all rows were learned from, or why they did not."""
+        """Yield a sentence on how far the parameters moved when all rows were used, or on why they could not be fitted
+        to all rows."""
         if self.logs.parted and self.judged is self.result:
             yield "the parameters are those without the rows held out, since the search on all rows did not settle"
         deviations = {name: sigma for name, sigma in self.judged.deviation.items() if 0 < sigma < math.inf}
@@ -150,7 +151,7 @@ class FitReport(ModelReport):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The doubts about the result."""
+        """Sentences on the reliability of the result."""
         return (*self.logs.notes(), *self.result.notes(), *self.verdicts)
 
     def figures(self) -> dict[str, Any]:
@@ -272,8 +273,8 @@ def _fitted_twice(
     stopped: "_Stopped",
     begun: Progress | None,
 ) -> tuple[Fit, Fit]:
-    """Return the fit without the rows held out, and that from all rows, which begins where the former ended; `again`:
-    passes after the starts."""
+    """Return the fit without the validation rows, and the fit from all rows, which begins where the former ended;
+    `again`: passes after the starts."""
     total = (starts + again + (1 + again) * logs.parted) * ITERATIONS
     with Bar("iterations", total) as bar, stopped.kept(bar) as each:
         judged = fitted(*logs.learned, starts=starts, jobs=jobs, each=each, resume=begun)
@@ -285,7 +286,8 @@ def _fitted_twice(
 
 
 def _with_lag(fitted: Callable[..., Fit], result: Fit, logs: Logs, lags: Sequence[str], output: str) -> Fit:
-    """Return the fit of all rows with a lag of one output more, which begins where the `result` ended."""
+    """Return the fit of all rows with a lag of the further `output`, which begins where the fit `result` ended; `lags`:
+    the outputs that have a lag already."""
     with Bar(f"a lag of {output}", ITERATIONS) as bar:
         every = (*lags, output)
         return fitted(*logs.allowed, starts=1, begin=result.values, lag=every, each=lambda _: bar.tick())
@@ -293,7 +295,7 @@ def _with_lag(fitted: Callable[..., Fit], result: Fit, logs: Logs, lags: Sequenc
 
 @dataclass(frozen=True)
 class _Stopped:
-    """The file with the progress of an interrupted fit, in a folder."""
+    """The file in a folder with the progress of an interrupted fit."""
 
     folder: Folder
 
@@ -329,14 +331,14 @@ class _Stopped:
 
 @dataclass(frozen=True)
 class _NewModel:
-    """The file of a new model with the fitted values, and the `model` that was fitted."""
+    """The file for a new model with the fitted values, and the `model` that was fitted."""
 
     path: Path
     model: Model
 
     def demand(self) -> None:
-        """Demand a new TOML file and a plant that plain text can
-        express, before the fit: its result would be lost."""
+        """Demand a new TOML file and a plant that plain text can express, before the fit starts: otherwise its result
+        would be lost."""
         path, option = self.path, "--write"
         if path.suffix != ".toml":
             raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint=option)
@@ -410,8 +412,8 @@ def _step(
 
 
 def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Iterable[str]) -> Iterator[str]:
-    """Yield sentences that propose --robust for residuals with outliers, and --offset for those with a mean; `logs`:
-    those of the `result`, `fitted`: the outputs that have an offset already."""
+    """Yield sentences that propose --robust if residuals have outliers, and --offset if residuals have a mean; `logs`:
+    those of the fit `result`; `fitted`: the outputs that have an offset already."""
     if outlying := [name for name, part in result.outlying.items() if part > OUTLYING and not robust]:
         yield f"{', '.join(outlying)} has outliers: with --robust they count by their distance, not by its square"
     for j, y in enumerate(result.plant.outputs):
@@ -426,8 +428,9 @@ def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Ite
 
 
 def proposed_lags(result: Fit, with_lag: Callable[[str], Fit], fitted: Iterable[str]) -> Iterator[str]:
-    """Yield a sentence that proposes --lag for each output whose residuals are not white, without outliers, and clearly
-    smaller with a lag; `with_lag(y)`: the fit with one of the sensor of y, `fitted`: the outputs that have one."""
+    """Yield a sentence that proposes --lag for each output whose residuals are not white, have no outliers, and are
+    clearly smaller with a lag; `with_lag(y)`: the fit with a lag of the sensor of y; `fitted`: the outputs that have a
+    lag already."""
     for name, test in result.whiteness.items():
         white = test is None or test.white or result.error[name] <= FINE * result.spread[name]
         if white or name in fitted or result.plant.discrete or result.outlying[name] > OUTLYING:
@@ -455,8 +458,8 @@ def _without_offset(result: Fit) -> Iterator[str]:
 def fit_tables(
     result: Fit, notes: Iterable[str], changes: Mapping[str, ParameterChange] = MappingProxyType({})
 ) -> RenderableType:
-    """Return the tables of fitted parameters and residuals, with the notes on the fit; `notes`: those on the logs;
-    `changes`: each parameter as fitted without and with the rows that were held out."""
+    """Return the tables of fitted parameters and residuals, with the notes of the fit and the `notes` on the logs;
+    `changes`: each parameter as fitted without and with the validation rows."""
     before, rows = ("before", *(["without rows held out"] if changes else [])), "fitted parameters"
     title = f"{rows}, from all rows" if changes else rows
     parts = headed(title, "name", "value", "standard error", *before, "unit", numbers=3 + len(before))

@@ -57,7 +57,7 @@ Chain = list[str] | None
 
 @dataclass(frozen=True)
 class Answers(Encoded):
-    """The answers to a model of a library, null where there is none."""
+    """The answers about a model of a library, null where there is none."""
 
     observable_params_known: Annotated[Chain, "states that are observable with known parameters, generically"]
     observable_joint: Annotated[Chain, "states and unknown parameters that are observable together, generically"]
@@ -84,7 +84,7 @@ FIELDS = tuple(one.name for one in dataclasses.fields(Answers))
 
 @dataclass(frozen=True)
 class LibraryAnswer(Answers):
-    """The answers, and where they apply what went wrong."""
+    """The answers about a model of a library, and the errors that occurred."""
 
     json_keys = f"{' '.join(FIELDS)} error? partial? notes?"
 
@@ -128,10 +128,10 @@ def read(path: Path) -> list[tuple[str, Any]]:
 def check(
     models: list[tuple[str, Any]], *, limit: float = LIMIT, tick: Callable[[], None] = lambda: None
 ) -> dict[str, dict[str, Any]]:
-    """Return the answers by model name, in the models' order; `models`: pairs of name and model; `tick` is called after
-    each.
+    """Return the answers by model name, in the models' order; `models`: pairs (name, model); `tick` is called after
+    each model.
 
-    Args: `limit`: seconds of the processor for each model; answers found until then are kept.
+    Args: `limit`: seconds of the processor for each model; answers found until then are returned.
     """
     names = [name for name, _ in models]
     whole: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
@@ -175,8 +175,8 @@ def _answered(model: Any) -> Iterator[tuple[str, Any]]:
 
 
 def answers(entry: Entry) -> Iterator[Answer]:
-    """Yield the answers to a model as pairs of field and value, as they are found; a field may be repeated with a more
-    complete value.
+    """Yield the answers about a model as pairs (field, value) as soon as they are found; a field may be repeated with a
+    more complete value.
 
     A text of the model that cannot be read gives ("error", sentence). A question that fails in any way gives ("note",
     sentence), and the next one is asked.
@@ -192,8 +192,8 @@ def answers(entry: Entry) -> Iterator[Answer]:
 
 @dataclass(frozen=True)
 class _Forms:
-    """The forms of a model: its chains of integrators z_i' = a_i z_(i+1) + b_i
-    and the signs of their gains a_i, computed once for all questions."""
+    """The forms of a model: its chains of integrators z_i' = a_i z_(i+1) + b_i and the signs of the gains a_i, computed
+    once for all questions."""
 
     entry: Entry
     signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
@@ -221,9 +221,8 @@ class _Forms:
 
     @cached_property
     def regular_slopes(self) -> bool | None:
-        """True if in every chain z_i' = f_i(z_1 .. z_(i+1)) each df_i/dz_(i+1), and
-        every output's dh/dz_1, is nonzero on the box. None if an f_i may jump in
-        z_(i+1) or be undefined, which the derivative does not reveal."""
+        """Whether in every chain z_i' = f_i(z_1 .. z_(i+1)) each df_i/dz_(i+1), and every output's dh/dz_1, is nonzero
+        in the ranges. None if an f_i may jump in z_(i+1) or be undefined, which the derivative does not reveal."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
         if not regular:
@@ -311,8 +310,8 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 
 def _endless(slope: sp.Expr, sign: Sign) -> bool:
-    """Return whether the sign of a partial derivative is refuted only because it is
-    not finite at the witness, while its range has no values of both signs."""
+    """Return whether the sign of a partial derivative is refuted only because the derivative is not finite at the
+    witness, while its range has no values of both signs."""
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
@@ -331,8 +330,7 @@ def _ranges(forms: _Forms) -> Iterator[Answer]:
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
-    """Return the ends of the range of |a|, a the gain; the
-    lower one is positive if a is proved to be nonzero."""
+    """Return the ends of the range of |a|, a the gain; the lower end is positive if a is proved to be nonzero."""
     enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
     if not enclosure.finite:
         return None
@@ -426,7 +424,7 @@ Work = Callable[[Any], Iterable[Any]]
 
 
 class End(Enum):
-    """The way in which a worker's task ends: done, past its time, or crashed."""
+    """The end of a worker's task: done, past its time limit, or crashed."""
 
     DONE = "done"
     LATE = "past its time"
@@ -435,7 +433,7 @@ class End(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """A result of the task of number `task`, or the way in which the task ended (then `result` is None)."""
+    """A result of the task with number `task`, or the end of the task (then `result` is None)."""
 
     task: int
     result: Any
@@ -444,7 +442,8 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """A worker process, its pipe, the number of its task (None: not ready), and when the task is stopped."""
+    """A worker process with its pipe, the number of its task (None: not ready), and the time at which the task is
+    stopped."""
 
     process: BaseProcess
     pipe: Connection
@@ -453,10 +452,11 @@ class _Worker:
 
 
 def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None = None) -> Iterator[Event]:
-    """Yield the results of `work(task)` for each task, as they come, in no order; each task ends with one `Event.end`.
+    """Yield the results of `work(task)` for all tasks as soon as they come, in any order; the last event of each task
+    has `Event.end` set.
 
-    Args: `work`: a function of a module, whose results can be pickled; `limit`: seconds of the processor for each task,
-    and ten times as many by the clock; `processes`: by default one for each core.
+    Args: `work`: a top-level function whose results can be pickled; `limit`: seconds of the processor for each task,
+    and ten times as many by the wall clock; `processes`: by default one for each core.
     """
     methods = multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
@@ -493,8 +493,8 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
-    """Do tasks in a worker process, each within `limit` seconds of CPU
-    time. Ctrl-C is ignored, since the parent ends the worker."""
+    """Run tasks in a worker process, each within `limit` seconds of CPU time. Ctrl-C is ignored, since the parent ends
+    the worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(ImportError):  # a system without limits
         import resource

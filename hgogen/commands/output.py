@@ -87,8 +87,8 @@ class _Continued(Table):
 
 
 def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
-    """Return a table whose last `numbers` columns are right-aligned and never broken, but go on below where they do not
-    fit; the text columns before them may be broken."""
+    """Return a table with the title and the columns; its last `numbers` columns are right-aligned and never broken,
+    those before may be."""
     table = _Continued(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
     )
@@ -114,8 +114,8 @@ def file_list(paths: Iterable[Any]) -> RenderableType:
 
 
 class Bar(Progress):
-    """A progress bar with the remaining time on the standard error stream, if that is a terminal; `total`: None if
-    unknown."""
+    """A progress bar with the remaining time, on the standard error stream if that is a terminal; `total`: the number
+    of steps, None if unknown."""
 
     def __init__(self, what: str, total: int | None) -> None:
         err = Console(stderr=True)
@@ -125,7 +125,7 @@ class Bar(Progress):
         self._only = self.add_task(what, total=total)
 
     def tick(self, following: str | None = None, done: int = 1) -> None:
-        """Count `done` more steps as done; `following` is the name of the next stage."""
+        """Count `done` more steps; `following`: the name of the next stage."""
         self.update(self._only, advance=done, description=following)
 
     def reach(self, done: int) -> None:
@@ -134,7 +134,7 @@ class Bar(Progress):
 
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the image files of figures, by file name; `drawn`: the figures by name. Display a progress bar."""
+    """Return the image files of figures (`drawn`, by name) by file name. Display a progress bar."""
     from hgogen.run import figures as figure
 
     files: dict[str, bytes] = {}
@@ -147,14 +147,14 @@ def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Folder:
-    """The folder of a command's results: `root`, which the user named, by default `build`, and the folder `below`
-    it."""
+    """The folder of a command's results: `root`, which the user named (by default `build`), with the subfolder
+    `below`."""
 
     root: Path
     below: str = ""
 
     def demand(self, *names: str) -> list[Path]:
-        """Return the paths of files of these names. Raises: `CannotWrite` if they cannot be written."""
+        """Return the paths of files with these names. Raises: `CannotWrite` if the files cannot be written."""
         return demand(map(self._within, names), self.root)
 
     def write(self, files: Mapping[str, str | bytes]) -> list[Path]:
@@ -166,7 +166,8 @@ class Folder:
         remove(self._within(name), self.root)
 
     def lines(self, name: str) -> AbstractContextManager[tuple[Iterator[str], Callable[[str], None]]]:
-        """Return the lines of a file, and a function that appends one, as `target.lines_of`. Raises: `CannotWrite`."""
+        """Return the lines of a file and a function that appends a line, as `target.lines_of`. Raises:
+        `CannotWrite`."""
         return lines_of(self._within(name), self.root)
 
     def save(
@@ -176,8 +177,8 @@ class Folder:
         files: Mapping[str, str | bytes] = MappingProxyType({}),
         more: Iterable[Path] = (),
     ) -> Reported:
-        """Write files, and the report as JSON with the file name `name`. Return the report, whose `files` are now all
-        these paths and the paths `more`. Raises: `CannotWrite`."""
+        """Write files, and the report as JSON into the file `name`; return the report with all paths, and the paths
+        `more`, in its `files`. Raises: `CannotWrite`."""
         paths = (*self.demand(*files, name), *more)
         complete: Reported = replace(report, files=paths)  # type: ignore[type-var]
         self.write({**files, name: json_text(complete) + "\n"})
@@ -188,12 +189,12 @@ class Folder:
 
 
 def folder_of(out: Path | None, model: "Model", observer: str | None = None) -> Folder:
-    """Return the folder --out, by default build/MODEL, or build/MODEL_OBSERVER for a given tuning."""
+    """Return the folder --out, by default build/MODEL, or build/MODEL_OBSERVER if a tuning is named."""
     return Folder(Path("build"), named(model, observer)) if out is None else Folder(out)
 
 
 def named(model: "Model", observer: str | None) -> str:
-    """Return the name of the folder of results: the model's, followed by the tuning's if one is given."""
+    """Return the name of the folder of results: the model's, with the tuning's appended if one is named."""
     return f"{model.name}_{observer}" if observer else model.name
 
 
@@ -216,7 +217,7 @@ _unread: list[int] = []
 
 
 class _Results(io.FileIO):
-    """A standard output that records when its reader has closed it, as `| head` does."""
+    """A standard output that records that its reader has closed it, as `| head` does."""
 
     def write(self, data: Any) -> int:
         try:
@@ -227,18 +228,18 @@ class _Results(io.FileIO):
 
 
 def note(*sentences: str) -> None:
-    """Print each sentence in a line of its own on the standard error stream."""
+    """Print each sentence on a line of its own, on the standard error stream."""
     for sentence in sentences:
         print(f"hgogen: {printable(sentence)}", file=sys.stderr)
 
 
 def printable(text: str) -> str:
-    """Return the text with control characters escaped, as in a file from somebody else."""
+    """Return the text with control characters escaped, which a file from somebody else may contain."""
     return "".join(c if c.isprintable() or c in "\n\t\xa0" else repr(c)[1:-1] for c in text)
 
 
 def listen() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt in the process of a command; before that it ends the process."""
+    """Let Ctrl-C raise KeyboardInterrupt from now on; until then it ends the process without a message."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, _interrupt)
 
@@ -255,8 +256,8 @@ def interrupted() -> bool:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], None]]:
-    """Turn an error after a Ctrl-C in the body into KeyboardInterrupt: CasADi raises its own error. Yield a function
-    that raises KeyboardInterrupt after one that CasADi has dropped."""
+    """Turn an error after a Ctrl-C in the body into KeyboardInterrupt, since CasADi raises an error of its own. Yield a
+    function that raises KeyboardInterrupt if CasADi has dropped one."""
     before = len(_interrupts)
 
     def check() -> None:
@@ -286,13 +287,13 @@ def set_apart() -> None:
 
 
 def dropped() -> int:
-    """Discard the remaining output, which nobody reads, and return the exit status of the process."""
+    """Discard the remaining output, which has no reader any more, and return the exit status of the process."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return UNREAD
 
 
 def flushed(status: object) -> object:
-    """Flush the standard output and return the exit `status`, another where the output cannot be written."""
+    """Flush the standard output and return the exit `status`, or that of an error if the output cannot be written."""
     if _unread:  # as with the help, which typer prints
         return dropped()
     try:
@@ -313,7 +314,7 @@ def results() -> TextIO:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Redirect print to the standard error stream in the body; `results` returns the former `sys.stdout`."""
+    """Redirect `print` to the standard error stream within the body; `results` returns the former `sys.stdout`."""
     token = _RESULTS.set(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):

@@ -20,7 +20,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 
 @dataclass(frozen=True, eq=False)
 class PageReport(ModelReport):
-    """The report of a model."""
+    """The report of `report`: the HTML page of a model."""
 
     live: Annotated[bool, "whether the observer runs in the page"]
     bytes: Annotated[int, "size of the page"]

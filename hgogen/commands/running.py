@@ -90,7 +90,7 @@ STAGES = 5  # stages of `run` before the figures, besides one for each sample ah
 
 @dataclass(frozen=True, eq=False)
 class RecordRun(ModelReport):
-    """A run over a measured record, and what it says of the observer and of the record."""
+    """The report of `run`: a run over a measured log, with findings about the observer and the log."""
 
     json_keys = (
         "model engine=run.engine record=record.report status acted initial begins predictions hidden "
@@ -115,35 +115,35 @@ class RecordRun(ModelReport):
 
     @property
     def acted(self) -> Interventions:
-        """When guards acted on the estimate."""
+        """The times at which guards changed the estimate."""
         return interventions(self.step, self.run.status, self.record.t)
 
     @property
     def initial(self) -> dict[str, float]:
-        """States that the first samples or --initial give."""
+        """Initial estimates of states, from the first samples or --initial."""
         return {name: one.value for name, one in self.begins.items()}
 
     @property
     def hidden(self) -> dict[str, float | None]:
-        """RMS error of the estimate by state, where --truth gives it."""
+        """RMS error of the estimate by state whose truth --truth gives."""
         errors = {state: self.run.off(state, true)[self.counted :] for state, true in self.truth.items()}
         measured = {state: each[np.isfinite(each)] for state, each in errors.items()}
         return {state: rms(each) if len(each) else None for state, each in measured.items()}
 
     @cached_property
     def sure(self) -> Consistency:
-        """The consistency of the innovations and errors with the variances of the observer."""
+        """The consistency of innovations and errors with the covariance of the observer."""
         true = {state: values[self.counted :] for state, values in self.truth.items()}
         return consistency(self.run.since(self.counted), true)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The faults of the log, and the doubts about the run."""
+        """The faults of the log, and sentences on the reliability of the run."""
         return (*map(str, self.findings), *self.remarks)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """The doubts about the run."""
+        """Sentences on the reliability of the run."""
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = precision_warnings(self.from_double, self.step.time)
         known, more = self.doubts
@@ -153,11 +153,11 @@ class RecordRun(ModelReport):
 
     @property
     def status(self) -> dict[str, int]:
-        """The number of samples with each status bit; only those that were raised."""
+        """The number of samples with each status bit, without the bits that were never raised."""
         return self.run.raised
 
     def written(self, name: str) -> dict[str, str | bytes]:
-        """Return the estimates and innovations as CSV, and the figures, by file name; `name` is that of the log."""
+        """Return by file name the estimates and innovations as CSV, and the figures; `name`: that of the log."""
         texts = {"estimates": _estimates(self.step, self.record, self.run)}
         texts |= {"innovations": _innovations(self.step, self.record, self.run)}
         drawn = rendered(self._figures(name))
@@ -241,7 +241,7 @@ def run_(
 
 
 class _Opened(NamedTuple):
-    """A log on the grid of a step, with the signals that --shift shifts."""
+    """A log resampled with the period of a step, after the shifts of --shift."""
 
     model: Model
     step: CallableStep
@@ -250,13 +250,13 @@ class _Opened(NamedTuple):
 
     @property
     def elapsed(self) -> np.ndarray | None:
-        """The time (N) since the sample before, for a step in which it varies."""
+        """The time (N) since the previous sample, for a step with varying dt; None for another step."""
         return self.record.elapsed if self.step.clock.varying else None
 
 
 class _Estimated(NamedTuple):
-    """The run of a step over a log u (N, m), y (N, p), from `begins`; `judge`, `judged`: the step and the run by which
-    the log is judged."""
+    """The run of a step over a log u (N, m), y (N, p), with the initial estimates `begins`; `judge`, `judged`: the step
+    and the run by which the log is judged."""
 
     step: CallableStep
     begins: dict[str, Begin]
@@ -271,7 +271,8 @@ class _Estimated(NamedTuple):
 def _destination(
     model: str, data: Path, observer: str | None, setting: Setting, columns: Columns, out: Path | None, ending: str
 ) -> tuple[Model, Folder, str]:
-    """Return the model, the folder of its results, and the name of the log; the report's file ends with `ending`."""
+    """Return the model, the folder of its results, and the name of the log; `ending`: the end of the report's file
+    name."""
     loaded = _timed(load(model).set(setting), data, columns)
     folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
     folder.demand(f"{name}_{ending}.json")
@@ -379,8 +380,8 @@ def _period(model: Model, data: Path, columns: Columns) -> float | tuple[float, 
 
 
 def _step(model: Model, observer: str | None, data: Path, columns: Columns) -> CallableStep:
-    """Return the step of a model, or of its tuning `observer`. Raises: `BadRecord` if its dt is the period of the log
-    and too long, and a thousandth or a millionth of it is not."""
+    """Return the step of a model, or of its tuning `observer`. Raises: `BadRecord` if its dt is the log's period and
+    too long for the plant, but a thousandth or a millionth of that period is not (times in ms or us)."""
     try:
         return model.step(observer)
     except HgogenError as error:
@@ -468,7 +469,7 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 
 @dataclass(frozen=True, eq=False)
 class InspectReport(ModelReport):
-    """The faults of a log, before gains are learned from it."""
+    """The report of `inspect`: the faults of a log."""
 
     json_keys = "model record=record.report findings better notes files"
 
@@ -490,7 +491,7 @@ class InspectReport(ModelReport):
             yield "no fault found, in the signals and in the innovations of the model's observer"
 
     def written(self, name: str) -> dict[str, str | bytes]:
-        """Return the figure of the signals with their faults, by file name; `name` is that of the log."""
+        """Return by file name the figure of the signals with their faults marked; `name`: that of the log."""
         from hgogen.run import figures
 
         signals = (*self.step.inputs, *self.step.outputs)
@@ -537,7 +538,7 @@ def inspect_(
 
 @dataclass(frozen=True, eq=False)
 class NoiseReport(ModelReport):
-    """The noise of a quiet part of a log."""
+    """The report of `noise`: the sensor noise in a part of a log without excitation."""
 
     json_keys = "model record=record.report noise"
 
@@ -599,7 +600,7 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class Windows(ModelReport):
-    """The observability of windows along a trial."""
+    """The report of `window`: the observability Gramians of windows along a trial."""
 
     json_keys = "model trial windows"
 
@@ -636,7 +637,7 @@ def window_(
 
 
 def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
-    """Return the table of the RMS errors of predictions; `dt`: the sampling period, `unit`: of time."""
+    """Return the table of the RMS errors of predictions; `dt`: the sampling period, `unit`: that of time."""
     table = headed(
         "RMS prediction error of the measured outputs",
         *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
@@ -651,7 +652,8 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
 
 
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
-    """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes`: below."""
+    """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes` are
+    printed below."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
     sure = ("NIS", "by the median", "its 95 % band", "beyond 2 sigma") if known else ()
@@ -695,7 +697,7 @@ def status_table(step: Step, counts: Mapping[str, int], samples: int) -> Rendera
 
 
 def gates_table(shares: Iterable[GateShare]) -> Iterable[RenderableType]:
-    """Return a table of the samples beyond each gate, empty without gates."""
+    """Return a table of the samples beyond each innovation gate, none without gates."""
     columns = ("outputs", "samples", "beyond", "share", "expected", "accepted after too many")
     rows = (
         (", ".join(s.outputs), str(s.count), str(s.beyond), f"{s.share:.3%}", f"{s.expected:.3%}", str(s.reacquired))
@@ -705,7 +707,7 @@ def gates_table(shares: Iterable[GateShare]) -> Iterable[RenderableType]:
 
 
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
-    """Return the table of the observability Gramians of windows along a trial."""
+    """Return the table of the observability Gramians of windows along a trial; `unit`: that of time."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in gramians:

@@ -58,7 +58,8 @@ Tick = Callable[[], None]
 
 
 def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
-    """Return the model's trials, else one proposed from its ranges, with a note. Raises: `NoTrial`, `MissingPart`."""
+    """Return the model's trials or, if it has none, one proposed from its ranges, with a note. Raises: `NoTrial`,
+    `MissingPart`."""
     if model.has("trial"):
         return model.trials()
     trial = proposed_trial(model.plant)
@@ -69,8 +70,8 @@ def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
 
 
 def with_declared_noise(model: Model, trials: Sequence[Trial], steps: Iterable[CallableStep]) -> tuple[Trial, ...]:
-    """Return a proposed trial with the standard deviations of one sample that the first of the `steps` with R declares;
-    a model's own trials as they are."""
+    """Return a model's own trials unchanged, a proposed trial with the noise of a sample (standard deviations) that the
+    first of the `steps` with R declares."""
     if model.has("trial"):
         return tuple(trials)
     declared = next(filter(None, map(sample_deviations, steps)), {})
@@ -80,8 +81,8 @@ def with_declared_noise(model: Model, trials: Sequence[Trial], steps: Iterable[C
 
 
 def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
-    """Return a model's trials, a proposed one with the noise that the step declares, after checking that the step can
-    run on each. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
+    """Return a model's trials (a proposed one with the noise that the step declares), on each of which the step can
+    run. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
     known = with_declared_noise(model, trials_or_proposed(model), [step])
     for trial in known:
         demand_trial(step.observer.form.system.declared, trial, step.dt)
@@ -90,7 +91,7 @@ def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A trial over its seeds; `first`: the first seed's trajectory."""
+    """The results of a trial over its seeds; `first`: the trajectory of the first seed."""
 
     trial: Trial
     first: Trajectory
@@ -101,7 +102,7 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class TrialRow:
-    """A trial as JSON has it."""
+    """The results of a trial as they are printed in JSON."""
 
     json_keys = "*summary left=tried.leaving acted=tried.acted"
 
@@ -110,7 +111,7 @@ class TrialRow:
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
-    """Run the step over a trial with each of the seeds, and return the metrics; `tick` is called after each seed."""
+    """Return the metrics of a step on a trial for each of the seeds; `tick` is called after each seed."""
     first: Trajectory | None = None
     each: list[Metrics] = []
     acted = Interventions(runs=0)
@@ -140,14 +141,14 @@ def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
-    """Return the difference between C and Python on the first seed of each trial, `dt` the sampling period."""
+    """Return the difference between C and Python on the first seed of each trial; `dt`: the sampling period."""
     pairs = zip(c, python, strict=True)
     return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
 
 
 def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
-    """Return the figures of each trial, by file name without ending: the states, theta if it adapts, and the errors if
-    their proved bounds are `known`."""
+    """Return the figures of each trial, by file name without suffix: the states, theta if it adapts, and, if proved
+    bounds are `known`, the errors."""
     from hgogen.run import figures as figure
 
     drawn = {}
@@ -208,7 +209,7 @@ LANGUAGES = {"c": "C", "python": "Python"}
 
 
 def time_cell(value: float | None) -> str:
-    """Return a time as text with two decimals, a short one with more; "never" for None."""
+    """Return a time as text with two decimals, a short time with more; "never" for None."""
     if value is None:
         return "never"
     return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
@@ -262,7 +263,7 @@ class CampaignRow:
 
     @property
     def criterion(self) -> str:
-        """The meaning of settled."""
+        """When a run counts as settled."""
         return criterion(self.campaign.trial, self.campaign.step.time)
 
     @property
@@ -272,21 +273,21 @@ class CampaignRow:
 
     @property
     def failed(self) -> int:
-        """Number of runs without a truth."""
+        """Number of runs whose plant could not be simulated."""
         return self.tally.failed
 
     @property
     def quantiles(self) -> list[Spread]:
-        """The quantities over the runs."""
+        """The quantiles of each quantity over the runs."""
         return self.tally.spreads()
 
     @property
     def run(self) -> Outcome | None:
-        """The run of --repeat."""
+        """The run that --repeat names."""
         return None if self.repeat is None else self.tally.last
 
     def notes(self) -> Iterator[str]:
-        """Yield the failures of runs."""
+        """Yield a sentence on runs that failed."""
         if self.tally.failure:
             share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
             first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"
@@ -320,7 +321,7 @@ def campaigns(
     options: Runs,
     seeds: int | None,
 ) -> tuple[CampaignRow, ...]:
-    """Return the results of a campaign for each trial and each step; `steps`: gives the steps for a trial by name.
+    """Return the results of a campaign for each trial and each step; `steps`: returns the steps for a trial, by name.
 
     Raises: `BadParameter` for options that exclude each other; as `run.campaign` does.
     """

@@ -20,7 +20,7 @@ _COLOURS = {"verified": "green", "fails": "red"}
 
 @dataclass(frozen=True)
 class Verification(Report):
-    """The report of a certificate that was verified."""
+    """The report of `recheck`: the claims of a certificate, verified again."""
 
     json_keys = (
         "plant=outcome.plant form=outcome.form observer model=outcome.model verified counts=outcome.counts "
@@ -36,7 +36,7 @@ class Verification(Report):
 
     @property
     def verified(self) -> bool:
-        """Whether a claim is verified, and none fails."""
+        """Whether at least one claim is verified, and none fails."""
         return bool(self.outcome.verified and not self.outcome.failed)
 
     def tables(self) -> Iterator[Any]:
