@@ -107,7 +107,10 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "b varies strongly in a part of the ranges only", "three numbers that satisfy an inequality", "n + 1", _starting
+    "b varies strongly in a part of the ranges only",
+    "gains p_1, p_2, p_3 that satisfy an inequality",
+    "n + 1",
+    _starting,
 )
 def updated_gain(
     form: Form,
