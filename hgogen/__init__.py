@@ -3,8 +3,8 @@
 plant : System --form--> Form --observer--> Observer --method, dt--> Step --target--> files
                                                                        --call------> numbers
 
-What is public is imported when it is first asked for, so that `import hgogen` takes no time. Which file holds it stands
-in `__init__.pyi`, where type checkers and editors read it as well.
+A public name is imported at its first use, so that `import hgogen` takes no time. `__init__.pyi` lists the file of each
+name, also for type checkers and editors.
 """
 
 from importlib import import_module

@@ -44,7 +44,7 @@ from hgogen.run.samples import (
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import Time, plural
 from hgogen.step import BadStep, CannotUpdate, GrowingAngle, StartsUncorrected, Step, StepMayFail, demand_choice, plan
-from hgogen.stepping.delays import arranged
+from hgogen.stepping.delays import with_late_samples
 from hgogen.stepping.discretise import demand_motion
 from hgogen.stepping.sections import AT, ROUND
 from hgogen.stepping.substeps import ELAPSED
@@ -432,7 +432,7 @@ class CallableStep(Step, Displayed):
         return self._entries["step"]
 
     def _demand_sections(self) -> None:
-        if not self.code.apart:
+        if not self.code.separable:
             raise CannotUpdate(self.observer.name, self.code.rule)
 
 
@@ -468,7 +468,7 @@ def sample(
     restart. A sample that is not a number then destroys the estimate, and the observer has no claims. `prefer`: "flash"
     for a short program with loops, where the default is a fast one.
 
-    Of a discrete plant x+ = f(x, u), dt is the time from one sample to the next, for reports and time axes alone. The
+    For a discrete plant x+ = f(x, u), dt is the time from one sample to the next, for reports and time axes alone. The
     input given with a sample moves the plant to the next one; with `between` "hold" the input given with a sample is
     the one that moved the plant to it. `first`: "update", the first call corrects the initial state by its sample; or
     "predict", it predicts before that, by the input at rest, or with "hold" by the input given.
@@ -495,7 +495,9 @@ def sample(
     demand_choice("guards", guards, ("all", "none"))
     demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
-        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer, first, report, substeps))
+        planned = with_late_samples(
+            plan(observer, method, dt, between, periods, guards, prefer, first, report, substeps)
+        )
     demand_motion(observer.form, planned.shortest, real)
     _warn_of_angles_and_start(planned)
     for section in planned.code.called:

@@ -1,4 +1,4 @@
-"""A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`. Of a discrete
+"""A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`. For a discrete
 plant the left side is z+, the coordinates at the next sample.
 
 Every observer treats the two parts differently. The linear part A(u) z is used as it is. The nonlinear part b takes its
@@ -44,8 +44,8 @@ def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> N
 
 
 @dataclass(frozen=True)
-class Asking:
-    """The settings by which a survey of all forms tries one form.
+class SurveySettings:
+    """The settings by which the survey of all forms (`hgogen.which_forms`) tries one form.
 
     `place`: its order among the forms, the narrowest first; `options`: the arguments of each variant of the form;
     `least` and `most`: the numbers of outputs that it applies to (0: any number); `costly`: whether the attempt takes
@@ -70,7 +70,7 @@ class Asking:
 
     def __call__(self, form: Make) -> Make:
         """Attach the settings to `form`, a function of `hg.forms`, as a decorator, and return it."""
-        vars(form)["asking"] = self
+        vars(form)["survey_settings"] = self
         return form
 
 

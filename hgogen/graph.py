@@ -90,7 +90,7 @@ def binary(operation: int, a: Graph, b: Graph) -> Graph:
     return ca.SX.binary(operation, a, b)
 
 
-def leaves(value: Graph, low: float, high: float) -> Graph:
+def is_outside(value: Graph, low: float, high: float) -> Graph:
     """Return an SX: whether a value is below `low` or above `high`."""
     return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
 

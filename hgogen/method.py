@@ -118,7 +118,7 @@ class Method(Protocol):
 
 
 @runtime_checkable
-class OnErrors(Protocol):
+class ProvableMethod(Protocol):
     """A method whose discrete-time error dynamics are known, so that convergence of the discretised observer can be
     proved."""
 
@@ -164,7 +164,7 @@ class Staged:
         """Return the step lengths at which the tableau is stable, with the linear core and with the Jacobian."""
         name = self.prediction.name
         why = f"beyond it the linear error core leaves the stability region of {name}"
-        return lengths(part, observer, dt, self, Limit(paced(part, observer, self.prediction), why), name)
+        return lengths(part, observer, dt, self, Limit(stable_step(part, observer, self.prediction), why), name)
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """Return the amplification matrices R(h M) (k, N, N) of a step, R the stability polynomial of the tableau."""
@@ -303,7 +303,7 @@ def equations(method: Method, rule: str) -> tuple[str, ...]:
     return {RK4.name: RK4.equations, method.name: method.equations}.get(rule, ())
 
 
-def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
+def stable_step(part: Ode, observer: Observer, tableau: Tableau) -> float:
     """Return the largest step length at which the tableau keeps the linear error dynamics e' = M e of `part` stable;
     inf for a part without a linear core. Raises: `InfiniteCore`, `stability.UnstableCore`."""
     line = core(part, len(observer.form.system.outputs))

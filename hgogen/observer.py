@@ -209,7 +209,7 @@ def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:
 
 
 def _remade(case: Callable[..., Observer], process_dt: float, *args: Any, **keywords: Any) -> Observer:
-    observer = remembered(case)(*args, **keywords)
+    observer = cached_observers(case)(*args, **keywords)
     return replace(observer, process_dt=process_dt) if process_dt else observer
 
 
@@ -224,7 +224,7 @@ def _again(
     return observer if clamped else observer.clamping(False)  # without the claims of the theorem
 
 
-def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
+def cached_observers(make: Callable[..., Observer]) -> Callable[..., Observer]:
     """Return the observer function `make` with a cache: equal arguments on the same form return the same observer, for
     the most recent calls. Each observer holds its arguments in `construction`. An observer never changes, nor do the
     cached arguments."""
@@ -470,7 +470,7 @@ def high_gain_parameter(theta: Any) -> Field:
     return gain("theta", value, 1.0, value, "high-gain parameter")
 
 
-def any_theta(theta: Any) -> Field:
+def positive_theta(theta: Any) -> Field:
     """Return the field of the gain `theta` > 0 of an observer with a constant gain matrix. A theta below 1, which the
     theorem excludes, cannot be tuned. Raises: `BadGain`."""
     value = positive("theta", theta)

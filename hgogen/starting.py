@@ -71,7 +71,7 @@ class Scale:
     def poles(self) -> Any:
         """The poles, all at -1 or spread about it with geometric mean -1, as a tuple for each chain if there are
         several."""
-        each = tuple(tuple(-whole(two(self.spread**k)) for k in evenly(size)) for size in self.blocks)
+        each = tuple(tuple(-whole(two_digits(self.spread**k)) for k in evenly(size)) for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
     @property
@@ -91,11 +91,11 @@ class Scale:
 
     def start(self, exponent: int = 1) -> Gains:
         """Return P_i(0)^exponent by the name of state i: P_i(0), or for -1 its inverse."""
-        return {name: weight(two(s * s / 4) ** exponent) for name, s in self.states.items()}
+        return {name: weight(two_digits(s * s / 4) ** exponent) for name, s in self.states.items()}
 
     def density(self, exponent: int = 1) -> Gains:
         """Return Q_i^exponent by the name of state i: the process noise Q_i, or for -1 its inverse."""
-        return {name: weight(two(q) ** exponent) for name, q in self.process.items()}
+        return {name: weight(two_digits(q) ** exponent) for name, q in self.process.items()}
 
     def variance(self, exponent: int = 1) -> Any:
         """Return R_j^exponent by the name of output j, a number for one output: the variance R_j, or for -1 its
@@ -205,12 +205,12 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     dt = 1.0 if form.system.discrete else dt
     rates = _pace(form.system)
-    theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
+    theta = max(2.0, two_digits(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     if dt is None:
         of_times = (float(time.turn) / 20 for time in form.system.times)
-        dt = two(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf, *of_times))
+        dt = two_digits(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf, *of_times))
     else:
-        theta = max(1.0, min(theta, two(1 / (20 * dt))))
+        theta = max(1.0, min(theta, two_digits(1 / (20 * dt))))
     states = {name: _span(*z.interval) for name, z in zip(form.names, form.states, strict=True)}
     outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
@@ -273,7 +273,7 @@ def _span(low: float, high: float) -> float:
     return half if 0 < half < math.inf else 1.0
 
 
-def two(value: float) -> float:
+def two_digits(value: float) -> float:
     """Return a number rounded to two significant digits."""
     return float(f"{value:.1e}")
 
@@ -283,4 +283,4 @@ def weight(value: float) -> float:
     weights."""
     if not value <= LOST:
         raise OverflowError
-    return two(value)
+    return two_digits(value)

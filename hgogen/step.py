@@ -18,7 +18,7 @@ import numpy as np
 
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError, is_ignored
-from hgogen.method import Method, OnErrors
+from hgogen.method import Method, ProvableMethod
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import SUBSTEPS, Clock, First, Guards, NeedsFixedStep, Pieces, Prefer, Varying, clock_of
 from hgogen.program import INF, Bit, Element, Field, Group, Place, Program, Report, Section, in_capitals, places
@@ -205,8 +205,9 @@ class Code:
         return tuple(s for section in self.sections for s in section.program) + self.estimate
 
     @cached_property
-    def apart(self) -> bool:
-        """Whether prediction and correction can be separate calls: `predict` integrates no measurement."""
+    def separable(self) -> bool:
+        """Whether prediction and correction can be separate calls: the section `predict` does not read the
+        measurement."""
         reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
         return not reads and any(section.corrects for section in self.sections)
 
@@ -395,7 +396,7 @@ def plan(
     _demand_sampled(system, pieces, method, guards, every)
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)
-    if every and not step.code.apart:
+    if every and not step.code.separable:
         raise CannotUpdate(observer.name, step.code.rule)
     return step
 
@@ -479,7 +480,7 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
     lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     error, proof = observer.error, ""
-    if isinstance(method, OnErrors) and not (error is None or isinstance(error, Nothing)):
+    if isinstance(method, ProvableMethod) and not (error is None or isinstance(error, Nothing)):
         proof = "" if method.obstacle(error) else _CERTIFIED
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)

@@ -4,7 +4,7 @@
     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
 
 The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump; many truths of one
-plant by extrapolation (`March`) where that is as accurate. The noise is the exact discretisation of a stationary
+plant by `Extrapolation` where that is as accurate. The noise is the exact discretisation of a stationary
 Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white noise.
 
 The truth of a discrete plant is the iteration of its map, by the inputs at the samples. A jump takes effect at the
@@ -150,9 +150,9 @@ class Trial:
     def first_estimate(self, form: Form) -> dict[str, float]:
         """Return the `initial` of a form's observers for the state `estimate` at time 0. Raises: `BadTrial`."""
         plant = form.system.declared
-        _names(self, "inputs", driven(form.system, self), {s.name for s in form.system.inputs}, needed=True)
+        _names(self, "inputs", input_expressions(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
-        first = zip(form.system.inputs, sampled(form.system, self, np.zeros(1))[0], strict=True)
+        first = zip(form.system.inputs, inputs_at(form.system, self, np.zeros(1))[0], strict=True)
         read = set().union(*(sp.sympify(e).free_symbols for e in form.to_form))
         return dict(self.estimate) | {u.name: float(value) for u, value in first if u in read}
 
@@ -255,7 +255,7 @@ def motion(step: CallableStep, trial: Trial, free: Sequence[Signal] = ()) -> ca.
     discrete, the outputs without noise and the inputs of the step; p: values of the parameters `free`, the others are
     nominal. Raises: `BadTrial`."""
     system = step.observer.form.system
-    plant, signals = Plant(system.declared, trial, step.dt, free), driven(system, trial)
+    plant, signals = Plant(system.declared, trial, step.dt, free), input_expressions(system, trial)
     x, time, p = (plant.graph[name] for name in "xtp")
     u = to_casadi([sp.sympify(signals[s.name]) for s in system.inputs], {t: time})
     return ca.Function("truth", [x, time, p], [plant.graph["ode"], plant.measure(x, time, p), ca.vertcat(*u)])
@@ -280,7 +280,7 @@ class Plant:
         times: np.ndarray | None = None,
     ) -> None:
         self._plant = plant
-        self._trial = trial = replace(trial, inputs=driven(plant, trial))
+        self._trial = trial = replace(trial, inputs=input_expressions(plant, trial))
         demand_trial(plant, trial, dt)
         self.times = np.arange(round(trial.duration / dt) + 1) * dt if times is None else times
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
@@ -296,7 +296,7 @@ class Plant:
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}
         moving = [one for one in self._segments if many and one.stops and not plant.discrete]
-        self._marches = {one.begin: March(self.graph, [one.begin, *one.stops]) for one in moving}
+        self._marches = {one.begin: Extrapolation(self.graph, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
         """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial`."""
@@ -310,7 +310,7 @@ class Plant:
     @cached_property
     def u(self) -> np.ndarray:
         """The inputs (N, m) at the samples."""
-        return sampled(self._plant, self._trial, self.times)
+        return inputs_at(self._plant, self._trial, self.times)
 
     def states(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> np.ndarray:
         """Return the states of the truth (N, n); a jump takes effect at its exact time. Raises: `BadTrial`."""
@@ -387,9 +387,9 @@ def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
         yield _Segment(begin, np.abs(times - begin) <= grain, inside, stops)
 
 
-def sampled(plant: System, trial: Trial, moments: np.ndarray) -> np.ndarray:
+def inputs_at(plant: System, trial: Trial, moments: np.ndarray) -> np.ndarray:
     """Return the plant's inputs (N, m) at the times `moments`."""
-    time, inputs = ca.SX.sym("t"), driven(plant, trial)
+    time, inputs = ca.SX.sym("t"), input_expressions(plant, trial)
     u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
     each = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])
     values = np.array(each.map(len(moments))(moments[None, :])).T.reshape(len(moments), -1)
@@ -398,7 +398,7 @@ def sampled(plant: System, trial: Trial, moments: np.ndarray) -> np.ndarray:
     return values
 
 
-def driven(plant: System, trial: Trial) -> dict[str, Any]:
+def input_expressions(plant: System, trial: Trial) -> dict[str, Any]:
     """Return the expression in t of every input of the plant by name: as the trial declares it, a derivative of another
     input, or the time itself."""
     rates = {
@@ -430,7 +430,7 @@ def try_out(
     """
     truth = simulate(step.observer.form.system.declared, trial, step.dt, sample_times(step, trial))
     runs = feeds(step, trial, truth, trial.seeds if seeds is None else seeds)
-    yield from tried(step, runs, first_memory(step, trial), engine)
+    yield from run_feeds(step, runs, first_memory(step, trial), engine)
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
@@ -440,7 +440,7 @@ def first_memory(step: CallableStep, trial: Trial) -> bytes:
     return step.started(trial.first_estimate).save() if trial.estimate else step.save()
 
 
-def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
+def run_feeds(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
     """Yield the response of the step to each run of a trial, restarted each time from the memory `start`, bytes from
     `save`."""
     for one in runs:
@@ -453,7 +453,7 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
     """Yield the inputs and noisy measurements of each seed on a `truth` of the plant; noise is computed for many seeds
     at once."""
     system = step.observer.form.system
-    u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
+    u = truth.u if system.inputs == system.declared.inputs else inputs_at(system, trial, truth.t)
     for first in range(0, len(seeds), truth.at_once):
         some = seeds[first : first + truth.at_once]
         for seed, y in zip(some, noisy(system.declared, truth, trial, some), strict=True):
@@ -534,7 +534,7 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
     system = step.observer.form.system
     truth = simulate(system.declared, nominal, step.dt, sample_times(step, nominal))
     (y,) = noisy(system.declared, truth, nominal, nominal.seeds[:1])
-    u, _ = with_elapsed(step, sampled(system, nominal, truth.t), elapsed(step, truth))
+    u, _ = with_elapsed(step, inputs_at(system, nominal, truth.t), elapsed(step, truth))
     rows: np.ndarray = np.hstack([u, step.arriving(at_sampling_times(step, y))])
     return rows[:count]
 
@@ -645,7 +645,7 @@ void march(long long count, long long n, double* x, double* e, const double* t, 
 """
 
 
-class March:
+class Extrapolation:
     """The motion of x' = f(x, t; p) from `times[0]` to the others, by extrapolation with given steps, compiled.
 
         z_1 = x + h/n f(x),   z_(j+1) = z_(j-1) + 2 h/n f(z_j),   T_i1 = z_n,   n = n_i of 2, 4, 6, 8

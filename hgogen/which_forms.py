@@ -16,7 +16,7 @@ from hgogen.analysis.singularity import of_plant
 from hgogen.analysis.undefined import MAKER
 from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
-from hgogen.form import Asking, Form
+from hgogen.form import Form, SurveySettings
 from hgogen.reading.given import requires_any_plant, requires_switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
@@ -25,9 +25,9 @@ NOT_TRIED = because("not asked, may take seconds; ask with --deep, or survey(pla
 _CONTINUOUS = because("for differential equations, and the plant is discrete")
 
 
-def asking(name: str) -> Asking:
+def survey_settings(name: str) -> SurveySettings:
     """Return the settings by which a survey tries the form `name`, by default `Asking()`."""
-    return getattr(getattr(forms, name, None), "asking", Asking())
+    return getattr(getattr(forms, name, None), "survey_settings", SurveySettings())
 
 
 @dataclass(frozen=True)
@@ -80,20 +80,20 @@ class Survey:
     @property
     def candidates(self) -> tuple[Row, ...]:
         """The forms with a claim of observability and a structure that the plant has, proved ones first."""
-        rows = [row for row in self.answered if asking(row.kind).candidate]
+        rows = [row for row in self.answered if survey_settings(row.kind).candidate]
         shaped = [row for row in rows if row.form and row.form.structured]
         return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
 
     @property
     def silent(self) -> tuple[Row, ...]:
         """The forms that make no claim of observability, and whose structure the plant has."""
-        rows = [row for row in self.answered if not asking(row.kind).candidate]
+        rows = [row for row in self.answered if not survey_settings(row.kind).candidate]
         return tuple(row for row in rows if row.form and row.form.structured)
 
     @property
     def best(self) -> Form:
         """The plant in the first proved form, else the first whose structure it has, else any, else `original`."""
-        answering = [row for row in self.answered if asking(row.kind).candidate]
+        answering = [row for row in self.answered if survey_settings(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
@@ -111,10 +111,10 @@ class Survey:
 @requires_switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Return the verdict on every form for the plant on its declared box; forms that take seconds only if `deep`."""
-    names = sorted(forms.__all__, key=lambda name: asking(name).place)
+    names = sorted(forms.__all__, key=lambda name: survey_settings(name).place)
     rows = []
     for name in names:
-        case = asking(name)
+        case = survey_settings(name)
         refusal = case.refusal(len(plant.outputs))
         if plant.discrete and not case.discrete:
             rows.append(Row(name, None, (), _CONTINUOUS))

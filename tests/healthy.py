@@ -31,7 +31,7 @@ from hgogen.run.samples import at_sampling_times
 from hgogen.step import _assembled
 from hgogen.stepping import recovery
 from hgogen.stepping.guards import readings
-from hgogen.trial import BadTrial, Plant, Truth, noisy, sampled
+from hgogen.trial import BadTrial, Plant, Truth, inputs_at, noisy
 
 WORSE, LEAST = 1.1, 2e-3  # times, and of a range
 MOST = 60_000  # samples of a run
@@ -133,7 +133,7 @@ def signals(name: str, step: CallableStep, truth: Truth, mismatch: Mismatch) -> 
     spans = np.where(np.isfinite(spans), spans, np.ptp(truth.y, axis=0))
     y = y + spans * (mismatch.bias + mismatch.noise * rng.standard_normal(y.shape))
     y[np.arange(len(y)) % mismatch.every != 0] = np.nan
-    return sampled(system, trial, truth.t), at_sampling_times(step, y)
+    return inputs_at(system, trial, truth.t), at_sampling_times(step, y)
 
 
 def surveyed(name: str, observer: str, mismatches: Iterable[Mismatch]) -> Iterator[Run]:

@@ -31,7 +31,7 @@ from hgogen.emit.saved import sealed
 from hgogen.errors import HgogenError
 from hgogen.model import Model
 from hgogen.run.samples import at_sampling_times
-from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
+from hgogen.trial import BadTrial, Jump, Trial, Truth, inputs_at, noisy, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAIT = 10  # settling times that an estimate has to come back
@@ -260,7 +260,7 @@ def record(name: str, step: CallableStep, truth: Truth) -> tuple[np.ndarray, np.
     plant = system if system.origin is None else system.origin.plant
     y = noisy(plant, truth, trial, trial.seeds[:1])[0]
     assert loaded.plant.outputs
-    return sampled(system, replace(trial, duration=truth.t[-1]), truth.t), at_sampling_times(step, y)
+    return inputs_at(system, replace(trial, duration=truth.t[-1]), truth.t), at_sampling_times(step, y)
 
 
 def settled(error: np.ndarray, band: np.ndarray, window: int = 1) -> int:
@@ -485,7 +485,7 @@ def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = Fal
     for trial in model(name).trials():
         trial = trial if jumps else calm(trial)
         truth = simulate(plant, trial, step.dt)
-        u = sampled(system, trial, truth.t)
+        u = inputs_at(system, trial, truth.t)
         for seed in trial.seeds[:seeds]:
             y = at_sampling_times(step, noisy(plant, truth, trial, [seed])[0])
             step.reset()

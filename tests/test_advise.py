@@ -16,7 +16,7 @@ from hgogen.logs.advise import Advised, advise, tau
 from hgogen.model import load
 from hgogen.modelfiles.setting import Setting
 from hgogen.reading.given import BadGain
-from hgogen.trial import tried
+from hgogen.trial import run_feeds
 
 MODEL = load("pendulum")
 
@@ -113,12 +113,12 @@ def test_the_noise_is_that_of_the_steady_part(monkeypatch: pytest.MonkeyPatch) -
     (trial,) = MODEL.trials()
 
     def worse_before(*runs: Any) -> Any:
-        for one in tried(*runs):
+        for one in run_feeds(*runs):
             before = 1e3 * bool(one.trial.noise) * (one.truth.t < one.trial.steady_from - 1e-9)
             yield replace(one, x=one.x + before[:, None])
 
     (row,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
-    monkeypatch.setattr("hgogen.logs.advise.tried", worse_before)
+    monkeypatch.setattr("hgogen.logs.advise.run_feeds", worse_before)
     (other,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
     assert row.own is not None
     assert other.own == row.own

@@ -20,7 +20,7 @@ from hgogen.logs.records import Log, quantum_of
 from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, thetas, together
 from hgogen.modelfiles.json_file import BadFile, read_tunings
 from hgogen.modelfiles.tuning import First
-from hgogen.starting import Scale, Starting, scale, two
+from hgogen.starting import Scale, Starting, scale, two_digits
 
 DT = 0.1
 FIXED = SimpleNamespace(varying=None)  # the clock of a step with one dt
@@ -87,10 +87,10 @@ def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
     assert tuned is not None
     scales = [numbers for numbers, _ in tuned.tried]
     middle = len(grid) // 2
-    beside = [two((best * grid[k]) ** 0.5) for k in (middle - 1, middle + 1)]
+    beside = [two_digits((best * grid[k]) ** 0.5) for k in (middle - 1, middle + 1)]
     assert [one.theta for one in scales[:-4]] == [*grid, *beside]
     assert [(one.spread, one.theta) for one in scales[-4:]] == [
-        (spread, two(factor * best)) for spread in (2, 4) for factor in (1, 1.4)
+        (spread, two_digits(factor * best)) for spread in (2, 4) for factor in (1, 1.4)
     ]
     assert (tuned.numbers.spread, tuned.numbers.theta) == (wanted, best)
 
@@ -186,7 +186,7 @@ def test_variances_are_doubted_on_both_sides(nis: float, said: str) -> None:
 def test_a_wanted_time_is_that_of_the_longest_chain() -> None:
     (row,), _ = advise(CHAINS, dt=1e-3, settling=0.5, observers=["high_gain"])
     assert row.first.step.observer.form.blocks == (2, 1)
-    assert row.theta == two(gamma.isf(0.01, 2) / 0.5)
+    assert row.theta == two_digits(gamma.isf(0.01, 2) / 0.5)
 
 
 def test_a_tuning_that_is_no_table_is_refused_beside_one_that_is(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ from hgogen.run.campaign import (
 )
 from hgogen.run.metrics import Metrics, Response, metrics
 from hgogen.target import CannotWrite, lines_of
-from hgogen.trial import BadTrial, Jump, March, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
+from hgogen.trial import BadTrial, Extrapolation, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 
 NAN, INF = float("nan"), float("inf")
 
@@ -317,9 +317,9 @@ def test_an_error_that_is_too_large_is_seen() -> None:
     """Of x' = x cos(40 t) over steps of 0.2; over steps of 0.002 the solution exp(sin(40 t)/40) is there."""
     x, time = ca.SX.sym("x"), ca.SX.sym("t")
     ode = {"x": x, "t": time, "p": ca.SX(0, 1), "ode": x * ca.cos(40 * time)}
-    assert March(ode, list(np.linspace(0, 2, 11)))(np.ones(1), np.zeros(0)) is None
+    assert Extrapolation(ode, list(np.linspace(0, 2, 11)))(np.ones(1), np.zeros(0)) is None
     times = np.linspace(0, 2, 1001)
-    states = March(ode, list(times))(np.ones(1), np.zeros(0))
+    states = Extrapolation(ode, list(times))(np.ones(1), np.zeros(0))
     assert states is not None
     assert states[:, 0] == pytest.approx(np.exp(np.sin(40 * times[1:]) / 40), abs=1e-12)
 
@@ -651,7 +651,7 @@ def test_an_error_in_the_middle_is_seen_behind_fine_steps() -> None:
     x, time = ca.SX.sym("x"), ca.SX.sym("t")
     ode = {"x": x, "t": time, "p": ca.SX(0, 1), "ode": x * ca.cos(40 * time)}
     times = [*np.linspace(0, 0.2, 101), *np.linspace(0.4, 0.6, 101)]
-    assert March(ode, times)(np.ones(1), np.zeros(0)) is None
+    assert Extrapolation(ode, times)(np.ones(1), np.zeros(0)) is None
 
 
 def test_the_peak_of_a_run_is_the_largest_after_any_event() -> None:

@@ -36,7 +36,7 @@ from hgogen.recheck.verification import recheck
 from hgogen.run import native
 from hgogen.system import DiscretePlant
 from hgogen.trial import Trial, try_out
-from hgogen.which_forms import asking
+from hgogen.which_forms import survey_settings
 
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always
@@ -251,7 +251,7 @@ def test_no_number_harms_it(model: str, name: str) -> None:
 
 
 FORMS = (
-    *((name, options) for name in hg.forms.__all__ for options in asking(name).options),
+    *((name, options) for name in hg.forms.__all__ for options in survey_settings(name).options),
     ("phase", {"original": True}),
 )
 

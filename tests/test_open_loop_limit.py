@@ -10,7 +10,7 @@ import pytest
 import hgogen as hg
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.discretisation.stability import Ranges, open_loop_limit
-from hgogen.estimators.step_lengths import Loops
+from hgogen.estimators.step_lengths import ClosedLoops
 from hgogen.model import load
 from hgogen.step import StepMayFail
 from hgogen.stepping import discretise
@@ -92,7 +92,7 @@ def test_at_the_limit_the_step_begins_to_diverge() -> None:
         assert (abs(w - 3 / 60).max() < 1e-3) == stays
 
 
-class Window(Loops):
+class Window(ClosedLoops):
     """Closed loops whose error grows at step lengths between 1 and 2 only."""
 
     def _transition(self, h: float, P: np.ndarray) -> np.ndarray:

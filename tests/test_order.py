@@ -63,7 +63,7 @@ def test_only_steps_whose_sections_are_called_apart_say_it(name: str) -> None:
     step = emitted.step(name)
     ordered = name in (*ORDERED, *OTHERS)
     assert (BIT in bits(step)) is ordered
-    assert (step.code.apart and not step.code.timed and not step.ages) is ordered
+    assert (step.code.separable and not step.code.timed and not step.ages) is ordered
 
 
 @pytest.mark.ordinary("fitzhugh_nagumo", "one_state", "tunable")

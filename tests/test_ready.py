@@ -153,7 +153,7 @@ def test_every_entry_tells_memory_that_is_no_state_and_begins_as_after_a_reset(
     name: str, compiler: str, tmp_path: Any
 ) -> None:
     made = step(name)
-    assert len(asking(made)) == 1 + (len(made.code.sections) + len(made.code.timed)) * made.code.apart
+    assert len(asking(made)) == 1 + (len(made.code.sections) + len(made.code.timed)) * made.code.separable
     texts = {f"{made.name}.{end}": files(name)[f"{made.name}.{end}"] for end in "hc"} | {"main.c": garbage(made)}
     program = emitted.compiled(tool(compiler), texts, tmp_path, *SANITIZE)
     emitted.run([str(program)], tmp_path)

@@ -176,7 +176,7 @@ def test_a_sample_touches_neither_sympy_nor_casadi(name: str, engine: str) -> No
     def use() -> None:
         str(step(u=u, y=y))
         step.run(u=[u], y=[y])
-        if step.code.apart:
+        if step.code.separable:
             step.predict(u=u)
             step.update(**{step.outputs[0].name: 0.1})
             step.adapt()

@@ -87,7 +87,7 @@ def run_from(step: hg.Step, first: float, error: np.ndarray) -> tuple[np.ndarray
     layout, rest = inclusion.layout, np.append([first], np.zeros(len(error) - 1))
     begins = [(rest + error)[i] * fed for i, fed in zip(layout.index, layout.fed, strict=True)]
     for field in step.observer.parts[0].fields:
-        machine.give({Place("state", field.name): [begins.pop(0) for _ in range(field.size)]})
+        machine.set({Place("state", field.name): [begins.pop(0) for _ in range(field.size)]})
     x, _, status = machine.record(np.zeros((200, len(step.inputs))), np.full((200, 1), first))
     raised = {bit.name for i, bit in enumerate(step.layout.bits) if (status >> i & 1).any()}
     return x - rest, "STATE_LIMITED" in raised

@@ -20,7 +20,7 @@ from hgogen.certificates.contraction import Admitted
 from hgogen.commands.claims import checked
 from hgogen.discretisation.runge_kutta import EULER, RK4
 from hgogen.discretisation.stability import core_limit, growth, polynomial
-from hgogen.estimators.step_lengths import first_unstable, frozen, longest_advised, loops, stable
+from hgogen.estimators.step_lengths import closed_loops, first_unstable, frozen, longest_advised, stable
 from hgogen.method import Method
 from hgogen.model import load
 from hgogen.step import StepMayFail, StepTooLong
@@ -269,7 +269,7 @@ def test_the_closed_loop_is_that_of_the_step(theta: float, h: float) -> None:
     k = round(2 / h)
     T = np.linalg.solve(moved[:, k], moved[:, k + 1]).T
     (part, *_) = observer.parts
-    transition = loops(part, *part.slopes(1), theta, theta).transition(h)
+    transition = closed_loops(part, *part.slopes(1), theta, theta).transition(h)
     assert np.sort_complex(np.linalg.eigvals(T)) == pytest.approx(
         np.sort_complex(np.linalg.eigvals(transition[0])), rel=2e-3, abs=1e-4
     )
@@ -340,7 +340,7 @@ def test_no_step_is_advised_at_which_the_covariance_meets_its_cap() -> None:
     assert followed(observer, A, take, start) < 1e-9
     assert followed(observer, A, 0.97 * refused, start) < 1e-6
     (part, *_) = observer.parts
-    loop = loops(part, *part.slopes(1), 1.0, 1.0)
+    loop = closed_loops(part, *part.slopes(1), 1.0, 1.0)
     assert loop.largest_shares(0.98 * take).max() <= 1 < loop.largest_shares(1.03 * take).max()
     assert loop.settles(0.97 * refused).all()
     assert not loop.settles(1.05 * refused).any()
@@ -352,7 +352,7 @@ def test_the_way_of_the_covariance_is_that_of_the_recursion() -> None:
     (part, *_) = observer.parts
     F, C = part.slopes(1)
     (Q, R), h, n = part.nominal, 0.05, 3
-    loop = loops(part, F, C, 1.0, 1.0)
+    loop = closed_loops(part, F, C, 1.0, 1.0)
     Phi, P, largest = np.eye(n) + h * A + h * h / 2 * A @ A, np.eye(n), 0.0
     for _ in range(512):
         P = Phi @ (P - np.outer(P @ C[0][0], C[0][0] @ P) / (R[0] / h + P[0, 0])) @ Phi.T + h * Q

@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen import forms
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.which_forms import NOT_TRIED, Survey, asking
+from hgogen.which_forms import NOT_TRIED, Survey, survey_settings
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 X = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5))
@@ -96,7 +96,7 @@ def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
 @pytest.mark.parametrize("name", ["pendulum.py", "lorenz.toml"])
 def test_deep_asks_the_costly_forms_too(name: str) -> None:
     survey = hg.survey(load(MODELS / name).plant, deep=True)
-    costly = {name for name in hg.forms.__all__ if asking(name).costly}
+    costly = {name for name in hg.forms.__all__ if survey_settings(name).costly}
     assert costly == {"phase", "uniform_chain", "original"}
     assert {row.name for row in survey.answered} >= costly
     assert survey["original"].verdict is not PROVED  # no theorem covers it

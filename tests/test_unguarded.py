@@ -296,4 +296,4 @@ def test_its_header_says_nothing_of_guards(name: str) -> None:
     for absent in ("MISSING", "does not correct", "limits them", "mark */", "status bits", "or their statuses"):
         assert absent not in header
     manual = emitted.manual(hg.targets.c99(made, check=False))
-    assert ("NaN spoils the state. An update that comes again corrects again." in manual) == made.code.apart
+    assert ("NaN spoils the state. An update that comes again corrects again." in manual) == made.code.separable

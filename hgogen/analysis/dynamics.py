@@ -35,7 +35,7 @@ from hgogen.analysis.maps import Sided, sided
 from hgogen.analysis.undefined import MAKER, gaps
 from hgogen.check import ClaimId
 from hgogen.form import Form
-from hgogen.graph import Graph, binary, leaves, to_casadi, turned, wrapped
+from hgogen.graph import Graph, binary, is_outside, to_casadi, turned, wrapped
 from hgogen.program import INF, column, sym
 from hgogen.rigor.bounds import contains_zero, enclose
 from hgogen.rigor.box import EVERYTHING, box
@@ -430,7 +430,7 @@ class Dynamics:
         """Return, for each bounded state recovered as x_i = Psi_i(z, u), the SX test whether it is outside of its range
         by more than `margin` of the width."""
         raw = self._unranged(z, u)
-        return [leaves(raw[i], *widened(*s.limits, margin)) for i, s in self._recovered_states]
+        return [is_outside(raw[i], *widened(*s.limits, margin)) for i, s in self._recovered_states]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
         """Return, for each bounded state recovered as x_i = Psi_i(z, u): its value before the clamp, its gradient (1,

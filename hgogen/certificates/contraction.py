@@ -25,7 +25,7 @@ from typing import Annotated
 
 from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.method import Method, OnErrors
+from hgogen.method import Method, ProvableMethod
 from hgogen.observer import Observer
 from hgogen.program import INF
 from hgogen.prove.convergence import Flow
@@ -101,7 +101,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
     error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return _unknown(observer, rule, dt, error.reason)
-    if not isinstance(method, OnErrors):
+    if not isinstance(method, ProvableMethod):
         return _unknown(observer, rule, dt, because("the proof is not made for {rule}", rule=rule))
     obstacle = method.obstacle(error)
     if obstacle:

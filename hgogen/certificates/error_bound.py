@@ -31,7 +31,7 @@ from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.start_set import NO_WAY, Running, Start, restart_calls, room, start_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.method import OnErrors
+from hgogen.method import ProvableMethod
 from hgogen.prove.inclusion import NO_SCALES, Nothing, state_row
 from hgogen.prove.inequality import NOW, Contracts
 from hgogen.prove.plant_step import ErrorInput, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
@@ -280,7 +280,7 @@ def _bounded(
 
 def _method_input(step: Step, proof: Contracts, plant: PlantStep) -> dict[str, ErrorInput]:
     """Return the deviation of the method from the plant as an input of the error, by its name; empty where none."""
-    assert isinstance(step.method, OnErrors)  # the contraction is proved
+    assert isinstance(step.method, ProvableMethod)  # the contraction is proved
     method = step.method.plant_deviation(plant, proof.steps.error, proof.steps.theta)
     return {"method": method} if method.sizes.largest else {}
 

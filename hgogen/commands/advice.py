@@ -31,7 +31,7 @@ from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
-from hgogen.which_forms import NOT_TRIED, Survey, asking
+from hgogen.which_forms import NOT_TRIED, Survey, survey_settings
 
 KNOWN = {  # the verdict on convergence in words, and its rank; None: no theorem covers the observer
     Convergence.PROVED: ("proved", 0),
@@ -200,7 +200,7 @@ class _Tuned:
             visited.append(table)
             table = self.model.tuning.tables.get(table["member"], {})
         form = table.get("form") if isinstance(table, Mapping) else None
-        return asking(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
+        return survey_settings(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
 
     def omissions(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
         slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
@@ -236,7 +236,7 @@ def _line(one: First, model: Model) -> str:
 def unobservable_note(plant: System, form: Form) -> Iterator[str]:
     """Yield a sentence on the states that are proved to be unobservable, if there are any, and what to do. Nothing is
     computed for a plant that is proved to be in a `form` of observable plants."""
-    if asking(form.kind).candidate and all(check.verdict is Verdict.PROVED for check in form.checks):
+    if survey_settings(form.kind).candidate and all(check.verdict is Verdict.PROVED for check in form.checks):
         return
     try:
         yield from _lost(plant, observability(plant, unknown=()))

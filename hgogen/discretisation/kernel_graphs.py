@@ -1,9 +1,9 @@
 """Matrix operations as CasADi functions, in the order of operations of `kernels`; and counts of a program's operations.
 
-In a function a loop that a kernel leaves early runs to its bound, and changes nothing from there on. `carried_out`
-counts the operations of a period, `written` those in the text of a program: hgogen chooses between two programs by
-both, and `emit.cost` reports the first. An operation is one of the program's instructions: an addition, a product, a
-comparison, a choice, a function.
+In such a function, a loop that the kernel may leave early runs to its bound, without effect from the exit on.
+`executed_operations` counts the operations of a sample period, `text_operations` those in the text of a program: hgogen
+chooses between two programs by both, and `emit.cost` reports the first. An operation is one of the program's
+instructions: an addition, a product, a comparison, a choice, a function.
 """
 
 import ast
@@ -252,13 +252,13 @@ OPERATION, FUNCTION = -1, -2  # keys of a kernel's counts: an instruction, a squ
 KERNEL = 20  # the length of a kernel's text in operations
 
 
-def carried_out(program: Sequence[Statement]) -> Counter[int]:
+def executed_operations(program: Sequence[Statement]) -> Counter[int]:
     """Return the number of times that one sample period executes each CasADi instruction, by the instruction's code:
     every section runs, a `When` takes its longer branch, a loop all its members."""
     return _Counting().program(program)
 
 
-def written(program: Sequence[Statement]) -> int:
+def text_operations(program: Sequence[Statement]) -> int:
     """Return the number of operations in the text of a program, where each statement counts once, also in the body of a
     loop."""
     kernels = sum(isinstance(statement, Kernel) for statement in walk(program))

@@ -235,9 +235,8 @@ RK4 = Tableau(
 MAP = Tableau("the map z+ = f(z, u)", ((),), (1.0,), (0.0,), 0)
 
 
-def motion(plant: System) -> Tableau:
-    """Return the tableau that integrates the plant over a step: classical Runge-Kutta, or the map of a discrete
-    plant."""
+def plant_tableau(plant: System) -> Tableau:
+    """Return the tableau that integrates a plant over a step: classical Runge-Kutta, or the map of a discrete plant."""
     return MAP if plant.discrete else RK4
 
 
@@ -333,7 +332,7 @@ def open_loop(form: Form, dt: float | None, between: str, steps: int = 1) -> Ope
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 
-    tableau, clock = motion(form.system), clock_of(form.system, dt or 1.0, between)
+    tableau, clock = plant_tableau(form.system), clock_of(form.system, dt or 1.0, between)
     varies = [ca.SX.sym("dt")] if dt is None else []
     h = varies[0] if dt is None else dt
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import casadi as ca
 
-from hgogen.discretisation.kernel_graphs import FUNCTION, carried_out
+from hgogen.discretisation.kernel_graphs import FUNCTION, executed_operations
 from hgogen.emit.layout import params_type, state_type
 from hgogen.emit.node import CALLS
 from hgogen.emit.syntax import Real
@@ -38,6 +38,6 @@ def cost(step: Step, real: Real = "float") -> Cost:
 
 def counted(program: Program) -> tuple[int, int]:
     """Return the number of arithmetic operations and the number of function calls (sine, root ..) of a program."""
-    times: Counter[int] = carried_out(program)
+    times: Counter[int] = executed_operations(program)
     functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
     return times.total() - functions, functions

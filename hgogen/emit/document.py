@@ -60,7 +60,7 @@ from hgogen.sentence import same
 from hgogen.signal import TURNS, Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import MARK, OF_PARAMETERS
-from hgogen.stepping.machine import Reading
+from hgogen.stepping.machine import Interpreter
 from hgogen.stepping.sections import ROUND
 from hgogen.system import System
 from hgogen.theorem import rows
@@ -278,10 +278,10 @@ def _numbers(values: Sequence[float], real: Real) -> str:
 
 
 def _first_estimate(step: Step, tuned: np.ndarray) -> list[float]:
-    reading = Reading(step.code.estimate, step.layout.groups, step.layout.bits)
+    reading = Interpreter(step.code.estimate, step.layout.groups, step.layout.bits)
     values = {Place(struct, item.name): item.initial for struct, _, item in _state(step)}
     values |= {Place(kind, f.name): tuned[kind][f.name][0] for kind, fields in parameters(step) for f in fields}
-    reading.give(values)
+    reading.set(values)
     reading.action(step.code.estimate)()
     return [float(reading.memory[Place("estimate", s.name)][0]) for s in step.states]
 

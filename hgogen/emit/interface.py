@@ -95,7 +95,9 @@ def of_section(step: Step, section: Section) -> Entry:
     """Return the function that runs one section of a step, such as predict or correct."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
-    public = step.code.apart and section.name not in {each.name for each in step.code.inner}  # a call may hold another
+    public = step.code.separable and section.name not in {
+        each.name for each in step.code.inner
+    }  # a call may hold another
     meaning = f"part of a step: {section.meaning}"
     inner = f"run_{section.name}" if public and step.layout.mark and section in step.code.sections else ""
     return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public, inner=inner)

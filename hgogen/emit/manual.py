@@ -325,7 +325,7 @@ def recovery(step: Step) -> list[str]:
 def parts(step: Step, name: str) -> list[str]:
     """Return the sentences on calls of single sections (predict, correct ..), none for a step without such calls;
     `name`: the function that runs all sections."""
-    if not step.code.apart:
+    if not step.code.separable:
         return []
     sections = ", ".join(f"`{section.name}`" for section in step.code.sections)
     if step.ages:
@@ -421,7 +421,7 @@ def state(step: Step, before: str) -> list[str]:
     """Return the sentences on copying, saving and writing a step's state; `before`: when the state may be written."""
     read = read_fields([step.observer.z])
     estimate = " and ".join(f"`s.{field.name}`" for field in step.layout.state if field.name in read)
-    corrects = ", and its updates correct the estimate at once" * step.code.apart
+    corrects = ", and its updates correct the estimate at once" * step.code.separable
     limits = "A call that computes with a restored number beyond its range limits it, or begins the state anew."
     return [
         "The state may be copied. The same program restores what `save` gave of it; a state of another model, "

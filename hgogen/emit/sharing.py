@@ -26,7 +26,7 @@ from hgogen.emit.interface import AT, Parameter, Prototype, entries, same_name, 
 from hgogen.emit.portable import functions_of
 from hgogen.emit.statements import Writer
 from hgogen.program import Block, Call, Loop, Place, Program, Section, Sized, Statement, When, blocks, places, walk
-from hgogen.stepping.machine import Reading
+from hgogen.stepping.machine import Interpreter
 
 _OTHERS = {"ready", "nominal", "checksum", "save", "restore"}  # functions of the file besides its interface
 FEWEST = 4  # numbers that a repeated part writes
@@ -293,7 +293,7 @@ class SharingWriter(Writer):
         written = _written(run)
         if not written <= initial.keys():
             return set()
-        memory = (reading := Reading(run, self.step.layout.groups)).memory
+        memory = (reading := Interpreter(run, self.step.layout.groups)).memory
         for place in memory.keys() & initial.keys():
             memory[place][...] = np.nan if place in written else initial[place]
         reading.action(run)()

@@ -147,7 +147,7 @@ def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Ite
         yield core_at_one(Ode(fields, lambda *_: {}, linear))[0]
 
 
-def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
+def saturation_columns(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
     """Return, for each saturation, the index of the field whose error it passes, and the column (N) that is added to M
     if it passes that error. `cores`: the `vertices`, of which the last one has every saturation pass nothing."""
     shut, columns = cores[-1], []

@@ -3,9 +3,9 @@
     z <- f(z, u),  P <- F P F' + Q,  F = df/dz at the estimate before, which a sample has corrected
     at a sample of y_j:  K = P c'/(R_j + c P c'),  z <- z + K (y_j - h_j),  P <- P - K c P
 
-Q and R are the covariance that a step adds and the variance of a sample, as they stand. Nothing is scaled by the
-sampling period. Source of the theorem: K. Reif, S. Guenther, E. Yaz, R. Unbehauen, "Stochastic stability of the
-discrete-time extended Kalman filter", IEEE TAC 44 (1999).
+Q is the covariance that a step adds, R the variance of a sample; neither is scaled by the sampling period. Source of
+the theorem: K. Reif, S. Guenther, E. Yaz, R. Unbehauen, "Stochastic stability of the discrete-time extended Kalman
+filter", IEEE TAC 44 (1999).
 
 Luenberger's observer has constant gains in place of K. Several outputs correct one after the other:
 

@@ -38,8 +38,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation import kernels
-from hgogen.discretisation.kernel_graphs import carried_out, written
-from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, motion, routine
+from hgogen.discretisation.kernel_graphs import executed_operations, text_operations
+from hgogen.discretisation.runge_kutta import Stages, Tableau, advance, plant_tableau, routine
 from hgogen.estimators.gating import raised, with_gating
 from hgogen.estimators.riccati_part import (
     Riccati,
@@ -74,7 +74,7 @@ LARGE = 12  # states beyond which straight-line code is always too long, and slo
 @dataclass(frozen=True)
 class FilterStep:
     """One predict step of length h of a Riccati observer `part` as SX graphs: the prediction of z, the Jacobian F at
-    mid-step, and Phi = I + hF + (hF)^2/2. Of a discrete plant: z+ = f(z, u), F = df/dz at z, Phi = F, h = 1."""
+    mid-step, and Phi = I + hF + (hF)^2/2. For a discrete plant: z+ = f(z, u), F = df/dz at z, Phi = F, h = 1."""
 
     part: Riccati
     clock: Clock
@@ -82,7 +82,7 @@ class FilterStep:
     @property
     def motion(self) -> Tableau:
         """The tableau that integrates the plant over a step: classical Runge-Kutta, or the map of a discrete plant."""
-        return motion(self.part.dynamics.form.system)
+        return plant_tableau(self.part.dynamics.form.system)
 
     @property
     def z(self) -> Graph:
@@ -717,11 +717,11 @@ class _Candidate:
 
     @cached_property
     def longest(self) -> int:
-        return max(map(written, (self.pieces.predict, *self.pieces.update)))
+        return max(map(text_operations, (self.pieces.predict, *self.pieces.update)))
 
     def __str__(self) -> str:
         sections = (self.pieces.predict, *self.pieces.update)
-        times = sum(carried_out(section).total() for section in sections)
+        times = sum(executed_operations(section).total() for section in sections)
         return f"in {self.name} {self.longest} operations in its longest section, {times} in a period"
 
 
@@ -729,7 +729,7 @@ def rotates(part: Riccati) -> bool:
     """Return whether plane rotations can factorise Phi P Phi' in loops: always for Phi = I + .., and for a discrete
     plant if a numerical trial at points of the ranges succeeds. They divide by 0 where rows of Phi L begin with zeros,
     as those of many delays do."""
-    if not motion(part.dynamics.form.system).map:
+    if not plant_tableau(part.dynamics.form.system).map:
         return True
     n = part.dynamics.n
     L = np.eye(n) + np.tril(np.random.default_rng(1).uniform(0.1, 0.9, (n, n)), -1)
@@ -744,7 +744,7 @@ def rotates(part: Riccati) -> bool:
     return True
 
 
-def chosen(part: Riccati, clock: Clock) -> Pieces:
+def filter_pieces(part: Riccati, clock: Clock) -> Pieces:
     """Return the filter's program, in straight-line code or in loops: the shorter one, or the faster one if it is not
     too long; `choice` of the pieces names the reason. If straight-line code is short, loops are not generated for
     comparison."""

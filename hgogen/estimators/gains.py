@@ -304,7 +304,7 @@ class ScaledGain:
             powered.append(scale * value)
         return Block(self.meaning, {Place("derived", self.name): ca.vertcat(*powered)})
 
-    def onto(self, e: Graph, n: int) -> Graph:
+    def injection(self, e: Graph, n: int) -> Graph:
         """Return K_theta e (n), SX, for the errors e (q) of the chains' outputs."""
         entries: Sequence[Graph] = ca.vertsplit(sym("derived", self.name, len(self.values)))
         rows: list[Graph] = [0] * n

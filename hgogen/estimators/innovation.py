@@ -146,7 +146,7 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
     return ca.vertcat(*elements)
 
 
-def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
+def outside_box(field: Field, value: Graph, still: Collection[int]) -> Graph:
     """Return whether an element of `value` (n) is outside the field's box or not a number; those with an index in
     `still` are not tested."""
     moving = [i for i in range(value.numel()) if i not in still]
@@ -405,7 +405,7 @@ class _Copies:
             return (advance,)
         return (
             advance,
-            Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z, still)}),
+            Block("is it beyond its box, or lost?", {_BEYOND: outside_box(field, z, still)}),
             When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z, still)}),), idle=True),
         )
 

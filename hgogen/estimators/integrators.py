@@ -281,7 +281,7 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
     return ca.vertcat(*gains)
 
 
-def moving_gain(
+def time_varying_gain(
     chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
     """Return the part w' = A w + c(w, u) + diag(l, .., l^n) K (y - w_1) with the time-varying gain l, the field
@@ -334,6 +334,6 @@ def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float],
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + K.onto(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
+        return {"z": A @ values["z"] + K.injection(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
 
     return Ode((), remainder, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))

@@ -12,7 +12,7 @@ A sample of an input that errs by a standard deviation sigma, independently of t
 state by dt f_u sigma, to first order in dt: the density of the process noise grows by f_u U f_u' with U = sigma^2 dt.
 Between samples on a line, a sample acts on two steps, by dt in all. sigma stays where dt changes.
 
-Of a discrete plant Q, R and U are those of a sample as they stand, and its steps have the period 1.
+For a discrete plant Q, R and U are already the noise of one sample, and its steps have the period 1.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -28,8 +28,8 @@ import sympy as sp
 from hgogen.analysis.dynamics import HUGE, transformed
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.riccati_part import (
-    Around,
     Riccati,
+    RiccatiVariant,
     Variances,
     is_diagonal,
     output_noise,
@@ -38,7 +38,7 @@ from hgogen.estimators.riccati_part import (
     spd,
 )
 from hgogen.form import Form
-from hgogen.observer import Observer, remembered
+from hgogen.observer import Observer, cached_observers
 from hgogen.reading.expression import parse
 from hgogen.reading.given import (
     FACTORED,
@@ -126,7 +126,7 @@ def declares_weights(make: Callable[..., Observer]) -> Callable[..., Observer]:
 def _declares(make: Callable[..., Observer], inverse: bool) -> Callable[..., Observer]:
     own = signature(make).parameters
     spelled = [name for name in SPELLINGS if name != "Q_per_sample" or "Q" in own]
-    plain = remembered(make)
+    plain = cached_observers(make)
 
     @wraps(make)
     def declared(form: Form, **arguments: Any) -> Observer:
@@ -314,7 +314,7 @@ def sample_deviations(step: "Step") -> dict[str, float]:
 
 
 def _riccati_parts(step: "Step") -> list[Riccati]:
-    parts = (part.plain if isinstance(part, Around) else part for part in step.observer.parts)
+    parts = (part.plain if isinstance(part, RiccatiVariant) else part for part in step.observer.parts)
     return [part for part in parts if isinstance(part, Riccati)]
 
 

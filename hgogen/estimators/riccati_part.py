@@ -173,7 +173,7 @@ def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
     return numbers
 
 
-def wide(
+def positive_gain(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
     """Return the field of a tunable gain of positive numbers, whose range is six decades below and above these;
@@ -354,14 +354,14 @@ class Riccati(Part):
 
 
 @dataclass(frozen=True, eq=False)
-class Around(Part):
+class RiccatiVariant(Part):
     """A Riccati observer `plain` that is advanced by update equations of its own, not by a method's."""
 
     plain: Riccati
 
 
 @dataclass(frozen=True, eq=False)
-class AtSamples(Around):
+class SampledFilter(RiccatiVariant):
     """A Kalman filter `name`, with the model and the noise of `plain`, that predicts and corrects at samples; `build`
     returns its memory and statements, which do not depend on the method."""
 
@@ -647,12 +647,12 @@ def extended(
     units = ("z^2", "y^2", "u^2") if form.system.discrete else ("z^2/s", "y^2 s", "u^2 s")
     kind, unit = ("output noise, diagonal factor", FACTORED) if correlated else ("output noise", units[1])
     gains: tuple[Field, ...] = (
-        wide("Q", weights, "process noise, diagonal factor", units[0], form.names),
-        wide("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
+        positive_gain("Q", weights, "process noise, diagonal factor", units[0], form.names),
+        positive_gain("R", correlated[1] if correlated else variances, kind, unit, names_of(form.system.outputs)),
     )
     if disturbed:
         names = tuple(form.system.inputs[i].name for i in disturbed.inputs)
-        gains += (wide("U", disturbed.densities, "input noise", units[2], names),)
+        gains += (positive_gain("U", disturbed.densities, "input noise", units[2], names),)
     return Extended(part, gains, (*matrix_line("Q", noise, form), *_equations(part, form, measured)))
 
 

@@ -289,7 +289,7 @@ class Unscented(SquareRoot):
             curvatures = ca.horzcat(*(curvatures[:, i] - share * self.reach * drift for i in range(n)))
         return Transformed(middle, slopes, curvatures, drift)
 
-    def near(self, middle: Graph, point: Graph, output: int) -> Graph:
+    def nearest_value(self, middle: Graph, point: Graph, output: int) -> Graph:
         """Return the value (scalar) of an output at a sigma point; for a periodic output the whole turn nearest to the
         value `middle` at the estimate."""
         return near(self.part.dynamics.form.system.outputs[output], self.output(point, output), middle)
@@ -320,7 +320,7 @@ class Unscented(SquareRoot):
     def sums(self, output: int) -> Transformed:
         """Return the sums of an output that is not linear at the sigma points."""
         middle = self.output(self.z, output)
-        above, below = ([self.near(middle, z, output) for z in side] for side in self.points())
+        above, below = ([self.nearest_value(middle, z, output) for z in side] for side in self.points())
         return self.transformed(middle, above, below)
 
     def observed(self, outputs: Sequence[int]) -> tuple[Graph, Graph, Graph]:

@@ -323,7 +323,7 @@ def _fastest(M: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Loops:
+class ClosedLoops:
     """The closed loops F - P N of a filter at k points: F, N = C'R^-1 C, Q and the prior rho S_0 (k, n, n), in
     coordinates in which the steady P of the continuous filter is 1.
 
@@ -452,7 +452,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     F, C = part.slopes(POINTS, EDGE)
     jacobians = F if part.measured_state is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
     low, peak = min(part.theta.late, part.theta.error_free or part.theta.peak), part.theta.peak
-    every = together([loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
+    every = merged_loops([closed_loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
     inputs = math.inf if part.period is None else part.period / SAMPLES
     share = 1.0 if part.measured_state is None else SHARE
     take = min(inputs, FOLLOWED * pace(jacobians), share * every.longest(dt / share))
@@ -461,16 +461,16 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
 
 
-def together(every: Sequence[Loops]) -> Loops:
-    """Return several `Loops` that have one rho and one cap in common as one, with the points of all."""
+def merged_loops(every: Sequence[ClosedLoops]) -> ClosedLoops:
+    """Return several `ClosedLoops` that have one rho and one cap in common as one, with the points of all."""
     F, N, Q, prior, back, most = (
         np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
     )
     starts = np.concatenate([each.starts for each in every], axis=1)
-    return Loops(F, N, Q, prior, every[0].rho, starts, back, every[0].cap, most)
+    return ClosedLoops(F, N, Q, prior, every[0].rho, starts, back, every[0].cap, most)
 
 
-def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loops:
+def closed_loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> ClosedLoops:
     """Return the closed loops of a filter at F (k, n, n), C (k, p, n) and a theta, at the points with a steady
     covariance. P starts at P(0), and at its steady value for theta = `start`."""
     Q, variances = part.typical
@@ -489,7 +489,7 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loop
     L = np.linalg.cholesky(P)
     inverse = np.linalg.inv(L)
     turned, back = np.swapaxes(L, 1, 2), np.swapaxes(inverse, 1, 2)
-    return Loops(
+    return ClosedLoops(
         inverse @ F @ L,
         turned @ N @ L,
         inverse @ noise @ back,

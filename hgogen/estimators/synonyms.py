@@ -12,10 +12,10 @@ from typing import Any
 
 from hgogen.estimators import discrete
 from hgogen.form import Form
-from hgogen.observer import Observer, remembered
+from hgogen.observer import Observer, cached_observers
 from hgogen.reading.given import BadGain, demand_switch
 from hgogen.registry import cases
-from hgogen.starting import Gains, Scale, rule, two
+from hgogen.starting import Gains, Scale, rule, two_digits
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def _starting(name: str, case: Callable[..., Observer], numbers: Scale) -> Gains
 
 
 def _times(theta: float, poles: Any) -> Any:
-    return tuple(_times(theta, each) for each in poles) if isinstance(poles, tuple) else two(theta * poles)
+    return tuple(_times(theta, each) for each in poles) if isinstance(poles, tuple) else two_digits(theta * poles)
 
 
-_OF_MAPS = remembered(discrete.luenberger)
+_OF_MAPS = cached_observers(discrete.luenberger)
 
 
 def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any) -> Observer:

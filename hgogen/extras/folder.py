@@ -169,7 +169,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "locals": "\n".join(each.local for each in structs(step)),
         "filled": "\n".join(f"{struct}.{c_name(s.name)} = ...;" for struct, s in samples),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
-        "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.apart else "",
+        "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.separable else "",
         "marked": " ".join([*marks(step), ""]),
         "members": "\n".join(_members(step, real)),
         "bits": "\n".join(

@@ -10,13 +10,13 @@ A claim without evidence and rule is `stated` in a certificate.
 
 from typing import Any
 
-from hgogen.form import Asking, valued
+from hgogen.form import SurveySettings, valued
 from hgogen.reading.given import cached, requires_any_plant, requires_plant, requires_switches
 from hgogen.registry import cases_of
 
 
 def _prepared(case: Any) -> Any:
-    of_plant = requires_any_plant if vars(case).get("asking", Asking()).discrete else requires_plant
+    of_plant = requires_any_plant if vars(case).get("survey_settings", SurveySettings()).discrete else requires_plant
     return of_plant(requires_switches(cached(valued(case))))
 
 

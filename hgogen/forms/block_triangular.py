@@ -25,7 +25,7 @@ from itertools import combinations
 from hgogen.analysis.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
 from hgogen.analysis.coordinates import coordinates, form_in, triangle
 from hgogen.errors import HgogenError
-from hgogen.form import Asking, Form
+from hgogen.form import Form, SurveySettings
 from hgogen.reading.given import among
 from hgogen.sentence import because
 from hgogen.system import System
@@ -48,7 +48,7 @@ class NoAlignment(HgogenError):
     text = "align={name!r} is none of top, end, cascade; leave it out to take the first that is proved"
 
 
-@Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
+@SurveySettings(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
 def block_triangular(plant: System, align: str | None = None) -> Form:
     """Return the plant in block-triangular form, with a chain of states for each output, z_(i,j)' = a_(i,j+1)(u)
     z_(i,j+1) + b_(i,j)(z, u), y_i = a_(i,1)(u) z_(i,1), by permutation and sign of its states.

@@ -21,7 +21,7 @@ from hgogen.analysis.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.analysis.hypotheses import lipschitz, with_chords
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
-from hgogen.form import Asking, Form
+from hgogen.form import Form, SurveySettings
 from hgogen.reading.given import names as several
 from hgogen.rigor.bounds import nonzero
 from hgogen.rigor.factors import ROUGH
@@ -43,7 +43,7 @@ class BadOrder(HgogenError):
     text = "system {system!r}: the order {order} must hold each of the states {states} once"
 
 
-@Asking(6, costly=True, discrete=True)  # its Lipschitz constant takes seconds, and no theorem covers it
+@SurveySettings(6, costly=True, discrete=True)  # its Lipschitz constant takes seconds, and no theorem covers it
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
     """Return the plant in its own coordinates, z' = A(u) z + b(z, u), y = h(z, u), its states in `order`, signals or
     their names; by default as declared. It is the only form of a discrete plant, z+ = A(u) z + b(z, u).

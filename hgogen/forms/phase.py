@@ -27,7 +27,7 @@ from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.maps import along, rates, size, without_derivative
 from hgogen.analysis.undefined import if_valued, on_box
 from hgogen.check import ClaimId, Verdict
-from hgogen.form import Asking, Form, NoForm, one_output
+from hgogen.form import Form, NoForm, SurveySettings, one_output
 from hgogen.rigor.box import exact
 from hgogen.rigor.field import TooLarge
 from hgogen.sentence import NONE, because
@@ -42,7 +42,7 @@ class NoPhase(NoForm):
     """The error that a plant is not proved to have the coordinates z = (y, y', .., y^(n-1))."""
 
 
-@Asking(4, most=1, costly=True, slow=True)
+@SurveySettings(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """Return the plant in phase form z_i' = z_(i+1), z_n' = phi(z, u, u', ..), y = z_1, whose coordinates are the
     output and its derivatives, z = Phi(x, u, ..) = (y, y', .., y^(n-1)); or the plant in its own coordinates, with

@@ -21,7 +21,7 @@ from hgogen.analysis.coordinates import coordinates, form_in, split
 from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.hypotheses import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.form import Asking, Form
+from hgogen.form import Form, SurveySettings
 from hgogen.rigor.tape import without_norms
 from hgogen.sentence import because
 from hgogen.signal import Signal
@@ -33,7 +33,7 @@ _TOGETHER = "Make what an output shows a state of its own, by hgogen.recast."
 _FIX = "Measure the states that enter nonlinearly."
 
 
-@Asking(5, candidate=False)
+@SurveySettings(5, candidate=False)
 def state_affine(plant: System) -> Form:
     """Return the plant in state-affine form up to output injection, z' = A(u, y) z + b(u, y), y = C(u) z + d(u), in its
     own coordinates.

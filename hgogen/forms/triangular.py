@@ -16,7 +16,7 @@ N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonl
 from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, structure
 from hgogen.analysis.coordinates import coordinates, form_in, triangle
 from hgogen.analysis.hypotheses import sign
-from hgogen.form import Asking, Form, one_output
+from hgogen.form import Form, SurveySettings, one_output
 from hgogen.system import System
 
 _REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"
@@ -26,7 +26,7 @@ _ONE = (
 )
 
 
-@Asking(1, ({}, {"measured": True}), most=1)
+@SurveySettings(1, ({}, {"measured": True}), most=1)
 def triangular(plant: System, *, measured: bool = False) -> Form:
     """Return the plant in triangular form z_i' = a_(i+1)(u) z_(i+1) + b_i(z_1..z_i, u), y = a_1(u) z_1 + c(u), by
     permutation and sign of its states.

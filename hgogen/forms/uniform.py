@@ -21,13 +21,13 @@ from hgogen.analysis.coordinates import coordinates, form_in
 from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, apart, lipschitz
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import ClaimId
-from hgogen.form import Asking, Form, one_output
+from hgogen.form import Form, SurveySettings, one_output
 from hgogen.system import System
 
 _ONE = ", and the uniform form takes one; keep one of them, or use the form block_triangular"
 
 
-@Asking(2, most=1)
+@SurveySettings(2, most=1)
 def uniform(plant: System) -> Form:
     """Return the plant in uniform form z_i' = F_i(z_1..z_(i+1), u), y = h(z_1, u), by permutation of its states.
 

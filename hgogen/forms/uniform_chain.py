@@ -21,7 +21,7 @@ from hgogen.analysis.maps import rates as rates_of
 from hgogen.analysis.maps import size, without_derivative
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.form import Asking, Form, NoForm, one_output
+from hgogen.form import Form, NoForm, SurveySettings, one_output
 from hgogen.rigor.box import exact
 from hgogen.sentence import NONE, because
 from hgogen.system import System
@@ -36,7 +36,7 @@ class NoUniformChain(NoForm):
     """The error that a plant is not proved to have coordinates xi with xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u')."""
 
 
-@Asking(5, most=1, costly=True, slow=True)
+@SurveySettings(5, most=1, costly=True, slow=True)
 def uniform_chain(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """Return the plant as a chain of integrators xi_i' = xi_(i+1) + b_i(xi_1..xi_i, u, u'), y = xi_1 + o(u); or the
     plant in its own coordinates, with dxi/dx, where the map xi(x) has no inverse in formulas, or is not proved to be

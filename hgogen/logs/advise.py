@@ -28,9 +28,9 @@ from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
 from hgogen.signal import differences
-from hgogen.starting import Scale, gains_of, scale, two
+from hgogen.starting import Scale, gains_of, scale, two_digits
 from hgogen.system import System
-from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried
+from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, run_feeds, simulate
 from hgogen.which_forms import Row
 
 SETTLED_SHARE = 0.01  # of the initial error
@@ -158,7 +158,7 @@ class _Problem:
         base = scale(form, self.dt, self.noise)
         if self.settling is None:
             return base
-        return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
+        return replace(base, theta=max(1.0, two_digits(tau(max(base.blocks)) / self.settling)))
 
     def of(self, name: str) -> tuple[str, Advised | str]:
         refusals = ["the plant is in none of its forms"]
@@ -200,7 +200,7 @@ class _Problem:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)
         clean, noisy = (
-            next(tried(step, feeds(step, replace(trial, noise=each), truth, (0,)), start, native.engine()))
+            next(run_feeds(step, feeds(step, replace(trial, noise=each), truth, (0,)), start, native.engine()))
             for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
         )
         steady = truth.t >= trial.steady_from - 1e-9

@@ -31,7 +31,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.runge_kutta import advance, motion, repeated
+from hgogen.discretisation.runge_kutta import advance, plant_tableau, repeated
 from hgogen.graph import Graph, to_casadi
 from hgogen.logs.likelihood import SURE, Innovations, log_odds, spans_of, states_with_noise
 from hgogen.logs.records import BadLog, Log, quantum_of
@@ -107,7 +107,9 @@ class _OnRecords:
             now = ca.vertcat(u[:count, :], now[count:, :]) if self.between == "hold" else now
             return {"x": (1 if self.plant.discrete else h) * self._of(self.plant.flow, values["x"], p, now)}
 
-        advanced = advance(repeated(motion(self.plant), self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
+        advanced = advance(repeated(plant_tableau(self.plant), self.steps), rate, {"x": x}, 1.0).result[
+            "x"
+        ]  # in samples
         return ca.Function("step", [x, p, u, then, h], [advanced])
 
     @cached_property

@@ -37,7 +37,7 @@ from hgogen.registry import Displayed
 from hgogen.run.backends import quickest_engine
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
-from hgogen.starting import Gains, Scale, Starting, gains_of, per_sample, scale, two
+from hgogen.starting import Gains, Scale, Starting, gains_of, per_sample, scale, two_digits
 from hgogen.step import StepMayFail
 from hgogen.system import System
 from hgogen.theorem import Convergence
@@ -275,7 +275,7 @@ def thetas(theta: float, dt: float) -> list[float]:
     """Return a grid of gains: from a thirtieth of `theta` to the largest theta for which steps of `dt` are short
     enough."""
     least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
-    return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
+    return [two_digits(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
 def tuned(task: Task, name: str) -> Asking[Tuned | str]:
@@ -370,11 +370,11 @@ class Search:
         for name, of in varied.items():
             value, every_value = getattr(middle, name), sorted(getattr(self.scales[k], name) for k in tried)
             neighbours = [o for o in every_value if o < value][-1:] + [o for o in every_value if o > value][:1]
-            yield from (of(two((value * other) ** 0.5)) for other in neighbours)
+            yield from (of(two_digits((value * other) ** 0.5)) for other in neighbours)
 
     def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
         middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
-        every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
+        every_theta = {min(two_digits(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
         for name, values in SHAPES.items():
             if self._reads(**{name: values[0]}):
                 shapes: Iterable[dict[str, Any]] = ({name: value} for value in values)
@@ -667,13 +667,13 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
         table = {
             "kind": "adaptive",
             "theta_1": theta_1,
-            "rise_time": two(d / 4),
-            "rate": two(1 / (3 * d)),
+            "rise_time": two_digits(d / 4),
+            "rate": two_digits(1 / (3 * d)),
             "innovation": {"kind": "staggered", "d": d, "predictors": PREDICTORS},
         }
         try:
             largest = gamma_0 or ABOVE * float(_innovations(task, _first(task, plain, table, HUGE)).max())
-            gamma_0 = two(largest)  # of every theta_1, since theta stays at 1
+            gamma_0 = two_digits(largest)  # of every theta_1, since theta stays at 1
             ratio = float(_innovations(task, _first(task, plain, table, gamma_0 / HUGE)).mean()) / gamma_0
             if ratio >= 1:
                 refusals.append(

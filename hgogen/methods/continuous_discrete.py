@@ -13,7 +13,7 @@ Gauthier, ECC 2009 (continuous-discrete case); the factored updates are Thornton
 from dataclasses import dataclass
 
 from hgogen.discretisation.stability import Lengths
-from hgogen.estimators.factored import chosen
+from hgogen.estimators.factored import filter_pieces
 from hgogen.estimators.riccati_part import Riccati
 from hgogen.estimators.step_lengths import factored_lengths
 from hgogen.method import Staged
@@ -36,7 +36,7 @@ class ContinuousDiscrete(Staged):
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Return the filter's memory and statements: predict, and a scalar update for each output."""
-        return chosen(part, clock)
+        return filter_pieces(part, clock)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
         """Return the step lengths up to which errors of the filter decay, predict and correct together."""

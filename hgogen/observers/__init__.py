@@ -15,11 +15,11 @@ outputs or A(u).
 from typing import Any
 
 from hgogen.estimators.synonyms import SYNONYMS, observer_called
-from hgogen.observer import remembered
+from hgogen.observer import cached_observers
 from hgogen.reading.given import requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, _case_called = cases_of(__name__, lambda case: requires_switches(remembered(case)))
+__all__, __dir__, _case_called = cases_of(__name__, lambda case: requires_switches(cached_observers(case)))
 
 
 def __getattr__(name: str) -> Any:

@@ -52,7 +52,7 @@ from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import NONE, same
-from hgogen.starting import Gains, Scale, starts, two
+from hgogen.starting import Gains, Scale, starts, two_digits
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020), theorems 5-7"
@@ -102,8 +102,8 @@ def _starting(scale: Scale) -> Gains | str:
     except HgogenError as error:
         return str(error)
     gains = {"K": design.K, "P": design.P, "sigma": design.sigma}
-    least = max(1.0, two(scale.theta / 4))
-    return gains | {"gamma": (least, 4 * least), "rise": scale.theta, "threshold": two(scale.reading / 20)}
+    least = max(1.0, two_digits(scale.theta / 4))
+    return gains | {"gamma": (least, 4 * least), "rise": scale.theta, "threshold": two_digits(scale.reading / 20)}
 
 
 @starts(

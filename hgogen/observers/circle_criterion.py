@@ -25,7 +25,7 @@ from hgogen.estimators.gains import ScaledGain, columns
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form, state_field
+from hgogen.observer import Observer, demand_form, positive_theta, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.constant_gain import bounded, constant_gain, entries_of, injected, no_argument, sample_in_place
@@ -78,7 +78,7 @@ def circle_criterion(
     no chains or an a_i that depends on an input.
     """
     accept = demand_form("circle_criterion", form, accept)
-    high, dynamics = any_theta(theta), Dynamics(form)
+    high, dynamics = positive_theta(theta), Dynamics(form)
     theta = high.initial[0]
     chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)
     if why := no_argument(form):
@@ -129,7 +129,7 @@ def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
-        return {"z": dynamics.nonlinear(z + N.onto(e, dynamics.n), u)}
+        return {"z": dynamics.nonlinear(z + N.injection(e, dynamics.n), u)}
 
     part = injected_chains(dynamics, K, weights, remainder)
     return replace(part, fields=(z,), derived=(K.field, N.field), tune=(K.tuned(form), N.tuned(form)))

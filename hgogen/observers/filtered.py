@@ -25,7 +25,7 @@ from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core
 from hgogen.estimators.integrators import integrators, listed, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form
+from hgogen.observer import Observer, demand_form, positive_theta
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.error_models import on_integrators
@@ -34,7 +34,7 @@ from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import same
-from hgogen.starting import starts, two, whole
+from hgogen.starting import starts, two_digits, whole
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -63,7 +63,7 @@ THEOREM = Theorem(
     "the noise has high frequencies, which it attenuates more than `high_gain`",
     "a theta several times that of `high_gain`; poles inside a parabola",
     "2n",
-    lambda s: s.high | {"alpha": s.corner, "beta": whole(two(s.corner / 3))},
+    lambda s: s.high | {"alpha": s.corner, "beta": whole(two_digits(s.corner / 3))},
 )
 def filtered(
     form: Form,
@@ -93,7 +93,7 @@ def filtered(
     integrators.
     """
     accept = demand_form("filtered", form, accept, requires=integrators)
-    high, chain = any_theta(theta), integrators("filtered", saturated(form, saturate, arguments))
+    high, chain = positive_theta(theta), integrators("filtered", saturated(form, saturate, arguments))
     n, level = chain.n, sym("gain", "theta")
     a, b = positive("alpha", alpha), positive("beta", beta)
     L = _gains(poles, gains, n, a, b)

@@ -23,14 +23,14 @@ from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import integrators, listed, observer_on, scaled, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form
+from hgogen.observer import Observer, demand_form, positive_theta
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.filter_design import core, injected
 from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.definite import demand_hurwitz
-from hgogen.starting import Gains, Scale, starts, two, whole
+from hgogen.starting import Gains, Scale, starts, two_digits, whole
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -55,7 +55,7 @@ Matrix = Sequence[Sequence[float]] | np.ndarray
 
 def _starting(scale: Scale) -> Gains:
     """Return initial F, G, H: n first-order lags in series of gain 1/3, three times as fast as the error."""
-    n, third = scale.n, two(scale.corner / 3)
+    n, third = scale.n, two_digits(scale.corner / 3)
     F = -scale.corner * np.eye(n) + third * np.eye(n, k=-1)
     H = np.diag([math.comb(n, i) for i in range(1, n + 1)])
     rows: list[Any] = [tuple(tuple(map(whole, row)) for row in matrix.tolist()) for matrix in (F, H)]
@@ -95,7 +95,7 @@ def filtered_injection(
     is no chain of integrators.
     """
     accept = demand_form("filtered_injection", form, accept, requires=integrators)
-    high, chain = any_theta(theta), integrators("filtered_injection", saturated(form, saturate, arguments))
+    high, chain = positive_theta(theta), integrators("filtered_injection", saturated(form, saturate, arguments))
     n, level, source = chain.n, sym("gain", "theta"), reals("G", G)
     m = source.size
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))

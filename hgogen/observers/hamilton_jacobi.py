@@ -23,7 +23,7 @@ from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.estimators.noise import declares_weights
-from hgogen.estimators.riccati_part import Riccati, cap, factor, positive_numbers, spd, wide
+from hgogen.estimators.riccati_part import Riccati, cap, factor, positive_gain, positive_numbers, spd
 from hgogen.estimators.theta import KALMAN, OTHER_COORDINATES, constant
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, state_field
@@ -33,7 +33,7 @@ from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_outp
 from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
-from hgogen.stepping.discretise import Curved
+from hgogen.stepping.discretise import MinimumEnergy
 from hgogen.theorem import Hypothesis
 
 REFERENCE = (
@@ -121,7 +121,7 @@ def hamilton_jacobi(
     )
     u = sym("work", "u", len(form.system.inputs))
     curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state", "z", n), u))
-    part = Curved(plain, sym("gain", "curvature"), rate) if curved else plain
+    part = MinimumEnergy(plain, sym("gain", "curvature"), rate) if curved else plain
     inverse = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
     inverted = Block("inverse weights", {Place("derived", "Q_inverse"): 1 / sym("gain", "Q", n)})
     return Observer(
@@ -129,8 +129,8 @@ def hamilton_jacobi(
         name="hamilton_jacobi",
         parts=(Jump(lambda clock: Pieces(derived=(inverse,), tune=(inverted,))), part),
         gains=(
-            wide("Q", weights, "weight of the model's error", "s/z^2", form.names),
-            wide("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
+            positive_gain("Q", weights, "weight of the model's error", "s/z^2", form.names),
+            positive_gain("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
             *([gain("curvature", rate, rate / 1e6, rate, "largest rate of the curvature term", "1/s")] * curved),
         ),
         z=sym("state", "z", n),

@@ -30,7 +30,7 @@ from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form, state_field
+from hgogen.observer import Observer, demand_form, positive_theta, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Place, sym
 from hgogen.prove.constant_gain import ConstantGain, constant_gain
@@ -101,7 +101,7 @@ def high_gain(
     """
     accept = demand_form("high_gain", form, accept)
     form = saturated(form, saturate, arguments)
-    high, dynamics = any_theta(theta), Dynamics(form)
+    high, dynamics = positive_theta(theta), Dynamics(form)
     theta = high.initial[0]
     by_weight = weighted(form, weights)
     chosen = constant_gain("high_gain", form, poles, gains, by_weight)
@@ -173,7 +173,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(dynamics.form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
-        return {"z": dynamics.flow(z, u) + chosen.K.onto(e, dynamics.n)}
+        return {"z": dynamics.flow(z, u) + chosen.K.injection(e, dynamics.n)}
 
     return Ode((), remainder, core=theta * chosen.vertices)
 

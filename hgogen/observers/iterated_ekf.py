@@ -15,7 +15,7 @@ from hgogen.check import Verdict
 from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
-from hgogen.estimators.riccati_part import AtSamples, Variances, extended, noise_rank
+from hgogen.estimators.riccati_part import SampledFilter, Variances, extended, noise_rank
 from hgogen.estimators.square_root import LARGEST, Iterated
 from hgogen.estimators.theta import KALMAN, of_form
 from hgogen.form import Form
@@ -80,7 +80,7 @@ def iterated_ekf(
     observer = Observer(
         form=form,
         name="iterated_ekf",
-        parts=(AtSamples(part, "the iterated filter", lambda clock: Iterated(part, clock, passes).pieces()),),
+        parts=(SampledFilter(part, "the iterated filter", lambda clock: Iterated(part, clock, passes).pieces()),),
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=part.dynamics,

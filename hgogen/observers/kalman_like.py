@@ -46,7 +46,7 @@ from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.estimators.noise import declares_noise
 from hgogen.estimators.persistence import gramian_bound, persistent, seconds
-from hgogen.estimators.riccati_part import Riccati, positive_numbers, spd, wide
+from hgogen.estimators.riccati_part import Riccati, positive_gain, positive_numbers, spd
 from hgogen.estimators.theta import constant
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, state_field
@@ -54,7 +54,7 @@ from hgogen.program import Bit, sym
 from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, names_of, positive
 from hgogen.sentence import same
 from hgogen.signal import LOST
-from hgogen.starting import starts, two
+from hgogen.starting import starts, two_digits
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
@@ -100,7 +100,7 @@ LIMITED = Bit(
     "a_i(u) is 0 at times and the plant is state-affine",
     "a regularly persistent input, which is checked",
     "n(n+3)/2",
-    lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.start()},
+    lambda s: {"rho": two_digits(1 / s.longest), "R": s.variance(), "covariance": s.start()},
 )
 @declares_noise
 def kalman_like(
@@ -153,7 +153,7 @@ def kalman_like(
     noise = SHARE * unseen
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
-        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
+        positive_gain("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
     )
     part = Riccati(
         dynamics=dynamics,

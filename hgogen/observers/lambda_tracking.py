@@ -49,8 +49,8 @@ from hgogen.estimators.integrators import (
     integrators,
     last_error,
     listed,
-    moving_gain,
     observer_on,
+    time_varying_gain,
     unmodelled,
 )
 from hgogen.form import Form
@@ -60,7 +60,7 @@ from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.sentence import same
-from hgogen.starting import Gains, Scale, starts, two
+from hgogen.starting import Gains, Scale, starts, two_digits
 from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import FINE, SHARE
 from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
@@ -127,8 +127,12 @@ GROWN = replace(
 
 def _starting(scale: Scale) -> Gains:
     """Return initial gains: k from theta/2 to 10 theta, and gamma = (theta/r)^2, r the range of y."""
-    y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
-    moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
+    y, strip, reach = scale.reading, two_digits(scale.reading / 50), two_digits(scale.reading / 2)
+    moving = {
+        "k_0": two_digits(scale.theta / 2),
+        "k_max": two_digits(10 * scale.theta),
+        "gamma": two_digits((scale.theta / y) ** 2),
+    }
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
 
 
@@ -196,7 +200,7 @@ def lambda_tracking(
         chain,
         "lambda_tracking",
         parts=(
-            moving_gain(chain, w, p, k, law),
+            time_varying_gain(chain, w, p, k, law),
             Jump(lambda clock: _falls(clock, chain, w, p, k)),
             capped(k, GROWN),
             *(() if model else (unmodelled(form),)),

@@ -24,7 +24,7 @@ from hgogen.estimators.gains import errors, injected, pair_gains
 from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form
+from hgogen.observer import Observer, demand_form, positive_theta
 from hgogen.part import Ode
 from hgogen.program import sym
 from hgogen.prove.error_models import on_integrators
@@ -82,7 +82,7 @@ def low_power(
     another shape, or a form that is no chain of at least two integrators.
     """
     accept = demand_form("low_power", form, accept, requires=integrators)
-    high, chain = any_theta(theta), integrators("low_power", saturated(form, saturate, arguments))
+    high, chain = positive_theta(theta), integrators("low_power", saturated(form, saturate, arguments))
     n, pairs = chain.n, chain.n - 1
     if n < 2:
         raise BadGain("low_power", f"wants at least two states, {form.system.name} has {n}; use high_gain")

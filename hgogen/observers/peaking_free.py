@@ -24,15 +24,15 @@ from hgogen.estimators.core import (
     Saturate,
     core_at_one,
     demand_ranges,
-    gates,
     saturating,
+    saturation_columns,
     vertices,
 )
 from hgogen.estimators.gains import errors, injected, pair_gains
 from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form
+from hgogen.observer import Observer, demand_form, positive_theta
 from hgogen.program import sym
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
@@ -99,7 +99,7 @@ def peaking_free(
     another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.
     """
     accept = demand_form("peaking_free", form, accept, requires=integrators)
-    high, chain = any_theta(theta), integrators("peaking_free", form)
+    high, chain = positive_theta(theta), integrators("peaking_free", form)
     n, pairs, alpha = chain.n, chain.n - 1, positive("last", last)
     if n < 2:
         raise BadGain("peaking_free", f"wants at least two states, {form.system.name} has {n}; use high_gain")
@@ -127,7 +127,7 @@ def peaking_free(
     layout = Layout(order, order, (True,) * (n + pairs), tuple(range(n)))
     cores = tuple(vertices(chain, fields, lines))
     numbers = {"gains": k, "last": alpha}
-    error = on_integrators(chain, layout, cores[-1], measured, numbers, gates(cores))
+    error = on_integrators(chain, layout, cores[-1], measured, numbers, saturation_columns(cores))
     return observer_on(
         chain,
         "peaking_free",

@@ -80,7 +80,7 @@ def riccati(
     by default none; `update` "sequential", one output after the other, or "joint": h and dh/dz of all outputs at the
     prediction, as other libraries do, with R a number, one for each output, or a matrix (p, p) (`estimators.factored`);
     `accept` ids of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q +
-    Q')/2. Of a discrete plant Q, R and U are those of a sample, and theta is 1.
+    Q')/2. For a discrete plant Q, R and U are those of a sample, and theta is 1.
 
     Checks: `riccati.convergence` (proved for a linear plant with constant coefficients, a constant theta and no gate,
     where (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the

@@ -21,8 +21,8 @@ from hgogen.estimators.integrators import (
     integrators,
     last_error,
     listed,
-    moving_gain,
     observer_on,
+    time_varying_gain,
 )
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
@@ -32,7 +32,7 @@ from hgogen.prove.error_models import on_companion
 from hgogen.prove.varying_gain import switching
 from hgogen.reading.given import BadGain, positive
 from hgogen.sentence import same
-from hgogen.starting import Gains, Scale, starts, two
+from hgogen.starting import Gains, Scale, starts, two_digits
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (
@@ -73,8 +73,8 @@ THEOREM = Theorem(
 def _starting(scale: Scale) -> Gains:
     """Return initial gains: theta_low = theta/4, a threshold
     of 5 % of the range of y, and a hold of 2/theta_low."""
-    low = max(1.0, two(scale.theta / 4))
-    threshold, hold = two(scale.reading / 20), two(2 / low)
+    low = max(1.0, two_digits(scale.theta / 4))
+    threshold, hold = two_digits(scale.reading / 20), two_digits(2 / low)
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
 
 
@@ -121,7 +121,7 @@ def switched_gain(
     return observer_on(
         chain,
         "switched_gain",
-        parts=(moving_gain(chain, w, K, level), Jump(lambda clock: _switch(clock, chain, w, time))),
+        parts=(time_varying_gain(chain, w, K, level), Jump(lambda clock: _switch(clock, chain, w, time))),
         gains=(
             high,
             gain("theta_low", low, 1.0, low, "high-gain parameter when the output error has stayed small"),

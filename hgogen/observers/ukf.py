@@ -18,7 +18,7 @@ from hgogen.check import Verdict
 from hgogen.estimators import discrete
 from hgogen.estimators.gate import Gates, with_gates
 from hgogen.estimators.noise import declares_noise
-from hgogen.estimators.riccati_part import AtSamples, Variances, extended
+from hgogen.estimators.riccati_part import SampledFilter, Variances, extended
 from hgogen.estimators.square_root import LARGEST, Unscented
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
@@ -107,7 +107,9 @@ def ukf(
     observer = Observer(
         form=form,
         name="ukf",
-        parts=(AtSamples(part, "the unscented filter", lambda clock: Unscented(part, clock, reach, more).pieces()),),
+        parts=(
+            SampledFilter(part, "the unscented filter", lambda clock: Unscented(part, clock, reach, more).pieces()),
+        ),
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=part.dynamics,

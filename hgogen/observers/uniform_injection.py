@@ -23,7 +23,7 @@ from hgogen.check import Claims
 from hgogen.estimators.integrators import companion, injection_gains, listed, scaled
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, demand_form, state_field
+from hgogen.observer import Observer, demand_form, positive_theta, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
 from hgogen.prove.error_models import middles, slopes_on, uniform_error
@@ -84,7 +84,7 @@ def uniform_injection(
     nonzero.
     """
     accept = demand_form("uniform_injection", form, accept, requires=_split)
-    high, form = any_theta(theta), _split("uniform_injection", form)
+    high, form = positive_theta(theta), _split("uniform_injection", form)
     K = injection_gains("uniform_injection", poles, gains, form.n)
     dynamics, z = Dynamics(form), state_field(form, initial, high.initial[0])
     entries = [sp.diff(form.output[0], form.states[0])]  # of Lambda

@@ -35,8 +35,8 @@ from hgogen.estimators.integrators import (
     injection_gains,
     integrators,
     listed,
-    moving_gain,
     observer_on,
+    time_varying_gain,
 )
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain
@@ -47,7 +47,7 @@ from hgogen.prove.varying_gain import proved_above
 from hgogen.prove.varying_gain import update_checks as checks
 from hgogen.reading.given import BadGain, positive
 from hgogen.sentence import same
-from hgogen.starting import Gains, Scale, starts, two
+from hgogen.starting import Gains, Scale, starts, two_digits
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (
@@ -102,7 +102,7 @@ CLAMPED = Hypothesis(
 
 
 def _starting(scale: Scale) -> Gains:
-    least, cap = max(1.0, two(scale.theta / 2)), two(10 * scale.theta)
+    least, cap = max(1.0, two_digits(scale.theta / 2)), two_digits(10 * scale.theta)
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 
 
@@ -162,7 +162,7 @@ def updated_gain(
     return observer_on(
         chain,
         "updated_gain",
-        parts=(moving_gain(chain, w, K, L), Jump(lambda clock: _update(clock, chain, w)), capped(L)),
+        parts=(time_varying_gain(chain, w, K, L), Jump(lambda clock: _update(clock, chain, w)), capped(L)),
         gains=(
             gain("p_1", fall, 1e-3 * fall, fall, "how fast the gain falls"),
             gain("p_2", low, 1.0, low, "where the gain falls to", "1/s"),

@@ -137,7 +137,7 @@ class StepMemory:
         if size() != self.record.itemsize:
             raise BadShape(f"the C struct {step.name}_kept", f"has {size()} bytes, Python's {self.record.itemsize}")
         names = ["step", "estimate", "tune"]
-        names += [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
+        names += [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.separable else []
         kind = ctypes.PYFUNCTYPE(np.ctypeslib.as_ctypes_type(step.layout.word), ctypes.c_void_p)
         calls = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
         return {name: partial(call, self.record.ctypes.data) for name, call in calls.items()}

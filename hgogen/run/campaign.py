@@ -49,8 +49,8 @@ from hgogen.trial import (
     elapsed,
     feeds,
     first_memory,
+    run_feeds,
     sample_times,
-    tried,
 )
 
 MOST_JOBS = 1000  # processes
@@ -317,7 +317,7 @@ class PreparedCampaign:
         else:
             runs, size = self._varied(numbers, draws, outcomes), len(numbers)
         memory = self._memory
-        each = run_together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
+        each = run_together(step, runs, memory, size) if self._together else run_feeds(step, runs, memory, engine)
         for one in each:
             outcomes[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
         return [outcomes[number] for number in numbers]

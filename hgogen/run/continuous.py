@@ -46,7 +46,7 @@ from hgogen.program import INF, Block, Place, address, sym
 from hgogen.reading.given import Misfit, reals, requires
 from hgogen.run.samples import Run, table
 from hgogen.step import Step, plan
-from hgogen.stepping.machine import Bound, Machine, Reading, casadi_block
+from hgogen.stepping.machine import Bound, Interpreter, Machine, casadi_block
 from hgogen.system import demand_continuous
 
 FINE = repeated(RK4, 16)
@@ -283,15 +283,15 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.clock.dt, step.clock.between, m, p))
-    reading = Reading((*pieces.tune, *pieces.predict))
-    reading.give({**values, Place("work", "valid"): np.ones(p)})
+    reading = Interpreter((*pieces.tune, *pieces.predict))
+    reading.set({**values, Place("work", "valid"): np.ones(p)})
     reading.action(pieces.tune)()
     predict, ends = reading.action(pieces.predict), np.cumsum([field.size for field in linear.fields])[:-1]
 
     def update(unit: np.ndarray) -> np.ndarray:
         x, before, now = np.split(unit, [N, N + p])
         start = {Place("state", f.name): piece for f, piece in zip(linear.fields, np.split(x, ends), strict=True)}
-        reading.give({**start, Place("work", "y_last"): before, Place("work", "y"): now})
+        reading.set({**start, Place("work", "y_last"): before, Place("work", "y"): now})
         predict()
         return np.concatenate([reading.memory[Place("state", field.name)] for field in linear.fields])
 

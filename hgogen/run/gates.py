@@ -15,7 +15,7 @@ import numpy as np
 
 from hgogen.errors import ReportedWarning
 from hgogen.estimators.gate import GatedGroup
-from hgogen.estimators.riccati_part import AtSamples, Riccati
+from hgogen.estimators.riccati_part import Riccati, SampledFilter
 from hgogen.reading.given import names_of
 from hgogen.step import Step
 
@@ -69,7 +69,7 @@ class GateShare:
 
 def gated(step: Step) -> tuple[GatedGroup, ...]:
     """Return the groups of outputs of a step that have a gate."""
-    parts = (part.plain if isinstance(part, AtSamples) else part for part in step.observer.parts)
+    parts = (part.plain if isinstance(part, SampledFilter) else part for part in step.observer.parts)
     return tuple(group for part in parts if isinstance(part, Riccati) for group in part.gates)
 
 

@@ -47,7 +47,7 @@ from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Encoded
 from hgogen.signal import plural
 from hgogen.system import System, demand_continuous
-from hgogen.trial import Trial, driven, simulate, t
+from hgogen.trial import Trial, input_expressions, simulate, t
 
 _OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
 _PIECES = 10  # starts of windows within the shortest one
@@ -129,7 +129,7 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
-    course = driven(plant, trial)
+    course = input_expressions(plant, trial)
     u = to_casadi([sp.sympify(course[s.name]) for s in plant.inputs], {t: begin + share})
     symbols = dict(zip(plant.states, ca.vertsplit(state), strict=True)) | dict(zip(plant.inputs, u, strict=True))
     symbols |= {p: float(value) for p, value in plant.nominal.items()}

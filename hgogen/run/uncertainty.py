@@ -23,7 +23,7 @@ import numpy as np
 from hgogen.discretisation.runge_kutta import RK4, advance, evaluated
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.estimators.factored import FilterStep
-from hgogen.estimators.riccati_part import AtSamples, Riccati
+from hgogen.estimators.riccati_part import Riccati, SampledFilter
 from hgogen.graph import Graph, sx
 from hgogen.program import Field, Group, Place, address, sym
 from hgogen.reading.given import names_of
@@ -169,7 +169,7 @@ def uncertainty(step: Step) -> Uncertainty | None:
     parts, members = step.observer.parts, None
     if len(parts) == 1 and isinstance(parts[0], Parallel):
         parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
-    plain = [part.plain if isinstance(part, AtSamples) else part for part in parts]
+    plain = [part.plain if isinstance(part, SampledFilter) else part for part in parts]
     filters = [part for part in plain if isinstance(part, Riccati)]
     return Uncertainty(step, filters[0], members) if len(filters) == 1 else None
 
@@ -243,7 +243,7 @@ class Replay:
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
             with np.errstate(all="ignore"):  # a number beyond a float becomes infinite, a missing sample
                 rows = np.hstack([u, y]).astype(DTYPE[self.real])
-                if self.step.code.apart:
+                if self.step.code.separable:
                     yield self._by_sections(y[:, : len(self.outputs)], *self._sections(memory, rows))
                 else:
                     yield self._integrated(y, *self._calls(memory, rows))

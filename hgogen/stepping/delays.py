@@ -24,7 +24,7 @@ import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.graph import Graph
-from hgogen.observer import Observer, age_of, remembered
+from hgogen.observer import Observer, age_of, cached_observers
 from hgogen.program import (
     Bit,
     Block,
@@ -92,7 +92,7 @@ def delayed(observer: Observer, /, **steps: int) -> Observer:
     for name, _ in late:
         if (age := age_of(name)) in names:
             raise BadGain(f"delayed({name}=)", f"adds a signal {age}, which the plant has already; rename that")
-    return remembered(_delayed)(observer, late=late)
+    return cached_observers(_delayed)(observer, late=late)
 
 
 def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observer:
@@ -103,7 +103,7 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
     )
 
 
-def arranged(step: Step) -> Step:
+def with_late_samples(step: Step) -> Step:
     """Return `step` extended by the memory of past periods, so that it accepts late samples of the outputs in its
     observer's `delays`; `step` itself if there are none. Raises: `CannotUpdate` for a step that integrates with the
     measurement, `BadStep` for more bits than a status has."""
@@ -120,7 +120,7 @@ class _Delayed:
     @property
     def step(self) -> Step:
         plain, periods = self.plain, self._count
-        if not plain.code.apart:
+        if not plain.code.separable:
             raise CannotUpdate(plain.observer.name, plain.code.rule)
         clock = (
             scalar(AT.name, 0, kind="index", high=periods - 1, meaning="index of the period of now"),

@@ -1,6 +1,6 @@
 """The rules for all kinds of parts: memory and statements of each, its differential equation, and its step lengths.
 
-A minimum-energy estimator (`Curved`) has the second derivatives of the outputs in its Riccati equation:
+A minimum-energy estimator (`MinimumEnergy`) has the second derivatives of the outputs in its Riccati equation:
 
     Pi' = -Pi F - F'Pi - Pi Q^-1 Pi + C'R C - s D,    D = sum_j R_j (y_j - h_j) d2h_j/dz2
     P'  = F P + P F' + Q^-1 - P C'R C P + s P D P,    P = Pi^-1
@@ -36,9 +36,9 @@ from hgogen.errors import HgogenError
 from hgogen.estimators.innovation import Predictors
 from hgogen.estimators.riccati_part import (
     SYMMETRIC,
-    Around,
-    AtSamples,
     Riccati,
+    RiccatiVariant,
+    SampledFilter,
     View,
     pack,
     pivots,
@@ -72,9 +72,9 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
             if part.joint and not riccati.correct:
                 raise CorrectsAtSamples(method.name, "a filter with a joint update")
             return riccati
-        case Curved():
-            return curved(part, method, clock)
-        case AtSamples(plain=plain, name=name, build=build):
+        case MinimumEnergy():
+            return minimum_energy_pieces(part, method, clock)
+        case SampledFilter(plain=plain, name=name, build=build):
             if not method.riccati(plain, clock).update:  # it would not correct the plain filter
                 raise CorrectsAtSamples(method.name, name)
             return build(clock)
@@ -114,9 +114,9 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
             return part
         case Riccati():
             return riccati_ode(part, view)
-        case Curved():
+        case MinimumEnergy():
             return part.equation(view)
-        case AtSamples(name=name):
+        case SampledFilter(name=name):
             raise NoEquation(name, "it predicts and corrects at samples")
         case Jump(flow=flow):
             return Ode((), lambda values, u, y, valid: flow)
@@ -151,10 +151,10 @@ def lengths(observer: Observer, method: Method, dt: float, advice: bool = True) 
             case Riccati():
                 yield method.riccati_lengths(part, dt)
                 yield without_samples(observer, method.prediction, dt)
-            case Curved():
-                yield from curved_lengths(part, method, dt)
+            case MinimumEnergy():
+                yield from minimum_energy_lengths(part, method, dt)
                 yield without_samples(observer, method.prediction, dt)
-            case AtSamples(plain=plain):
+            case SampledFilter(plain=plain):
                 yield factored_lengths(plain, dt)
                 yield without_samples(observer, RK4, dt)
             case Predictors(predictor=predictor):
@@ -189,7 +189,7 @@ RESTARTED = Bit(
 
 
 @dataclass(frozen=True, eq=False)
-class Curved(Around):
+class MinimumEnergy(RiccatiVariant):
     """A minimum-energy estimator at theta = 1: the Riccati observer `plain` with the additional term -s D in Pi', D =
     sum_j R_j (y_j - h_j) d2h_j/dz2, s <= 1. `rate` (1/s) limits s D: SX scalar, at most `fastest`."""
 
@@ -215,7 +215,7 @@ class Curved(Around):
         return Ode(plain.fields, rate)
 
 
-def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
+def minimum_energy_pieces(part: MinimumEnergy, method: Any, clock: Clock) -> Pieces:
     """Return memory and statements of a minimum-energy estimator: an explicit method integrates it in its own
     variables, another method is replaced by Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
@@ -230,7 +230,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
     )
 
 
-def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
+def minimum_energy_lengths(part: MinimumEnergy, method: Any, dt: float) -> tuple[Lengths, Lengths]:
     """Return two step lengths of a minimum-energy estimator: that of the Riccati observer without the outputs' second
     derivatives, and 1/fastest, the limit due to these."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")

@@ -23,7 +23,7 @@ import numpy as np
 from hgogen.analysis.dynamics import HUGE, inside, into, last_value, near, widened
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.graph import Graph, binary, dense, leaves
+from hgogen.graph import Graph, binary, dense, is_outside
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import (
@@ -144,7 +144,7 @@ def outside(observer: Observer, margin: float = 0.0) -> Graph:
     `margin` times its width, where the model is evaluated at the edge of the range; SX."""
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
-    tests = [leaves(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
+    tests = [is_outside(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
     return any_of(tests + dynamics.beyond(z, sym("state", "u", len(observer.form.system.inputs)), margin))
 
 
@@ -154,7 +154,7 @@ def outside_bit(observer: Observer) -> Block:
     return Block("outside the declared box the model is evaluated at its edge", bit)
 
 
-def unrecovered(observer: Observer) -> tuple[Block, ...]:
+def report_unrecovered(observer: Observer) -> tuple[Block, ...]:
     """Return the block that raises the status bit SINGULAR if the plant's state cannot be computed from z; () if it
     always can."""
     form = observer.form
@@ -192,9 +192,9 @@ def guard_inputs(observer: Observer, clock: Clock) -> Block:
         values.append(into(accepted, signal.interval, signal.period))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if low > -INF:
-            writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
+            writes[Place("status", f"CLAMPED_{signal.name}")] = is_outside(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
-    values += times.now(plant.times, clock)
+    values += times.current_times(plant.times, clock)
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 
@@ -244,7 +244,7 @@ def readings(form: Form) -> list[tuple[float, float]]:
     ]
 
 
-def hold(observer: Observer, clock: Clock) -> Program:
+def store_finite_values(observer: Observer, clock: Clock) -> Program:
     """Return the block that stores, at the start of a call, the latest finite values of those rates and outputs that
     may have none. It raises the status bit of a rate without a finite value at the start, middle or end of the input's
     change."""
@@ -273,7 +273,7 @@ def _bit(observer: Observer, i: int) -> Place:
     return Place("status", f"HELD_{observer.dynamics.fallback.rates[i].name}")
 
 
-def hold_fields(observer: Observer) -> tuple[Field, ...]:
+def finite_value_fields(observer: Observer) -> tuple[Field, ...]:
     """Return the state's fields that store the latest finite value, initially 0, of each rate and output that may have
     none."""
     holding = observer.dynamics.fallback
@@ -369,9 +369,9 @@ def guard_state(
 
     If a value is lost, all fields are reset, those that the program `others` writes by that program. Values inside
     their boxes, the usual case, cost one test. `before`: a program with such a clamp earlier in this call, so that its
-    unchanged values are not tested again. `keep`: a call that replaces the inline program `boxed`.
+    unchanged values are not tested again. `keep`: a call that replaces the inline program `clamp_fields`.
     """
-    fields = guarded(program, state)
+    fields = written_fields(program, state)
     if not fields:
         return ()
     written, earlier = _written(program), _written(before)
@@ -382,16 +382,16 @@ def guard_state(
     usual = inside(values[[k for k, ask in enumerate(tested) if ask]], [*compress(ends, tested)])
     writes = {Place("work", "beyond"): ca.logic_not(usual)}
     beyond = Block("is a value beyond its box, or lost?", writes, part="beyond_box")
-    return (beyond, When(Place("work", "beyond"), keep or boxed(fields, state, others), idle=True))
+    return (beyond, When(Place("work", "beyond"), keep or clamp_fields(fields, state, others), idle=True))
 
 
-def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
+def written_fields(program: Program, state: tuple[Field, ...]) -> list[Field]:
     """Return the fields of real numbers of the `state` that a program writes; guards clamp these to their boxes."""
     written = _written(program)
     return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
 
 
-def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
+def clamp_fields(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
     """Return the program that clamps `fields` to their boxes. If a value is not a number, it resets the whole `state`,
     by the program `others` for the fields that `others` writes. `each`: each value is tested again for being a number,
     because a static analyser cannot infer this from a loop over many."""
@@ -405,7 +405,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
         "a value is lost: restart all but the last signals and the calls",
         {**fresh, Place("status", "RESTARTED"): ca.SX(1)},
     )
-    return (lost, When(Place("work", "lost"), (restart, *others)), *(in_its_box(field, each) for field in fields))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(clamp_field(field, each) for field in fields))
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
@@ -423,7 +423,7 @@ def _written(program: Program) -> dict[Place, set[int]]:
     return changed
 
 
-def in_its_box(field: Field, each: bool) -> Block:
+def clamp_field(field: Field, each: bool) -> Block:
     """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED if the box is the outer
     box of an estimate. `each`: whether an element that is not a number gets its initial value."""
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
@@ -433,7 +433,7 @@ def in_its_box(field: Field, each: bool) -> Block:
     writes = {Place("state", field.name): column(values)}
     if field.outer:
         limited = (i for i, period in enumerate(field.turns) if period is None)
-        writes[Place("status", "STATE_LIMITED")] = any_of(leaves(value[i], *ends[i]) for i in limited)
+        writes[Place("status", "STATE_LIMITED")] = any_of(is_outside(value[i], *ends[i]) for i in limited)
     return Block(f"keep {field.name} in its box", writes)
 
 

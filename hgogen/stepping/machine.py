@@ -47,7 +47,7 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
     return run, results[: len(block.writes)]
 
 
-class Reading(Reader[Action]):
+class Interpreter(Reader[Action]):
     """An interpreter of programs over one memory. `memory` maps each place to an array, initially 0: (size), (count,
     size) for a field of a group, (count, count, size) for a field of a group in a group. `status`: the raised bits."""
 
@@ -76,7 +76,7 @@ class Reading(Reader[Action]):
                 self._tables[place] = self.memory[place] if len(line) == 1 else np.zeros(shape[1:], dtype)
                 self._rows[place] = np.zeros(field.size, dtype)
 
-    def give(self, values: Mapping[Place, Any]) -> None:
+    def set(self, values: Mapping[Place, Any]) -> None:
         """Set the values of places in the memory; places that occur in no program are skipped."""
         for place in values.keys() & self.memory.keys():
             self.memory[place][:] = np.ravel(values[place])
@@ -174,7 +174,7 @@ class Reading(Reader[Action]):
         return run
 
 
-class Machine(Reading):
+class Machine(Interpreter):
     """An interpreter of the generated step in Python: its memory and its programs."""
 
     def __init__(

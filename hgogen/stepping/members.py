@@ -125,7 +125,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
     )
 
 
-def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
+def reset_fields(group: str, fields: Iterable[Field], part: str = "") -> Program:
     """Return the program that resets `fields` of the struct `group` to their initial values, counters in a separate
     block; `part`: prefix of the names of these blocks' functions."""
     programs = list[Block]()
@@ -135,26 +135,26 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
     return tuple(programs)
 
 
-def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
+def reset_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
     """Return the program that resets the groups nested in the struct `above`, which has these `fields`, except lasting
     fields. A copy of the estimate in a nested group is set to the estimate of `above`; `z` is the observer's estimate,
     an SX of places of the state."""
     loops = []
     for group in groups:
         copied, start = _copied(above, fields, group, z)
-        others = fresh(group.name, [f for f in group.fields if f not in copied and not f.lasting])
-        inner = fresh_groups(group.name, group.fields, group.groups, z)
+        others = reset_fields(group.name, [f for f in group.fields if f not in copied and not f.lasting])
+        inner = reset_groups(group.name, group.fields, group.groups, z)
         loops.append(Loop(group.name, group.count, (*start, *others, *inner)))
     return tuple(loops)
 
 
-def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
+def copy_estimate(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
     """Return the program that sets each copy of the estimate in the groups nested in `above` to the estimate of
-    `above`, and nothing else; arguments as in `fresh_groups`."""
+    `above`, and nothing else; arguments as in `reset_groups`."""
     loops = []
     for group in groups:
         _, start = _copied(above, fields, group, z)
-        body = (*start, *following_groups(group.name, group.fields, group.groups, z))
+        body = (*start, *copy_estimate(group.name, group.fields, group.groups, z))
         loops += [Loop(group.name, group.count, body)] if body else []
     return tuple(loops)
 

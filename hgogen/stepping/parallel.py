@@ -21,8 +21,8 @@ from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Program, Section, When, scalar, sym
 from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
-from hgogen.stepping.guards import boxed, guard_state, guarded, innovation
-from hgogen.stepping.members import Substitution, fresh, fresh_groups, joined, read_fields, renamed
+from hgogen.stepping.guards import clamp_fields, guard_state, innovation, written_fields
+from hgogen.stepping.members import Substitution, joined, read_fields, renamed, reset_fields, reset_groups
 from hgogen.stepping.projection import projection
 
 RESTARTED = Bit(
@@ -101,7 +101,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
             (*program, *guard_state(program, every.fields, before=before, keep=(note,)))
         )
         members = Loop("member", part.count, guarded_program)
-        if not guarded(program, every.fields):
+        if not written_fields(program, every.fields):
             return (members,)
         none = Block("no member has left its box yet", {_OUTSIDE: ca.SX(0)})
         return (none, members, When(_OUTSIDE, (Call(keep),), idle=True))
@@ -137,8 +137,8 @@ def _member(part: Parallel, pieces: Callable[[Part], Pieces]) -> Pieces:
 
 
 def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:
-    names = {field.name for program in programs for field in guarded(program, every.fields)}
-    boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
+    names = {field.name for program in programs for field in written_fields(program, every.fields)}
+    boxes = clamp_fields([field for field in every.fields if field.name in names], every.fields, each=True)
     loop = Loop("member", count, substitution.program(boxes))
     return Section("keep_members", "keep each member in its box, or make it anew", (loop,))
 
@@ -244,7 +244,7 @@ def _restart(part: Parallel, alone: Pieces) -> Program:
     copy, all its other memory is reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
-    begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))
+    begin = (*reset_fields("member", renewed), *reset_groups("member", alone.fields, alone.groups, part.member.z))
     restart = (
         Copy("member", Place("state", "selected"), Place("state", "oldest")),
         *((Loop("member", 1, begin, Place("state", "oldest")),) if begin else ()),

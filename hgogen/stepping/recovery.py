@@ -84,14 +84,14 @@ import numpy as np
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.linearised import Singular, jacobians_on_box
 from hgogen.estimators.core import core, nominal, numbers
-from hgogen.estimators.riccati_part import Around, Riccati, frozen_riccati
+from hgogen.estimators.riccati_part import Riccati, RiccatiVariant, frozen_riccati
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, stacked, sym
 from hgogen.stepping.discretise import demand_countable
 from hgogen.stepping.guards import any_of, outside, plausible, readings
-from hgogen.stepping.members import fresh, fresh_groups
+from hgogen.stepping.members import reset_fields, reset_groups
 from hgogen.stepping.parallel import Parallel
 from hgogen.stepping.projection import estimate_fields, nearest, projection
 
@@ -152,7 +152,7 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             if part.forgetting is not None:
                 decays = np.maximum(decays, part.forgetting.initial[0] / 2)
             return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])
-        case Around():
+        case RiccatiVariant():
             return _rate(part.plain, observer, clock)
         case Parallel():
             return rate(part.member, clock)
@@ -431,15 +431,15 @@ class Recovery:
     @cached_property
     def cleared(self) -> Program:
         """The program that resets fault counts and limits to their values before the first call."""
-        return fresh("state", self.fields, part="clear_fault_counts")
+        return reset_fields("state", self.fields, part="clear_fault_counts")
 
     @cached_property
     def other_memory(self) -> Program:
         """The program that resets all memory except estimate and lasting fields; copies of the model start from it."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
-        groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
-        return (*fresh("state", fields, part="clear_rest"), *groups)
+        groups = reset_groups("state", pieces.fields, pieces.groups, self.observer.z)
+        return (*reset_fields("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
         """Return the assignments that change |c| of the fault counter c at these samples, and a value with the sign of
@@ -533,7 +533,7 @@ class Recovery:
 def _riccati(observer: Observer) -> Riccati | None:
     for part in observer.parts:
         inner = _riccati(part.member) if isinstance(part, Parallel) else part
-        plain = inner.plain if isinstance(inner, Around) else inner
+        plain = inner.plain if isinstance(inner, RiccatiVariant) else inner
         if isinstance(plain, Riccati):
             return plain
     return None

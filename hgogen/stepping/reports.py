@@ -93,24 +93,24 @@ def age_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
     return tuple(scalar(_age(y), OLDEST, kind="index", high=OLDEST, meaning=meaning.format(y)) for y in outputs)
 
 
-def aged(outputs: Iterable[Signal]) -> Block:
+def increment_ages(outputs: Iterable[Signal]) -> Block:
     """Return the block of `predict` that increments the age of the last used sample of each output."""
     ages = {Place("state", _age(y)): sym("state", _age(y)) for y in outputs}
     older = {place: ca.if_else(age >= OLDEST, OLDEST, age + 1) for place, age in ages.items()}
     return Block("samples grow older", older)
 
 
-def renewed(output: Signal) -> Block:
+def reset_age(output: Signal) -> Block:
     """Return the block of an update that sets the age of the output's last used sample to 0."""
     return Block(f"the newest sample of {output}", {Place("state", _age(output)): ca.SX(0)})
 
 
-def renewed_where(outputs: Sequence[Signal], sampled: ca.SX) -> Program:
+def reset_ages_where(outputs: Sequence[Signal], sampled: ca.SX) -> Program:
     """Return the statements of a `predict` that integrates samples: they set to 0 the ages of outputs with a sample, by
     the flags `sampled` (p)."""
     flags = [Place("work", f"sampled_{y}") for y in outputs]
     there = Block("which samples are there?", {flag: sampled[j] for j, flag in enumerate(flags)})
-    return (there, *(When(flag, (renewed(y),)) for flag, y in zip(flags, outputs, strict=True)))
+    return (there, *(When(flag, (reset_age(y),)) for flag, y in zip(flags, outputs, strict=True)))
 
 
 def _age(output: Signal) -> str:

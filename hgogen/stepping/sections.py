@@ -51,34 +51,34 @@ from hgogen.program import (
 from hgogen.signal import Signal, plural, resting
 from hgogen.stepping import times
 from hgogen.stepping.guards import (
-    boxed,
+    clamp_field,
+    clamp_fields,
+    finite_value_fields,
     guard_innovations,
     guard_inputs,
     guard_outputs,
     guard_state,
-    guarded,
-    hold,
-    hold_fields,
-    in_its_box,
     innovation,
     measure,
     outside_bit,
+    report_unrecovered,
+    store_finite_values,
     undefined_rates,
-    unrecovered,
+    written_fields,
 )
 from hgogen.stepping.invariants import constrained
-from hgogen.stepping.members import following_groups, joined
+from hgogen.stepping.members import copy_estimate, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.reports import (
     age_fields,
-    aged,
+    increment_ages,
     innovation_fields,
     innovations,
     no_innovation,
-    renewed,
-    renewed_where,
     reports,
+    reset_age,
+    reset_ages_where,
 )
 from hgogen.stepping.substeps import elapsed_fields, in_substeps, since_last_call
 from hgogen.system import System
@@ -140,7 +140,7 @@ def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
     return Block("the next period", {Place("state", "now"): later, **fresh})
 
 
-def once(output: Signal, correct: Program) -> Program:
+def once_per_period(output: Signal, correct: Program) -> Program:
     """Return the update by an output with tests, so that it runs at most once per period, and not before the first
     `predict`; `correct`: the program for a valid sample."""
     used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
@@ -158,14 +158,14 @@ def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
 
-def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
+def clear_marks(outputs: Iterable[Signal]) -> tuple[Block, ...]:
     """Return the block after a predict that clears the marks of used samples, so that one sample of each output may
     correct."""
     fresh = {Place("state", _used(output)): ca.SX(0) for output in outputs}
     return (Block("samples may come", fresh),) if fresh else ()
 
 
-def in_order(output: Signal, correct: Program) -> Program:
+def once_per_prediction(output: Signal, correct: Program) -> Program:
     """Return the update by an output with a test, so that it runs at most once after each `predict`; `correct`: the
     program for a valid sample."""
     fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
@@ -173,7 +173,7 @@ def in_order(output: Signal, correct: Program) -> Program:
     return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
 
 
-def use(output: Signal) -> Block:
+def mark_used(output: Signal) -> Block:
     """Return the block that marks the sample of an output as used."""
     return Block(f"{output} is used", {Place("state", _used(output)): ca.SX(1)})
 
@@ -312,7 +312,7 @@ class Assembly:
         most, later = (2, ", then 2") if self.adapt else (1, "")
         predicts = self.clock.first == "predict"
         meaning = "always 1: the first call predicts" if predicts else f"0 before the first call, 1 after it{later}"
-        fields = [*parts, *hold_fields(self.observer), *self.law.fields]
+        fields = [*parts, *finite_value_fields(self.observer), *self.law.fields]
         fields += [scalar("calls", int(predicts), kind="index", high=most, meaning=meaning), *counted]
         fields += verdict_fields(self.combined.verdicts)
         fields += age_fields(self._aging)
@@ -334,12 +334,12 @@ class Assembly:
         sections = [self._predict, *self._innovate, *self._gate, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.completes and self.still else 1)  # the last one that can change the estimate
         outside = () if self._watched else (outside_bit(self.observer),)
-        notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
+        notices = (*outside, *report_unrecovered(self.observer), *self.observer.notices)
         finished = []
         for k, section in enumerate(sections):
             notice = k == last or (self.rated and section.corrects)
             program = (*section.program, *notices) if notice else section.program
-            program = program if self.clock.guarded else silent(program)
+            program = program if self.clock.guarded else without_status(program)
             finished.append(replace(section, program=pruned(program)))
         return tuple(finished)
 
@@ -382,8 +382,8 @@ class Assembly:
         updates = map(self._correct, self.correcting)
         programs = (self.combined.predict, self.combined.gate, *updates, self.correct, self.adapt)
         guarded_fields = [*estimate_fields(self.observer, self.state)]
-        guarded_fields += [field for program in programs for field in guarded(program, self.state)]
-        program = boxed([field for field in self.state if field in guarded_fields], self.state, self._fresh)
+        guarded_fields += [field for program in programs for field in written_fields(program, self.state)]
+        program = clamp_fields([field for field in self.state if field in guarded_fields], self.state, self._fresh)
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
@@ -395,23 +395,27 @@ class Assembly:
         The first call clamps the state to its box, in case its memory was
         corrupted, and starts copies of the model from the estimate."""
         observer, clock, plant = self.observer, self.clock, self.observer.form.system
-        follow = following_groups("state", self.combined.fields, self.combined.groups, observer.z)
+        follow = copy_estimate("state", self.combined.fields, self.combined.groups, observer.z)
         program: list[Statement] = [*self._received]
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         known = "the first call predicts" if clock.first == "predict" else "the first call advances no time"
         program.append(Block(known, running))
-        advance = (*hold(observer, clock), *self._guarded(self.combined.predict), *undefined_rates(observer, clock))
+        advance = (
+            *store_finite_values(observer, clock),
+            *self._guarded(self.combined.predict),
+            *undefined_rates(observer, clock),
+        )
         if clock.varying:
             program += since_last_call(clock, plant.times)
             advance = in_substeps(advance, clock, plant.times, self.uses_output, tuple(map(Call, self._keep)))
         start = (*map(Call, self._keep), *self.combined.constrain, *follow)
         program.append(When(Place("work", "running"), advance, start, part="advance"))
-        program += awaited(self._ordered)
+        program += clear_marks(self._ordered)
         cleared = {Place("state", name): ca.SX(0) for name in self.combined.verdicts.values()}
         program += [Block("no gate has judged a sample", cleared)] if cleared else []
-        program += [aged(self._aging)] if self._aging else []
+        program += [increment_ages(self._aging)] if self._aging else []
         program += no_innovation(clock.outputs) if self._innovates else ()
         watch = () if self.correcting else self.law.watch(self._samples, notice=self.still)
         return Section("predict", "advance the estimate to now", (*program, *self._stored, *watch))
@@ -422,7 +426,7 @@ class Assembly:
         observer, clock, plant = self.observer, self.clock, self.observer.form.system
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
         if plant.times:
-            yield times.counted(plant.times, clock)
+            yield times.advance_by_period(plant.times, clock)
         yield from self._remembered
         if clock.inputs:
             yield guard_input(observer, clock)
@@ -441,7 +445,7 @@ class Assembly:
             sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
             valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
             yield Block("remember the sample", sample | valid)
-            yield from renewed_where(self._aging, clock.valid > 0) if self._aging else ()
+            yield from reset_ages_where(self._aging, clock.valid > 0) if self._aging else ()
 
     @property
     def _innovate(self) -> tuple[Section, ...]:
@@ -472,9 +476,9 @@ class Assembly:
     def _remembered(self) -> list[Statement]:
         """The blocks that clamp the last input and the last finite values, in case memory was corrupted: no guard of
         the state tests these. NaN becomes an end of the range, or the initial value if there is no range."""
-        names = {"u", *(field.name for field in hold_fields(self.observer))} if self.clock.guarded else ()
+        names = {"u", *(field.name for field in finite_value_fields(self.observer))} if self.clock.guarded else ()
         last = (field for field in self.state if field.name in names)
-        return [in_its_box(field, each=HUGE in field.high) for field in last]
+        return [clamp_field(field, each=HUGE in field.high) for field in last]
 
     @property
     def _samples(self) -> dict[int, Sampled]:
@@ -486,11 +490,11 @@ class Assembly:
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(self._correct(j), before=self.combined.predict)
-        program = (*program, renewed(output)) if self._aging else program
+        program = (*program, reset_age(output)) if self._aging else program
         if not self.clock.guarded:
             plain = (plain_sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
-        valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
+        valid = (*program, *((mark_used(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "reading"), sym("work", "valid"), sym("work", "output_error"))}
         notice = self._watched and j == self.correcting[-1]
         watch = self.law.watch(sample, notice=notice)
@@ -498,8 +502,8 @@ class Assembly:
         verdict = self.combined.verdicts.get(j)
         correct = correct if verdict is None else if_admitted(verdict, correct)
         guarded: Program = (*measure(self.observer, self.clock, j), *correct)
-        guarded = once(output, guarded) if self.rated else guarded
-        guarded = in_order(output, guarded) if output in self._ordered else guarded
+        guarded = once_per_period(output, guarded) if self.rated else guarded
+        guarded = once_per_prediction(output, guarded) if output in self._ordered else guarded
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
 
     @property
@@ -533,7 +537,7 @@ def plain_inputs(observer: Observer, clock: Clock) -> Block:
     """Return the block that reads the current input, unchecked, as the work value u."""
     plant = observer.form.system
     values = [sym("input", signal.name) for signal in plant.supplied]
-    return Block("the input", {Place("work", "u"): column([*values, *times.now(plant.times, clock)])})
+    return Block("the input", {Place("work", "u"): column([*values, *times.current_times(plant.times, clock)])})
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
@@ -576,7 +580,7 @@ def in_turn(program: Program, state: Iterable[Field]) -> Program:
     return tuple(blocks)
 
 
-def silent(program: Sequence[Statement]) -> Program:
+def without_status(program: Sequence[Statement]) -> Program:
     """Return the program without assignments to the status, and without statements that then have no effect."""
     return tuple(statement for each in program for statement in _silent(each))
 
@@ -589,5 +593,5 @@ def _silent(statement: Statement) -> Program:
         return (replace(statement, writes=writes),) * bool(writes)
     if not statement.bodies:
         return (statement,)
-    changed = within(statement, silent)
+    changed = within(statement, without_status)
     return (changed,) * any(changed.bodies.values())

@@ -88,7 +88,7 @@ def since_last_call(clock: Clock, plant_times: tuple[Time, ...]) -> Program:
         return (known,)
     lags = Block("does the estimate lag?", {_LAGS: ca.logic_and(running, raw > ends[-1])})
     unreached = ca.fmin(raw, times.LARGEST * clock.longest) - ends[-1]
-    return (known, lags, When(_LAGS, (times.passed(plant_times, clock, unreached),)))
+    return (known, lags, When(_LAGS, (times.advance_by(plant_times, clock, unreached),)))
 
 
 def in_substeps(
@@ -115,9 +115,9 @@ def in_substeps(
         u = Place("work", "u")
         course = advanced[u] if clock.between == "line" else sym(*u, clock.inputs)
         known = list[Graph](ca.vertsplit(course))[: -len(plant_times)]
-        advanced[u] = column([*known, *times.now(plant_times, clock)])
+        advanced[u] = column([*known, *times.current_times(plant_times, clock)])
     step: Program = (
-        *((times.passed(plant_times, clock, sym("work", "h")),) if plant_times else ()),
+        *((times.advance_by(plant_times, clock, sym("work", "h")),) if plant_times else ()),
         *_named("the signals at the end of the sub-step", advanced),
         *predict,
         *_named("the next sub-step begins where this one ends", begins),

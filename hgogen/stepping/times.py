@@ -104,13 +104,13 @@ def _size(time: Time, dt: float, share: Fraction) -> int:
     return int(-log10(float(off.evalf(_DIGITS))))
 
 
-def now(times: tuple[Time, ...], clock: Clock) -> list[Graph]:
+def current_times(times: tuple[Time, ...], clock: Clock) -> list[Graph]:
     """Return each time t = T count/N at this call, SX."""
     count = sym(*COUNT, len(times)) + (sym(*REMAINDER, len(times)) if clock.varying else 0)
     return [count[i] * float(time.turn / divisor(time, clock)) for i, time in enumerate(times)]
 
 
-def counted(times: tuple[Time, ...], clock: Clock) -> Block:
+def advance_by_period(times: tuple[Time, ...], clock: Clock) -> Block:
     """Return the block that advances each count by a fixed dt, except in the first call; a count out of its range
     begins again at 0."""
     count, calls = sym(*COUNT, len(times)), sym("state", "calls")
@@ -132,7 +132,7 @@ def _later(k: Graph, M: int, N: int) -> Graph:
     return ca.if_else(k >= N - M, k - (N - M), k + M)
 
 
-def passed(times: tuple[Time, ...], clock: Clock, dt: Graph) -> Block:
+def advance_by(times: tuple[Time, ...], clock: Clock, dt: Graph) -> Block:
     """Return the block that advances each count by the time `dt` since the last call, for a step in which dt varies."""
     counts, remainders = [], []
     for i, time in enumerate(times):

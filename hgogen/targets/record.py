@@ -74,7 +74,7 @@ def _sample(step: Step, real: Real) -> list[str]:
 
 def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
     declared = prototypes(step)
-    parts = [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
+    parts = [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.separable else []
     calls = {name: declared[name].call(_argument) for name in ("step", *parts)} | {"estimate": "0u"}
     outputs = [
         *(f"{declared[name].call(_argument)};" for name in ("estimate", *(each.name for each in step.code.reports))),
