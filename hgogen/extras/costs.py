@@ -62,12 +62,12 @@ def demand_board() -> None:
 
 
 def version(name: str) -> str:
-    """Return the first line of a tool's version. Raises: `NoBoard`, `BoardFailed`."""
+    """Return the first line that a tool prints about its version. Raises: `NoBoard`, `BoardFailed`."""
     return _output([name, "--version"], Path()).splitlines()[0]
 
 
 def compiled(source: str, folder: Path, flags: Sequence[str]) -> int:
-    """Compile a C file in the folder to an object, and return the bytes of its code and constants.
+    """Return the bytes of code and constants of a C file, after compiling it to an object in the folder.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -76,13 +76,13 @@ def compiled(source: str, folder: Path, flags: Sequence[str]) -> int:
 
 
 def bytes_of(objects: Sequence[str], folder: Path) -> int:
-    """Return the bytes of code and constants of the first object. Raises: `NoBoard`, `BoardFailed`."""
+    """Return the bytes of code and constants of the first of the object files. Raises: `NoBoard`, `BoardFailed`."""
     return int(_output([SIZE, *objects], folder).splitlines()[1].split()[0])
 
 
 def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder: Path, flags: Sequence[str]) -> Path:
-    """Link the C file `main`, existing objects and the board's own files `harness` (text by name), and return the path
-    of the program.
+    """Return the path of the program linked from the C text `main`, object files and the board's files `harness` (text
+    by name).
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -93,8 +93,8 @@ def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder
 
 
 def ran(program: Path, machine: str = "mps2-an386") -> dict[str, int]:
-    """Run a program in the emulator of a machine and return the numbers that the program prints, by name. Raises:
-    `NoBoard`, `BoardFailed`."""
+    """Return the numbers, by name, that a program prints when it runs in the emulator of a machine. Raises: `NoBoard`,
+    `BoardFailed`."""
     text = _output([EMULATOR, "-M", machine, *_QEMU, "-kernel", str(program)], program.parent)
     return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", text)}
 
@@ -123,12 +123,13 @@ def text(name: str) -> str:
 
 
 def harness() -> dict[str, str]:
-    """Return the C and linker files of the emulated board by name."""
+    """Return the C files and the linker script of the emulated board, by name."""
     return {name: text(name) for name in ("mps2.c", "mps2.h", "mps2.ld")}
 
 
 def hostile(rows: np.ndarray) -> np.ndarray:
-    """Return the rows of a log with the worst faults of sensors and buses added: gaps, NaN, infinite values, jumps."""
+    """Return the rows (N, columns) of a log with faults of sensors and buses in 3 of 10 numbers: NaN, infinite, huge
+    and tiny values, jumps."""
     draw, rows = np.random.default_rng(8), rows.copy()
     for column in rows.T:
         hit = draw.random(len(column)) < 0.3
@@ -147,14 +148,14 @@ def head(rows: np.ndarray, real: Real, states: int, nominal_rows: int) -> str:
 
 
 def literal(value: float, real: Real) -> str:
-    """Return a number in C, which may be infinite or NaN."""
+    """Return a number, which may be infinite or NaN, as text in C."""
     if not np.isfinite(value):
         return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
     return f"{value!r}f" if real == "float" else repr(value)
 
 
 def driver(step: Step) -> str:
-    """Return the C text that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
+    """Return the C text that defines how the board's program calls a step: `memory`, BEGIN, `sample` and `estimate`."""
     declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "measurement")]
     filled = [f"{struct}.{c_name(s.name)} = row[{column}];" for column, (struct, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
@@ -170,7 +171,8 @@ def driver(step: Step) -> str:
 
 
 def counting(called: str) -> str:
-    """Return the board's main C file, which counts instructions, around `called`, such as the text of `driver`."""
+    """Return the board's main C file, which counts instructions of the calls that the text `called` defines, such as
+    that of `driver`."""
     return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
 
 
@@ -241,13 +243,13 @@ MEANINGS = {  # of the numbers of `Costs`
 
 
 def digest(source: str) -> str:
-    """Return the digest of a C source, which identifies the source of costs."""
+    """Return the digest of a C source, by which measured costs are recognised as those of this source."""
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
 def priced(costs: Mapping[str, Any] | None, source: str) -> str:
-    """Return the costs as a table, or how to measure them if they are unknown, incomplete (as those of another version
-    may be) or of another source."""
+    """Return the measured costs as a Markdown table, or advice on how to measure them if they are unknown, incomplete
+    (as those of another version may be) or of another source."""
     needed = {"machine", "compiler", "flags", *MEANINGS}
     if costs is None or costs.get("source") != digest(source) or not needed <= costs.keys():
         return _UNKNOWN

@@ -31,7 +31,8 @@ from hgogen.trial import Trial
 
 
 def markdown_of(value: Any) -> str:
-    """Return a value as Markdown with equations in LaTeX, as notebooks show it."""
+    """Return a value of the pipeline (plant, form, observer, step, ..) as Markdown with equations in LaTeX, for
+    notebooks."""
     return "\n".join(f"**{line[3:]}**" if line.startswith("## ") else line for line in _lines(value))
 
 
@@ -127,13 +128,14 @@ def _(tuned: Calibration) -> Iterable[str]:
 
 
 def run_plot(run: Run, y: np.ndarray, truth: Mapping[str, np.ndarray]) -> Sequence[Axes]:
-    """Return the axes of `Run.plot`; `y` (N, p): the samples in the order of time."""
+    """Return the axes of the figure of `Run.plot`; `y` (N, p): the samples at the rows of their measurement; `truth`:
+    (N,) by state."""
     assert run.replay is not None  # which the method demands
     return figures.plotted(figures.record_states(run.replay.step, run.t, run, y, truth))
 
 
 def response_plot(step: CallableStep, omega: Any) -> Sequence[Axes]:
-    """Return the axes of `CallableStep.plot_response`."""
+    """Return the axes of the figure of `CallableStep.plot_response`: the frequency response at `omega` (rad/s)."""
     span = continuous.around_poles(step.observer) if omega is None else np.asarray(omega, dtype=float)
     below = span[span < math.pi / step.dt]
     pair = continuous.response(step.observer, span), continuous.response(step, below)
@@ -141,5 +143,5 @@ def response_plot(step: CallableStep, omega: Any) -> Sequence[Axes]:
 
 
 def observability_plot(plant: System, trial: Trial | None) -> Sequence[Axes]:
-    """Return the axes of `Form.plot_observability`."""
+    """Return the axes of the figure of `Form.plot_observability`: the least observable direction of the plant."""
     return figures.plotted(figures.least_direction(gramian.observability_measure(plant, trial)))

@@ -42,15 +42,15 @@ class ReservedName(HgogenError):
 
 
 class Text(Template):
-    """A template whose placeholders begin with a percent sign, since CMake uses the dollar."""
+    """A text template whose placeholders begin with a percent sign, since CMake uses the dollar sign."""
 
     delimiter = "%"
 
 
 @dataclass(frozen=True)
 class Ecosystem:
-    """An ecosystem of firmware projects, such as Arduino. `files`: the template of each path; `use`: how a project
-    includes the folder; `reserved`: names that a step may not have."""
+    """An ecosystem of firmware projects, such as Arduino. `files`: the name of the template for each path; `use`: text
+    on how a project includes the folder; `reserved`: names that a step may not have."""
 
     name: str
     files: Mapping[str, str]
@@ -67,13 +67,13 @@ def _table() -> Mapping[str, Ecosystem]:
 
 @cache
 def template(name: str) -> Text:
-    """Return the template of a file in a step's folder by the name of the template."""
+    """Return the template with this name, for a file in a step's folder."""
     path = files("hgogen.extras").joinpath("templates", name)
     return Text(path.read_text(encoding="utf-8"))
 
 
 def common() -> Ecosystem:
-    """Return as an ecosystem the files that every folder has."""
+    """Return the files that every step's folder has, as an `Ecosystem`."""
     return _table()["common"]
 
 
@@ -83,9 +83,10 @@ def known() -> list[str]:
 
 
 def chosen(words: str, name: str) -> tuple[Ecosystem, ...]:
-    """Return the ecosystems of firmware projects in `words`, a list with commas or "all", for a folder of this name.
+    """Return the ecosystems of firmware projects named in `words`, separated by commas, or all for "all"; `name`: the
+    step's.
 
-    Raises: `UnknownEcosystem`, `ReservedName`.
+    Raises: `UnknownEcosystem`, `ReservedName` for a step's name that an ecosystem reserves.
     """
     names = [word.strip() for word in words.split(",")]
     for word in names:
@@ -122,8 +123,8 @@ def folder(
     real: Real = "float",
     costs: Mapping[str, Any] | None = None,
 ) -> Files:
-    """Return the files of a step's folder for projects of the ecosystems, by path; `sources`: the files of the targets
-    c99 and markdown; `costs`: as `hgogen cost` writes them, ignored if they are of another source."""
+    """Return by path the files of a step's folder for projects of the ecosystems; `sources`: the files of the targets
+    c99 and markdown; `costs`: as `hgogen cost` writes them, ignored if they belong to another source."""
     ecosystems = tuple(ecosystems)
     values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
     values["uses"] = "\n".join(f"## {each.title}\n\n{Text(each.use).substitute(values)}" for each in ecosystems)
@@ -184,8 +185,8 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
 
 
 def _clock(seconds_: float) -> dict[str, str]:
-    """Return the texts of the clock with which a sketch waits for its
-    period: 32 bits of microseconds wrap around after an hour."""
+    """Return the texts with which an Arduino sketch waits for its period (`seconds_`): a counter of microseconds in 32
+    bits wraps around after an hour, so longer periods use milliseconds."""
     clock, rate = ("micros", 1e6) if seconds_ < 1000 else ("millis", 1e3)
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 

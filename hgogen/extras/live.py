@@ -37,7 +37,7 @@ INSTALL = "apt install clang lld, or pip install ziglang"
 
 @dataclass(eq=False)
 class NoWebAssembly(HgogenError):
-    """An error: there is no compiler for WebAssembly, or it failed; `reason`: which."""
+    """The error for a missing or failing compiler for WebAssembly; `reason`: which of the two."""
 
     text = "there is no observer as WebAssembly: {reason}"
     reason: str
@@ -45,7 +45,7 @@ class NoWebAssembly(HgogenError):
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a page may change: its name, range, value, unit and meaning."""
+    """A number that a user of the page may change: its name, range, value, unit and meaning."""
 
     name: str
     low: float
@@ -57,8 +57,8 @@ class Slider:
 
 @dataclass(frozen=True)
 class Live:
-    """A compiled observer: `wasm`, and the numbers that it exchanges, in order: the names of `cells` with their counts;
-    the sliders of the plant's parameters and of the observer's gains."""
+    """An observer with its plant, compiled to WebAssembly (`wasm`), and the numbers that it exchanges with the page, in
+    order: the names of `cells` with their counts; the sliders of the plant's parameters and of the observer's gains."""
 
     wasm: bytes
     cells: Mapping[str, int]
@@ -67,7 +67,7 @@ class Live:
 
 
 def compiler() -> tuple[str, ...] | None:
-    """Return the compiler for WebAssembly as a command: clang where wasm-ld is installed, else that of Python's package
+    """Return the command of the compiler for WebAssembly: clang if wasm-ld is installed, else that of Python's package
     ziglang; None without one."""
     clang = shutil.which("clang")
     if clang and (shutil.which("wasm-ld") or _linker(clang)):
@@ -85,10 +85,10 @@ def _linker(clang: str) -> bool:
 
 
 def live(step: Step, truth: ca.Function, free: tuple[Signal, ...], sources: Mapping[str, str]) -> Live:
-    """Return the observer and its plant, compiled for a browser.
+    """Return an observer with its plant, compiled for a browser.
 
-    Args: `truth` the plant as (x, t, p) -> (x', y, u), with values p of the parameters `free`; `sources` the files of
-    the target c99 with their self-check.
+    Args: `truth` the plant as a function (x, t, p) -> (x', y, u), p the values of the parameters `free`; `sources` the
+    files of the target c99 with their self-check.
 
     Raises: `NoWebAssembly` without a compiler, or if it fails.
     """
@@ -116,12 +116,12 @@ def _failed(command: tuple[str, ...], output: str) -> NoWebAssembly:
 
 @cache
 def template(name: str) -> str:
-    """Return the text of a file of the report."""
+    """Return the text of a file that is part of the report's page."""
     return files("hgogen.extras").joinpath("report", name).read_text(encoding="utf-8")
 
 
 def _range(p: Signal) -> tuple[float, float]:
-    """Return the declared range of a parameter, else half to one and a half times its nominal value."""
+    """Return the declared range of a parameter, without one half to one and a half times its nominal value."""
     value = float(p.nominal or 0)
     return p.interval if p.bounded else (min(0.5 * value, 1.5 * value), max(0.5 * value, 1.5 * value))
 

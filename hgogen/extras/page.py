@@ -43,7 +43,7 @@ def page(
     bounds: Mapping[str, float],
     costs: str,
 ) -> tuple[str, str]:
-    """Return the report as HTML, and why the observer is not live in it, "" if it is.
+    """Return the report of a step as HTML, and the reason why the observer is not live in it, "" if it is.
 
     Args: `course` a run of the trial that the live plant follows; `sources` the files of the target c99; `figures` the
     image files of trials; `bounds` the proved bound of each state's error by name; `costs` Markdown on measured costs.
@@ -101,7 +101,7 @@ def _id(name: str) -> str:
 
 
 def svg_figures(files: Mapping[str, bytes]) -> str:
-    """Return the SVG files as figures, their lines rounded to a tenth of a point."""
+    """Return SVG files as the HTML section of figures, with coordinates rounded to a tenth of a point."""
     drawn = []
     for k, (name, content) in enumerate(files.items()):
         if name.endswith(".svg"):
@@ -114,7 +114,7 @@ def svg_figures(files: Mapping[str, bytes]) -> str:
 
 
 def _caption(name: str) -> str:
-    """Return the caption of a figure from the name of its file, which has the trial and the kind."""
+    """Return the caption of a figure from its file name, which contains the trial and the kind of figure."""
     trial, _, kind = name.removesuffix(".svg").rpartition("_")
     return f"{CAPTIONS.get(kind, kind)} in the trial {trial}" if trial else kind
 
@@ -136,7 +136,8 @@ def _listing(code: Iterable[str]) -> str:
 
 
 class Linked:
-    """The Markdown of a step's document as HTML, its equations in MathML, each with links to lines of its C."""
+    """A renderer of a step's Markdown document as HTML: equations in MathML, each with links to the lines of C that
+    compute it."""
 
     def __init__(self, step: Step, code: list[str]) -> None:
         self._step, self._code, self._functions = step, code, dict[str, range]()
@@ -147,7 +148,7 @@ class Linked:
                 self._functions[head[1].removeprefix(f"{step.name}_")] = range(k + 1, end + 2)
 
     def html(self, section: str, text: str) -> Iterator[str]:
-        """Yield the parts of a section: text, tables, code and equations."""
+        """Yield a section of the document in HTML, part by part: text, tables, code and equations."""
         for k, part in enumerate(re.split(r"^\$\$$", text, flags=re.MULTILINE)):
             if k % 2 == 0:
                 yield str(MARKDOWN.render(part))
@@ -159,8 +160,8 @@ class Linked:
                 yield f'<div class="equation">{mathml(row)}<span class="quiet">{links}</span></div>'
 
     def _lines(self, section: str, block: int, row: int, equation: str) -> dict[str, int]:
-        """Return lines of C by the name of their function: those that compute an equation, the `row` of a `block` of
-        equations in a section of the document."""
+        """Return the line of C that computes an equation, by the name of its function: equation number `row` of the
+        `block` of equations in a section of the document."""
         kind, form = section.split(":")[0], self._step.observer.form
         if kind == "Plant" and block:
             own = tuple(f"{start}{end}" for start in SAMPLES for end in (f"_{self._step.outputs[row].name}", "s"))
@@ -176,8 +177,8 @@ class Linked:
 
 
 def mathml(latex: str, display: str = "block") -> str:
-    """Return an equation in LaTeX as MathML. A root is a power of one half: a browser without a font for mathematics
-    leaves out the sign of a root."""
+    """Return an equation in LaTeX as MathML. A root is written as the power 1/2, since a browser without a font for
+    mathematics does not draw the sign of a root."""
     latex = re.sub(r"\\sqrt\{((?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*)\}", r"{\\left(\1\\right)}^{1/2}", latex)
     return str(convert(latex.replace("&=", "="), display=display))
 
@@ -190,7 +191,8 @@ def _data(
     shown: Live,
     bounds: Mapping[str, float],
 ) -> dict[str, Any]:
-    """Return what the script of the page needs, as JSON."""
+    """Return as a JSON object what the page's script needs: sizes, names, ranges, numbers of the trial, and the
+    compiled observer."""
     plant, trial, every = step.observer.form.system.declared, course.trial, step.clock.every or (1,) * len(step.outputs)
     inputs, index = {u.name for u in step.inputs}, [s.name for s in plant.states]
     sizes = [
@@ -253,8 +255,8 @@ def _deviation(trial: Trial, output: str) -> float:
 
 
 def parts(truth: ca.Function, course: Trajectory, p: list[float], dt: float) -> int:
-    """Return into how many steps of classical Runge-Kutta the page divides dt: with twice as many, one dt from points
-    of the trial ends within `TOLERANCE`."""
+    """Return the number of steps of classical Runge-Kutta into which the page divides dt: doubled until halving the
+    steps changes the state after dt, from points of the trial, by less than `TOLERANCE`."""
     z = ca.SX.sym("z", truth.size1_in(0) + 1)  # the state and t
     rate = ca.Function("rate", [z, ca.SX.sym("none", 0)], [ca.vertcat(truth(z[:-1], z[-1], p)[0], 1)])
     known, chosen = course.truth, np.linspace(0, len(course.truth.t) - 1, POINTS, dtype=int)

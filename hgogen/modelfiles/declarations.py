@@ -41,9 +41,9 @@ _GAINS = "gains"
 
 
 def stored(plant: System, declared: Any) -> Dissipation:
-    """Return the `dissipation` that a model declares of its plant, proved or not: V and mu of dV/de F + |dV/de G|^2/(2
-    mu^2) + |e|^2/2 < 0 (38). Raises: `BadErrorSystem` for keys that are missing or unknown, or values that do not fit;
-    `Misfit` if it is no mapping; `BadExpression`."""
+    """Return the dissipation inequality that a model declares of its plant, proved or not: V and mu of dV/de F + |dV/de
+    G|^2/(2 mu^2) + |e|^2/2 < 0 (38). Raises: `BadErrorSystem` for keys that are missing or unknown, or values that do
+    not fit; `Misfit` for a declaration that is no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
     system_keys = ("system",) if "system" in declared else _SYSTEM
@@ -70,22 +70,22 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
 
 
 class NoBounds(BadArgument):
-    """An invalid entry of the bounds on noise and the like in a model file."""
+    """The error for an invalid entry of the bounds on noise and disturbances in a model file."""
 
     text = "in bounds, {what} is none; {reason}"
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """The bounds on noise and disturbances that a model declares. `sizes`: arguments of `hg.error_bound`; `gains`:
-    whether gains in continuous time are requested too."""
+    """The bounds on noise and disturbances that a model declares. `sizes`: the arguments of `hg.error_bound`; `gains`:
+    whether gains from noise to error in continuous time are requested too."""
 
     sizes: Mapping[str, Any]
     gains: bool
 
 
 def bounds(declared: Any) -> Bounds:
-    """Return the bounds that a model file declares. Raises: `NoBounds`."""
+    """Return the bounds on noise and disturbances that a model file declares. Raises: `NoBounds`."""
     for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
         sized = what in ERROR_INPUTS and isinstance(value, Mapping)
         if not (sized or (what == "real" and value in REALS) or (what == _GAINS and isinstance(value, bool))):
@@ -101,7 +101,7 @@ _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 
 
 def trial_of(model: PlainModel) -> Trial:
-    """Return the trial in the table `trial` of a plain-text model. Raises: `BadModelFile`."""
+    """Return the trial that a plain-text model declares in the table `trial`. Raises: `BadModelFile`."""
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
     states, outputs = ((signals, NUMBER) for signals in (model.plant.states, model.plant.outputs))

@@ -27,23 +27,23 @@ _BUILT_TYPES = (System, Form, Observer, Step)
 
 
 class BadFile(BadArgument):
-    """An invalid file of parameters or tunings."""
+    """The error for an invalid file of parameters or tunings."""
 
 
 class OtherPlant(UserWarning):
-    """A file that was written for a plant with other equations."""
+    """The warning about a file that was written for a plant with other equations."""
 
 
 def equations(plant: System) -> list[str]:
-    """Return the equations of the plant as first declared, in the form of the files, without the values of
-    parameters."""
+    """Return the equations of the declared plant as such files store them, without the values of parameters."""
     first = plant.declared
     flow = (f"{x}{first.next_mark} = {row}" for x, row in zip(first.states, first.flow, strict=True))
     return [*flow, *(f"{y} = {row}" for y, row in zip(first.outputs, first.output, strict=True))]
 
 
 def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
-    """Warn with `OtherPlant` if the file's equations are not those of the plant."""
+    """Warn with `OtherPlant` if the equations stored in the file are not those of the plant; `table`: the file's
+    content."""
     plant_equations, file_equations = equations(plant), table.get("equations")
     if not isinstance(file_equations, list) or file_equations == plant_equations:
         return
@@ -54,7 +54,7 @@ def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
 
 
 def table_of(path: Path, writer: str) -> dict[str, Any]:
-    """Return the JSON object in the file; `writer`: the command that writes such files, for errors. Raises:
+    """Return the JSON object in a file; `writer`: the command that writes such files, for the error message. Raises:
     `BadFile`."""
     try:
         table = json.loads(content_of(path, LARGEST))
@@ -66,8 +66,8 @@ def table_of(path: Path, writer: str) -> dict[str, Any]:
 
 
 def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
-    """Return the tunings by name in a JSON file, as `hgogen tune` writes it, and the name of the one to take, "" if it
-    names none. Raises: `BadFile`."""
+    """Return the tunings by name in a JSON file as `hgogen tune` writes it, and the name of the recommended one, "" if
+    there is none. Raises: `BadFile`."""
     content = table_of(path, "hgogen tune")
     tables, take = content.get("tuning"), content.get("take", "")
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
@@ -79,11 +79,11 @@ def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
 
 
 class BadParameters(BadFile):
-    """An invalid file of parameters."""
+    """The error for an invalid file of parameters, or a model that cannot accept other values."""
 
 
 def read_values(path: Path, plant: System) -> dict[str, float]:
-    """Return the values of a plant's parameters by name in a JSON file, as `hgogen fit` writes it. Raises:
+    """Return the values of a plant's parameters by name from a JSON file as `hgogen fit` writes it. Raises:
     `BadFile`."""
     content = table_of(path, "hgogen fit")
     values = content.get("parameters")
@@ -97,7 +97,7 @@ def read_values(path: Path, plant: System) -> dict[str, float]:
 
 
 def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the entries of a model file, by name, that change with `values`, new values of the plant's parameters: the
+    """Return the entries of a model file (`names`) that change if its plant's parameters have the new `values`: the
     plant, its parameters, and tables and expressions that contain them. Functions are unchanged, since they are called
     with the new values. Raises: `BadParameters` for an object that was built from the plant when the file was read;
     `BadValue`."""

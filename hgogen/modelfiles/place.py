@@ -24,7 +24,7 @@ _NO_MODELS = f"give the path of a model file, or a bare name of one in ./{FOLDER
 
 @dataclass(eq=False)
 class NoModel(HgogenError):
-    """A path without a model file; `guess`: a question that suggests another file."""
+    """The error for a path without a model file; `guess`: a question that suggests another file."""
 
     path: str
     reason: str
@@ -37,27 +37,27 @@ class NoModel(HgogenError):
 
 
 def listed(folder: Path = FOLDER) -> tuple[str, ...]:
-    """Return the model files in a folder, by default `models` here, sorted."""
+    """Return the paths of the model files in a folder, by default ./models, sorted."""
     return tuple(sorted(map(str, _models(folder))))
 
 
 def shipped(package: Path = PACKAGE) -> dict[str, Path]:
-    """Return the model files that come with hgogen, by name: in the package, else in the folder next to it in a
-    clone."""
+    """Return the paths of the model files that come with hgogen, by name: in the package, else in the folder `models`
+    of a clone."""
     inside, in_clone = package / FOLDER, package.parent / FOLDER
     return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else in_clone))}
 
 
 def available() -> dict[str, str]:
-    """Return the path of each model file by the name that `load` accepts: of the files in `models` here their path, of
-    the shipped ones their bare name, unless a file here has that name."""
+    """Return the path of each model file by the name that `load` accepts. A file in ./models has its path as its name,
+    a shipped file its bare name, unless a file in ./models has that name."""
     here = listed()
     names = {Path(path).stem for path in here}
     return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
 
 
 def located(model: str) -> Path:
-    """Return the model file at a path, or of a bare name. Raises: `NoModel`."""
+    """Return the path of a model file, given as a path or as a bare name. Raises: `NoModel`."""
     path = Path(model)
     try:
         there = path.exists() and not path.is_dir()
@@ -93,8 +93,8 @@ def _models(folder: Path) -> Iterator[Path]:
 
 
 def summary(path: str) -> str:
-    """Return the first sentence of a model file's docstring or `meaning`; empty if it has none or cannot be read. The
-    file is not executed."""
+    """Return the first sentence of a model file's docstring or `meaning`; "" if there is none or the file cannot be
+    read. The file is not executed."""
     suffix = Path(path).suffix
     try:
         text = content_of(path, BYTES)
@@ -113,8 +113,8 @@ _NAME = "NAME"  # the placeholder of the model's name
 
 
 def new_model(name: str, folder: Path) -> dict[str, str]:
-    """Return a new model file with this name, by its file name. Raises: `BadName`, `BadFileName`, `HidesHeader` for a
-    name that a plant or a file cannot have; `CannotWrite` if the folder holds such a file."""
+    """Return the text of a new model file called `name`, by its file name. Raises: `BadName`, `BadFileName`,
+    `HidesHeader` for a name that a plant or a file cannot have; `CannotWrite` if the folder holds such a file."""
     from hgogen.emit.naming import demand_file  # slow to import
     from hgogen.signal import check_name
 
@@ -127,12 +127,13 @@ def new_model(name: str, folder: Path) -> dict[str, str]:
 
 
 def sentence(error: Exception) -> str:
-    """Return the text of an error, preceded by its type if it is no error of hgogen."""
+    """Return the text of an error, after its type unless it is an error of hgogen."""
     return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
 
 
 def ends_python(error: BaseException) -> str:
-    """Return a sentence on an error that is no `Exception` and would end Python, with the fix."""
+    """Return a sentence, with the remedy, on an error in a model that is no `Exception` and would end Python, such as
+    SystemExit."""
     kind, text = type(error).__name__, _text(error)
     detail = f" ({text})" if text else ""
     return f"raises {kind}{detail}, which ends Python; leave it out, or raise an error that says what is wrong"

@@ -16,11 +16,11 @@ SEEDS = 1000  # noise seeds of a trial, at most
 
 
 class UnknownCase(BadArgument):
-    """An unknown form, method or target."""
+    """The error for a form, method or target that does not exist."""
 
 
 class Option(NamedTuple):
-    """The help of a command-line option, and the name of its value in the help."""
+    """The help text of a command-line option, and the name of its value in that text."""
 
     help: str
     metavar: str | None = None
@@ -35,8 +35,8 @@ _TUNING = Option("Tunings, as `hgogen tune` writes them; of these the row to tak
 
 @dataclass(frozen=True)
 class Setting:
-    """The overridden settings of a model, each with its command-line option; None for the file's own setting. `dt` may
-    be the shortest and the longest time between two calls."""
+    """The settings of a model that command-line options override; None for the file's own setting. `dt` may be a pair
+    of the shortest and the longest time between two calls."""
 
     form: Annotated[str | None, Option("The form, in the place of the model's.", "NAME")] = None
     method: Annotated[str | None, Option("The method, in the place of the model's.", "NAME")] = None
@@ -55,17 +55,17 @@ class Setting:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The command-line options and values with these settings, such as "--dt"."""
+        """The command-line options and values that give these settings, such as "--dt", "0.01"."""
         return tuple(f"--{name} {value}" for name, value in asdict(self).items() if value is not None)
 
     @property
     def reports(self) -> tuple[str, ...] | None:
-        """The names in `report`, which are separated by commas."""
+        """The names in `report`, which commas separate; None if `report` is not set."""
         return None if self.report is None else tuple(filter(None, map(str.strip, self.report.split(","))))
 
     @property
     def longest(self) -> float | None:
-        """The period `dt`, or the longest time between two calls."""
+        """The period `dt`, or the longest time between two calls; None if `dt` is not set."""
         return self.dt[1] if isinstance(self.dt, tuple) else self.dt
 
     def demand(self) -> None:
@@ -74,7 +74,8 @@ class Setting:
         demand_known("method", self.method, cases("methods"))
 
     def on(self, step: "CallableStep") -> "CallableStep":
-        """Return the step rebuilt with the settings that concern steps. Raises: as `hg.sample` and the observer do."""
+        """Return the step rebuilt with these settings, as far as they concern steps. Raises: as `hg.sample` and the
+        observer do."""
         if not self:
             return step
         from hgogen import forms, methods  # slow to import
@@ -88,7 +89,8 @@ AS_WRITTEN = Setting()
 
 
 def demand_known(kind: str, name: str | None, known: Iterable[str]) -> None:
-    """Raise `UnknownCase` for a name that is not in `known`."""
+    """Raise `UnknownCase` for a `name` that is not in `known`; None passes. `kind`: the word for it in the message,
+    such as "form"."""
     if name is None or name in known:
         return
     fix = nearest(name, known, f"there are {', '.join(known)}")

@@ -27,7 +27,7 @@ _VALUES: Mapping[str, Any] = {
 
 
 def text_schema() -> dict[str, Any]:
-    """Return the JSON Schema, draft 2020-12, of a model as TOML and JSON give it."""
+    """Return the JSON Schema (draft 2020-12) of a plain-text model, in TOML or JSON."""
     tuning = _tuning()
     top = {key: _VALUES[kind] for key, kind in keys.TOP.items()}
     kinds = {kind: _each(_closed(of, (needed,) if needed else ())) for kind, (of, needed) in keys.KINDS.items()}
@@ -57,7 +57,7 @@ def _each(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tuning() -> dict[str, Any]:
-    """The schema of a tuning: an argument of an observer may be of any type, since it is a number, a list or a table by
+    """The schema of a tuning. An argument of an observer may have any type, since it is a number, a list or a table by
     names."""
     kinds = sorted({*cases("observers"), *SYNONYMS})
     every = (name for kind in observers.__all__ for name in arguments(getattr(observers, kind))[0])

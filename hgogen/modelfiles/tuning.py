@@ -74,15 +74,15 @@ TYPES = {
 
 
 def longest(dt: Any) -> float:
-    """Return the period dt of a table, of a pair of the shortest and the longest the latter."""
+    """Return the period `dt` of a table; for a pair (shortest, longest) the longest."""
     return float(dt[-1] if isinstance(dt, list | tuple) else dt)
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The tunings of a plant by name, each a table of an observer and its gains; `default`: the name of the tuning in
-    the table `observer`; `setting`: options that override the tables; `in_file`: whether a table is in the model's
-    `file`, and not in a separate file of tunings."""
+    """The tunings of a plant by name, each a table with an observer and its gains. `default`: the name of the tuning in
+    the table `observer`; `setting`: command-line options that override the tables; `in_file`: whether a tuning is in
+    the model's `file`, and not in a separate file of tunings."""
 
     file: str
     plant: System
@@ -92,7 +92,7 @@ class Tuning:
     in_file: Callable[[str], bool] = lambda name: True
 
     def where(self, name: str) -> str:
-        """Return the path of keys to the tuning's table in its file, such as "tuning.high_gain"."""
+        """Return the keys that lead to a tuning's table in its file, such as "tuning.high_gain", for messages."""
         if not self.in_file(name):
             return f"{self.setting.tuning}, tuning.{name}"
         return "observer" if name == self.default else f"tuning.{name}"
@@ -100,8 +100,8 @@ class Tuning:
     def step(
         self, name: str, default: Callable[[], float], dt: float | None = None, start: Start | None = None
     ) -> CallableStep:
-        """Return the step of a tuning at the period `dt` (s), else at the table's, else at that of `default`; `start`
-        as in `observer`. Raises: `BadModelFile` for an invalid table; `Refuted`."""
+        """Return the step of a tuning at the period `dt` (s), else at the table's, else at that which `default`
+        returns; `start` as in `observer`. Raises: `BadModelFile` for an invalid table; `Refuted`."""
         where, table = self.where(name), self._sampling(name)
         method_name = self.setting.method or table.get("method", "continuous_discrete")
         method = self._case(f"{where}.method", methods, method_name)
@@ -127,8 +127,9 @@ class Tuning:
         return self._refusals(where, lambda: sample(observer, method, period, **options))
 
     def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
-        """Return the observer of the tuning `name`. `around`: the tunings whose observers contain it as a member;
-        `start`: a function from its form to `initial`, which replaces the tuning's own start. Raises: as `step`."""
+        """Return the observer of the tuning `name`. `around`: the tunings whose observers contain this one as a member;
+        `start`: a function that returns the observer's argument `initial` for its form, in place of the tuning's own.
+        Raises: as `step`."""
         where, table, gains = self.where(name), self.table(name), self.gains(name)
         make = self._case(f"{where}.kind", observers, table.get("kind", name))
         self._arguments(where, make, gains)
@@ -147,7 +148,7 @@ class Tuning:
         return observer
 
     def form(self, name: str) -> Any:
-        """Return the form of the tuning `name`, for an observer around no other. Raises: as `step`."""
+        """Return the form of the tuning `name`, whose observer has no member. Raises: as `step`."""
         entry, where = self.setting.form or self._form_entry(name), f"{self.where(name)}.form"
         passed = [name]
         while isinstance(entry, Mapping) and "of" in entry:
@@ -170,21 +171,21 @@ class Tuning:
 
     @property
     def synonyms(self) -> Iterator[str]:
-        """A sentence for each tuning whose kind is another name of an observer."""
+        """A sentence for each tuning whose kind is a textbook name of another observer, as ekf is of riccati."""
         for name, kind in self._called.items():
             if self._is_synonym(kind):
                 yield f"{self.where(name)}: {SYNONYMS[kind].sentence}"
 
     @property
     def kinds(self) -> dict[str, str]:
-        """The name of the observer of each tuning, by the tuning's name; that of `hg.observers` for a textbook name."""
+        """The name of each tuning's observer in `hg.observers`, by the tuning's name."""
         return {
             name: SYNONYMS[kind].observer if self._is_synonym(kind) else kind for name, kind in self._called.items()
         }
 
     def with_textbook_name(self, name: str) -> "Tuning":
-        """Return the tunings with one under the textbook name `name` too, if one is this observer, as `riccati` at
-        theta = 1 is `ekf`."""
+        """Return the tunings; if one of them is the observer with this textbook `name`, as `riccati` at theta = 1 is
+        `ekf`, it is also added under that name."""
         if name in self.tables or not self._is_synonym(name):
             return self
         known = SYNONYMS[name]
@@ -204,7 +205,8 @@ class Tuning:
         return kind in SYNONYMS and not (self.plant.discrete and kind == "luenberger")
 
     def period(self, name: str) -> float:
-        """Return the sampling period dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
+        """Return the sampling period dt (s) of a tuning, the longest if dt varies. Raises: `BadModelFile` if there is
+        none."""
         table = self._sampling(name)
         if "dt" not in table:
             unit = plural(self.plant.time)
@@ -213,12 +215,13 @@ class Tuning:
         return longest(table["dt"])
 
     def gains(self, name: str) -> Mapping[str, Any]:
-        """Return the arguments of the observer in a tuning. Raises: `BadModelFile`."""
+        """Return the arguments of the observer in a tuning, by name. Raises: `BadModelFile`."""
         entries = {key: value for key, value in self.table(name).items() if key not in PLACED}
         return self._refusals(self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()})
 
     def table(self, name: str) -> Mapping[str, Any]:
-        """Return a tuning's table. Raises: `BadModelFile` if its values are of wrong types."""
+        """Return the table of a tuning after validation. Raises: `BadModelFile` for an invalid name, or values of wrong
+        types."""
         table, where = self.tables[name], self.where(name)
         if not isinstance(table, Mapping):
             kind = type(table).__name__
@@ -292,8 +295,8 @@ _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # the functions that a t
 
 
 def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of an observer's arguments that a tuning's table may have: all, and those without a default; the
-    argument for a member is first."""
+    """Return the names of an observer's arguments that a tuning's table may have: first all, then those without a
+    default; the argument `member` comes first."""
     each = signature(make).parameters.values()
     return _names(p for p in each if p.kind is Parameter.KEYWORD_ONLY or p.name == "member")
 
@@ -301,9 +304,9 @@ def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...
 def faults(
     make: Callable[..., Any], keys: Iterable[str], other_keys: Iterable[str] = (), first: int = 0
 ) -> Iterator[tuple[str, str]]:
-    """Yield each key that a function does not accept, with a sentence; then, with an empty key, a sentence for each
-    missing one. `other_keys`: valid keys of the same table; `first`: the number of arguments that are passed
-    otherwise."""
+    """Yield each of the `keys` that a function does not accept as an argument, with a sentence; then an empty key, with
+    a sentence, for each missing argument. `other_keys`: valid keys of the same table, for suggestions; `first`: the
+    number of arguments that do not come from the table."""
     known, needed = _names(list(signature(make).parameters.values())[first:])
     for key in keys:
         if key not in known:
@@ -316,8 +319,9 @@ def faults(
 
 
 def value(key: str, raw: Any) -> Any:
-    """Return the value of an entry of a tuning: a table with `kind` is handed to the function of that name, as
-    `adaptive`; a list of thresholds `mu` becomes a tuple. Raises: `BadGain`, and the errors of the value's function."""
+    """Return the value of an argument from the entry `raw` of a tuning's table: a table with `kind` is passed to the
+    function of that name, such as `adaptive`; a list of thresholds `mu` becomes a tuple. Raises: `BadGain`, and the
+    errors of the function."""
     if key in _VALUES and isinstance(raw, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if raw.get("kind") not in makers:
@@ -330,8 +334,8 @@ def value(key: str, raw: Any) -> Any:
 
 
 def poles(listed: Any, chains: int) -> Any:
-    """Return the poles in `listed`: a pair [re, im] is a complex pole. With several `chains` there is a list for each
-    chain, in which a pair of numbers is two real poles."""
+    """Return poles from a table's list: a pair [re, im] is a complex pole. With several `chains` of integrators there
+    is a list for each chain, and a pair of numbers in its place is two real poles."""
     if not isinstance(listed, list):
         return listed
     if chains > 1:
@@ -348,8 +352,8 @@ def _names(parameters: Iterable[Parameter]) -> tuple[tuple[str, ...], tuple[str,
 
 @dataclass(frozen=True)
 class First:
-    """A first step for a beginner: the name of the `observer`, the form in `row`, which admits it without accepting a
-    refuted check, its starting gains `starting`, and the `step`."""
+    """A first step for a beginner: the name of the `observer`, the form in `row`, which admits the observer without
+    accepting a refuted check, the starting gains `starting`, and the `step`."""
 
     observer: str
     row: Row
@@ -358,12 +362,13 @@ class First:
 
     @property
     def known(self) -> Convergence | None:
-        """Whether the observer is proved to converge, None if no theorem covers it."""
+        """The verdict on the observer's convergence, None if no theorem covers it."""
         observer = self.step.observer
         return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
     def table(self, name: str = "") -> Mapping[str, Any]:
-        """Return the table of a tuning that makes an equal step, called `name`, by default as the observer."""
+        """Return the tuning's table, from which an equal step can be built; `name`: that of the tuning, by default the
+        observer's."""
         kind = {"kind": self.observer} if name not in ("", self.observer) else {}
         form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
         dt = self.starting.dt
@@ -372,8 +377,8 @@ class First:
 
 @dataclass(frozen=True)
 class NoFirst:
-    """The reason why there is no first step; `ruled`: a form admits the observer, but there are no starting gains;
-    `too_long`: the error if a form admits it, but the period is too long."""
+    """The reason why there is no first step; `ruled`: whether a form admits the observer, but its rule gives no
+    starting gains; `too_long`: the error if a form admits the observer, but the period is too long."""
 
     reason: str
     ruled: bool = False
@@ -381,8 +386,8 @@ class NoFirst:
 
 
 def places(survey: Survey) -> Iterator[Row]:
-    """Yield the candidate forms of a survey for an observer, in order: those that imply observability, the plant in its
-    own coordinates (made only when reached), and the others."""
+    """Yield the candidate forms of a survey in the order in which an observer tries them: forms that imply
+    observability, the plant in its own coordinates (built only when reached), and the other forms."""
     yield from survey.candidates
     original_row = survey["original"]
     yield original_row if original_row.form else replace(original_row, form=forms.original(survey.plant))
@@ -390,8 +395,8 @@ def places(survey: Survey) -> Iterator[Row]:
 
 
 def everywhere(plant: System, *, deep: bool = True) -> Iterator[Row]:
-    """Yield the candidate forms of a plant; those that take seconds last, and only if `deep`. Later calls reuse the
-    survey."""
+    """Yield the candidate forms of a plant; forms whose check takes seconds come last, and only if `deep`. Surveys are
+    cached."""
     yield from places(_surveyed(plant, False))
     if deep:
         yield from places(_surveyed(plant, True))
@@ -405,8 +410,8 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 def _advised(
     make: Callable[..., Observer], form: Form, starting: Starting, fixed: bool
 ) -> tuple[Starting, CallableStep]:
-    """Return the step of starting gains, and the gains: unless dt is `fixed`, those at the longest dt that the step
-    advises, where theirs may fail."""
+    """Return the starting gains and their step. If the step may fail at their dt, which is not `fixed`, use the
+    starting gains at the longest dt that is advised."""
     with warnings.catch_warnings():
         if not (fixed or is_ignored(StepMayFail)):
             warnings.simplefilter("error", StepMayFail)
@@ -418,9 +423,9 @@ def _advised(
 
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
-    """Return the first step of the observer with this name, on the first of the forms in `rows` that admits it, at the
-    sampling period `dt`, by default that of its starting gains or the longest that the step advises, if that is
-    shorter; or the reason why there is none."""
+    """Return a first step of the observer with this name, on the first of the forms in `rows` that admits the observer;
+    or the reason why there is none. `dt`: the sampling period, by default that of the starting gains, or the longest
+    that is advised for the step if that is shorter."""
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):

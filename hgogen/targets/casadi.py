@@ -43,16 +43,17 @@ from hgogen.target import Files
 
 
 class NotInCasadi(BadArgument):
-    """The error for a precision, or another argument, that CasADi functions do not have."""
+    """The error for a precision or another argument that the target casadi does not support."""
 
 
 @dataclass(frozen=True, repr=False)
 class Functions(Files):
-    """A step as CasADi functions. As files, each is serialised (`casadi.Function.deserialize` reads it, in Python, C++
-    and MATLAB), and NAME_entries.json says what their elements are.
+    """A step as CasADi functions. As files, each function is serialised (`casadi.Function.deserialize` reads it in
+    Python, C++ and MATLAB), and NAME_entries.json names the elements of its arguments and results.
 
-    `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status;
-    `reports`: the vectors of its other results, by name; `begin`: None for a plant without functions of t.
+    `step` a `casadi.Function` of one call; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of its status
+    bits; `reports`: the vectors of its further results, by name; `flow`: the differential equations, or why there are
+    none; `begin`: the memory before a first call at t, None for a plant without functions of t.
     """
 
     step: ca.Function
@@ -74,7 +75,8 @@ class Functions(Files):
 
     @property
     def estimate(self) -> ca.Function:
-        """The `casadi.Function` of the plant's estimated states x from the observer's state z. Raises: `NoEquation`."""
+        """The `casadi.Function` that computes the plant's estimated states x from the observer's state z. Raises:
+        `NoEquation`."""
         return self._flow.estimate
 
     @property
@@ -84,7 +86,8 @@ class Functions(Files):
 
     @property
     def held(self) -> tuple[str, ...]:
-        """The names of the elements of the observer's state z whose derivative is 0. Raises: `NoEquation`."""
+        """The names of the elements of z (such as an adaptive theta) whose derivative is 0 because they change at
+        samples only. Raises: `NoEquation`."""
         return self._flow.constant
 
     def flags(self, status: Any) -> tuple[str, ...]:
@@ -151,17 +154,18 @@ _CHOSEN: Mapping[int, Callable[[Graph, Graph], Graph]] = {
 
 
 def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Function:
-    """Return the CasADi function of a block of a step's program, operation by operation, so
-    that the bits are those of C; `known`: functions that replace operations, by name. A
-    clamp is a choice whose derivative at the end of the range is that of the value: CasADi's
-    fmin and fmax have half of it there, and a gain often begins at the end of its range."""
+    """Return the CasADi function of a block of a step's program, operation by operation, so that the bits are those of
+    C; `known`: functions that replace operations, by name. A clamp is a choice whose derivative at the end of the range
+    is that of the value: CasADi's fmin and fmax have half of that derivative there, and a gain often begins at the end
+    of its range."""
     inputs = block.graph.sx_in()
     return ca.Function("block", inputs, _walked(block.graph, inputs, known)[: len(block.writes)])
 
 
 def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, Callable[..., Graph]]) -> list[Graph]:
-    """Return the outputs of a CasADi function at `inputs`; its calls of other
-    functions remain calls, so that the order of operations is kept."""
+    """Return the outputs of a CasADi function at `inputs`, built operation by operation; calls of other functions
+    remain calls, so that the order of operations does not change. `known`: functions that replace operations, by
+    name."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
         function = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))

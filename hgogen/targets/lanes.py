@@ -26,7 +26,7 @@ from hgogen.target import Files
 
 
 def lanes(step: Step, *, real: Real = "double") -> Files:
-    """Return the step in lanes as C text.
+    """Return the step as C text for SIMD lanes (vector element k computes log k).
 
     Raises: `NoStep`, `BadReal`; `StepTooShort` where a state stands still in that precision; as `c99` does for names
     and numbers; `NoLanes` for a kernel that has no such text.
@@ -84,7 +84,7 @@ _STRUCTS = {"s": "state", "p": "params", "in": "input", "measurement": "output",
 
 
 def _passed(step: Step) -> dict[str, str]:
-    """Return the structs that every function in lanes is passed, by the names of its parameters."""
+    """Return the structs that are parameters of every function in lanes, by the names of the parameters."""
     return _STRUCTS | {report.name: report.struct for report in step.code.reports}
 
 
@@ -99,8 +99,8 @@ def _structs(writer: LaneWriter) -> list[str]:
 
 
 def _many(writer: LaneWriter) -> list[str]:
-    """Return the lines of the C function that calls the step for each row of a log in
-    all lanes (one log in each vector element), and the sizes that a caller needs."""
+    """Return the lines of the C function that calls the step for each row of a log in all lanes (one log in each vector
+    element), and of the constants with the sizes that a caller needs."""
     step, p, real = writer.step, writer.prefix, writer.real
     inputs = [_loaded(p, "u", len(step.given), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.given)]
     outputs = [

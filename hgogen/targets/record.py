@@ -34,7 +34,8 @@ def record(step: Step, *, real: Real = "double") -> Files:
 
 
 def _traces(writer: Writer, reach: str) -> list[str]:
-    """Return the C texts of a step's traces, the observer's through `s`; `reach`: the text of a report's struct."""
+    """Return the C texts of a step's traces, those of the observer's state as members of `s`; `reach`: the text of a
+    report's struct."""
     of_reports = replace(writer, syntax=replace(writer.syntax, reach=reach))
     writers = ((writer if each.place.struct == "state" else of_reports, each) for each in writer.step.traced)
     return [here.number(each.place, each.index, each.size) for here, each in writers]
