@@ -54,7 +54,7 @@ WRITTEN: Mapping[str, tuple[Callable[..., sp.Expr], int, int]] = {
 }
 NAMES = (*sorted(WRITTEN), "Piecewise")
 
-_TABLE = "no portable implementation exists: give its values on the declared range as a table"
+_TABLE = "it has no portable implementation: give its values on the declared range as a table"
 _CLOSED = "write it in closed form, or make an integral a state"
 _REAL = "a model is of real numbers: leave it out"
 _DECIMAL = "write its value as a decimal number"
