@@ -33,7 +33,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, NeedsFixedStep, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Place, Program, Repeat, When, address, sym
 from hgogen.prove.inclusion import Inclusion, Uncertain
-from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
+from hgogen.prove.inequality import Inequality, Realisation, realised_step, runge_kutta_step
 from hgogen.prove.method_error import CoreDeviation, LocalError, StageDeviation
 from hgogen.prove.plant_step import ErrorInput, PlantStep
 from hgogen.sentence import NONE, Reason, because
@@ -149,7 +149,7 @@ class Staged:
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """Return the step e+ = e + h sum_i b_i w_i of the error system `e` by the stages of the tableau."""
-        return stagewise(self.prediction, h, e)
+        return runge_kutta_step(self.prediction, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """Return the local error of the plant's solution against a step by the tableau, and the deviation of its output
@@ -428,7 +428,7 @@ class Realising:
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """Return a step of length h of the error system `e`: its linear core by matrices, the nonlinear terms by two
         stages."""
-        return realised(self.realisation, h, e)
+        return realised_step(self.realisation, h, e)
 
     def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """Return the local error at theta of the plant's solution, given at both ends of a step with its r(x)."""

@@ -13,7 +13,7 @@ import pytest
 import hgogen as hg
 from hgogen.analysis.evidence import Grounds, texts
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
-from hgogen.prove.convergence import AtTheta, Falls, FromTheta, claims
+from hgogen.prove.convergence import AtTheta, DecayProof, FromTheta, claims
 from hgogen.prove.inequality import Piece
 from hgogen.prove.quadratic import Weights
 from hgogen.prove.questions import InputBound
@@ -127,8 +127,8 @@ _NORM = Weights(((_ONE,),), (_ONE,))
         (InputBound(_ONE, _NORM, _ONE), BOUND),
         (Piece(Fraction(0), _ONE, _NORM), ("low", "high", *NORM)),
         (Region(_NORM, _ONE, (_ONE,)), (*NORM, "level", "first")),
-        (Falls(_ONE, _ONE, _NORM, {"b": _ONE}), ("P", "b", "S")),
-        (Falls(_ONE, _ONE, replace(_NORM, S=())), ("P",)),
+        (DecayProof(_ONE, _ONE, _NORM, {"b": _ONE}), ("P", "b", "S")),
+        (DecayProof(_ONE, _ONE, replace(_NORM, S=())), ("P",)),
         ({"state": 1, "V": _NORM, "each": [_NORM]}, ("state", *NORM, "each")),
     ],
 )

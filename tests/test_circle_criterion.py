@@ -24,7 +24,7 @@ from hgogen.certificates.rate_and_noise import tuned
 from hgogen.model import load
 from hgogen.prove import gain_design, semidefinite
 from hgogen.prove.inclusion import Inclusion
-from hgogen.prove.inequality import pushed
+from hgogen.prove.inequality import driven_by_multipliers
 from hgogen.reading.given import BadGain
 from hgogen.recheck.context import Context
 from hgogen.recheck.inclusion import argument_of
@@ -435,21 +435,21 @@ def test_a_multiplier_for_one_slope_loses_nothing(monkeypatch: pytest.MonkeyPatc
     flow, y = [x2, -2 * x2**3], hg.Signal("y")
     form = hg.forms.triangular(hg.System("one", states=(x1, x2), outputs=(y,), flow=flow, output=[x1]))
     corners = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
-    monkeypatch.setattr(gain_design, "ends", lambda e: (e,))
+    monkeypatch.setattr(gain_design, "vertex_systems", lambda e: (e,))
     multiplier = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
     assert multiplier.bounds == pytest.approx(corners.bounds, rel=0.01)
 
 
 def test_the_program_with_multipliers_is_the_inequality_that_it_stands_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """V' + alpha V + sum S_j ((H e + E v)_j^2 - w_j^2) - sum lambda_j v_j^2, at any P, Y, S, lambda, e, w and v."""
-    monkeypatch.setattr(gain_design, "ends", lambda e: (e,))
+    monkeypatch.setattr(gain_design, "vertex_systems", lambda e: (e,))
     rng, n, m, p = np.random.default_rng(5), 3, 2, 2
     M, G, H, C, D, B, E = map(rng.standard_normal, [(n, n), (n, m), (m, n), (p, n), (p, m), (n, p), (m, p)])
     program = gain_design._Program(gain_design.Open(M, G, H, C, D, B, E, (0, 0, 1)), rate=1, alpha=1.5)
     at = rng.standard_normal(program._size)
     of_P, of_Y, _ = program._sizes
-    form = pushed(*program._ends, 1.5)
-    whole = np.tensordot(np.append(at[: of_P + of_Y], at[-p - m :]), semidefinite.entries(form), 1)
+    form = driven_by_multipliers(*program._ends, 1.5)
+    whole = np.tensordot(np.append(at[: of_P + of_Y], at[-p - m :]), semidefinite.coefficient_matrices(form), 1)
     _, (A, _, _) = program._falling()
     assert A @ np.append(at, 0.0) == pytest.approx(semidefinite._packed(whole[None])[:, 0], rel=1e-12)
     P, Y = np.tensordot(at[:of_P], semidefinite.basis(n), 1), at[of_P : of_P + of_Y].reshape(n, p)

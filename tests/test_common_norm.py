@@ -19,11 +19,11 @@ from hgogen.estimators.gains import coefficients
 from hgogen.estimators.integrators import Integrators
 from hgogen.model import load
 from hgogen.prove import convergence, inequality
-from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.error_models import on_companion, with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing
-from hgogen.prove.inequality import falling
-from hgogen.prove.quadratic import Quadratic, negative, rational, reach, verified
+from hgogen.prove.inequality import decrease_forms
+from hgogen.prove.quadratic import Quadratic, largest_blend, negative, rational, verified
 from hgogen.prove.region import theta_checks
 from hgogen.sentence import same, up
 from tests.sweep import sweep
@@ -52,7 +52,7 @@ def test_a_norm_reaches_as_far_as_forms_on_the_way_are_negative(seed: int, in_co
     alone. What rounding may take, 1e-8 of values of size 1 to 10, is far below a thousandth of the way."""
     W = np.diag(np.random.default_rng(seed).uniform(0.5, 2, 3)) if in_coordinates else None
     P, S, ends = np.eye(3), np.zeros(0), (fields(seed, 0.1, -4), fields(seed, 8, 1))
-    most = reach(*ends, P, S, W)
+    most = largest_blend(*ends, P, S, W)
 
     def holds(share: float) -> bool:
         pairs = zip(*ends, strict=True)
@@ -61,8 +61,8 @@ def test_a_norm_reaches_as_far_as_forms_on_the_way_are_negative(seed: int, in_co
 
     assert 0 < most < 1
     assert [holds(share * most) for share in (0, 0.2, 0.999, 1.001)] == [True, True, True, False]
-    assert reach(ends[1], ends[0], P, S, W) == 0
-    assert reach(ends[0], ends[0], P, S, W) == np.inf
+    assert largest_blend(ends[1], ends[0], P, S, W) == 0
+    assert largest_blend(ends[0], ends[0], P, S, W) == np.inf
 
 
 def plant(flow: Any, x: Any, inputs: Any = (), parameters: Any = (), output: Any = None) -> hg.System:
@@ -89,17 +89,17 @@ def claims(observer: hg.Observer) -> dict[str, Check]:
     return {check.id.fact: check for check in observer.checks if check.id.maker == observer.name}
 
 
-def least(flow: Flow) -> Falls:
+def least(flow: Flow) -> DecayProof:
     assert flow.least is not None
     return flow.least
 
 
-def fastest(flow: Flow) -> Falls:
+def fastest(flow: Flow) -> DecayProof:
     assert flow.fastest is not None
     return flow.fastest
 
 
-def matrix(falls: Falls) -> np.ndarray:
+def matrix(falls: DecayProof) -> np.ndarray:
     return np.array([[float(x) for x in row] for row in falls.weights.P])
 
 
@@ -216,7 +216,7 @@ def test_one_form_is_close_to_its_corners_and_never_below(monkeypatch: pytest.Mo
     one = least(Flow(error, Fraction(4)))
     assert (len(corners.weights.S), len(one.weights.S)) == (0, 4)
     assert 0.98 * corners.theta < one.theta < 1.1 * corners.theta
-    form = falling(error.at(one.theta), Fraction(0))
+    form = decrease_forms(error.at(one.theta), Fraction(0))
     assert verified(form, rational(one.weights.P), rational(one.weights.S))
 
 

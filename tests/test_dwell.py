@@ -16,10 +16,10 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.check import Check, Verdict
 from hgogen.estimators.integrators import integrators
-from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.error_models import on_companion
 from hgogen.prove.inclusion import Inclusion, Nothing
-from hgogen.prove.varying_gain import DwellProof, switching
+from hgogen.prove.varying_gain import DwellProof, switching_checks
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence
 
@@ -39,7 +39,7 @@ def error() -> Inclusion:
 
 
 def checks(theta: float, low: float, hold: float) -> dict[str, Check]:
-    return {check.id: check for check in switching("x", form(), theta, low, hold, error())}
+    return {check.id: check for check in switching_checks("x", form(), theta, low, hold, error())}
 
 
 @cache
@@ -55,11 +55,11 @@ def proof(theta: float, low: float) -> tuple[np.ndarray, np.ndarray, DwellProof]
     return matrix(known["x.theta"].proofs[0].fact.falls), matrix(held.falls), held
 
 
-def matrix(falls: Falls) -> np.ndarray:
+def matrix(falls: DecayProof) -> np.ndarray:
     return np.array([[float(x) for x in row] for row in falls.weights.P])
 
 
-def fastest(theta: float) -> Falls:
+def fastest(theta: float) -> DecayProof:
     falls = Flow(error(), Fraction(theta)).fastest
     assert falls is not None
     return falls
@@ -117,7 +117,7 @@ def test_a_low_gain_below_the_bound_proves_nothing() -> None:
     assert claims["x.convergence"].verdict is Verdict.PROVED
     assert (claims["x.theta"].verdict, claims["x.hold"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
     assert "theta_low" in claims["x.theta"].fix
-    nothing = {check.id: check.verdict for check in switching("x", form(), HIGH, LOW, 1.0, Nothing("no form"))}
+    nothing = {check.id: check.verdict for check in switching_checks("x", form(), HIGH, LOW, 1.0, Nothing("no form"))}
     assert set(nothing.values()) == {Verdict.UNKNOWN}
 
 

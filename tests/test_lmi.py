@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from hgogen.prove.quadratic import Quadratic
-from hgogen.prove.semidefinite import NoSolver, gains, lyapunov, sought, verified, widest
+from hgogen.prove.semidefinite import NoSolver, feasible_weights, gains, largest_margin, lyapunov, verified
 from hgogen.rigor.definite import Matrix
 
 try:
@@ -112,7 +112,7 @@ def test_a_gain_and_one_lyapunov_function_for_a_range(n: int) -> None:
     assert np.linalg.norm([float(k) for k in K]) <= 50 * (1 + 1e-3)
     one = np.eye(n)
     ends = [Quadratic(((one, floats(closed(A, C, K))),), one[:0], one[:0]) for A, C in corners(n, low, high)]
-    weights = sought(ends, "a test")
+    weights = feasible_weights(ends, "a test")
     assert weights is not None
     rng, P = np.random.default_rng(n), weights[0]
     for a in rng.uniform(1, 1.5, size=(200, n - 1)):
@@ -125,8 +125,8 @@ def test_no_lyapunov_function_where_a_vertex_is_unstable() -> None:
     """The margin says by how much there is none, and the prices, which vertex is to blame."""
     one = np.eye(2)
     ends = [Quadratic(((one, companion(np.array(p))),), one[:0], one[:0]) for p in ((2.0, 1.0), (2.0, -1.0))]
-    assert sought(ends, "a test") is None
-    best = widest(ends, "a test", priced=True)
+    assert feasible_weights(ends, "a test") is None
+    best = largest_margin(ends, "a test", priced=True)
     assert best is not None
     assert best.margin < 0
     stable, not_stable = (float(np.trace(price)) for price in best.prices)
@@ -138,6 +138,6 @@ def test_what_needs_a_solver_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "clarabel", None)
     one = np.eye(2)
     with pytest.raises(NoSolver, match=r"^a test needs clarabel; install it"):
-        sought([Quadratic(((one, -one),), one[:0], one[:0])], "a test")
+        feasible_weights([Quadratic(((one, -one),), one[:0], one[:0])], "a test")
     with pytest.raises(NoSolver):
         gains(corners(2, Fraction(1), Fraction(2)), 10.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hgogen.prove.quadratic import Quadratic
-from hgogen.prove.semidefinite import margin, merged
+from hgogen.prove.semidefinite import margin, merge_parallel_columns
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ def test_the_form_that_is_left_is_the_largest_of_the_whole(seed: int) -> None:
     """Of all p that add to the same u; what is alone stays as it is."""
     rng, weights = np.random.default_rng(seed), np.array([2.0, -0.5, 1.0])
     form = pushed(weights, rng)
-    (less,), (group,) = merged(form)
+    (less,), (group,) = merge_parallel_columns(form)
     assert less.size == form.size - 2
     assert sorted(group.places) == [0, 1, 2]
     assert group.weights[0] == 1
@@ -62,4 +62,4 @@ def test_columns_that_push_alike_and_read_otherwise_are_two() -> None:
     form = pushed(np.array([1.0, 1.0]), np.random.default_rng(0))
     reads = form.Q.copy()
     reads[:, 3] = 1.0  # what the first p brings into what others read
-    assert not merged(Quadratic(form.pairs, reads, form.Z))[1]
+    assert not merge_parallel_columns(Quadratic(form.pairs, reads, form.Z))[1]

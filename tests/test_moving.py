@@ -238,7 +238,7 @@ def test_without_a_solver_the_declared_p_serves(monkeypatch: pytest.MonkeyPatch)
 
     with_solver = bound((claim(disturbed(20.53), "convergence"), claim(disturbed(20.53), "theta")))
     disturbed.cache_clear()
-    monkeypatch.setattr("hgogen.prove.semidefinite.cones", missing)
+    monkeypatch.setattr("hgogen.prove.semidefinite.solver_modules", missing)
     alone = disturbed(20.53)
     disturbed.cache_clear()
     assert with_solver < bound((claim(alone, "convergence"), claim(alone, "theta"))) < 6.347

@@ -27,7 +27,7 @@ from hgogen.forms.uniform_chain import NoUniformChain
 from hgogen.model import load
 from hgogen.part import Clock
 from hgogen.program import Place
-from hgogen.prove.convergence import nothing
+from hgogen.prove.convergence import unknown_checks
 from hgogen.reading.given import BadGain, BadNames
 from hgogen.rigor.definite import NotHurwitz
 from hgogen.sentence import because
@@ -571,7 +571,7 @@ def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest
 
     def counted(maker: str, *rest: Any) -> tuple[hg.Check, ...]:
         sought.append(maker)
-        return nothing(maker, 20.0, because("it is not sought here"))
+        return unknown_checks(maker, 20.0, because("it is not sought here"))
 
     for user in ("convergence", "limited_injection", "region", "varying_gain"):
         monkeypatch.setattr(f"hgogen.prove.{user}.claims", counted)

@@ -30,7 +30,7 @@ from hgogen.observer import Observer
 from hgogen.program import INF
 from hgogen.prove.convergence import Flow
 from hgogen.prove.inclusion import Facts, Inclusion, Nothing
-from hgogen.prove.inequality import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
+from hgogen.prove.inequality import ROWS, Contracts, Piece, Steps, all_shorter, bisect_towards, unstable
 from hgogen.prove.questions import error_inclusion, theta_of
 from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
@@ -198,8 +198,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
     short = h if contracts else _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
     high = theta if contracts else _first(by_theta, (theta * 2**k for k in range(1, _DOUBLINGS + 1)))
     ends = (far, min(theta, Fraction(1))) if contracts else (h, theta)
-    longest = short and _proved(steps.certain, short, farthest(steps.may_contract, short, ends[0]))
-    least = high and _proved(lambda level: at(level).certain(h), high, farthest(by_theta, high, ends[1]))
+    longest = short and _proved(steps.certain, short, bisect_towards(steps.may_contract, short, ends[0]))
+    least = high and _proved(lambda level: at(level).certain(h), high, bisect_towards(by_theta, high, ends[1]))
     pieces = all_shorter(steps, longest) if longest else ()
     tuned = all_shorter(at(least), h * theta / least) if least and least < theta else ()
     return Reach(longest, pieces, least, tuned)
@@ -215,7 +215,7 @@ def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
     first = _first(lambda share: narrowed(share).may_contract(h), (Fraction(1, 2**k) for k in range(1, _SHARES)))
     if first is None:
         return None
-    end = farthest(lambda share: narrowed(share).may_contract(h), first, Fraction(1))
+    end = bisect_towards(lambda share: narrowed(share).may_contract(h), first, Fraction(1))
     return _proved(lambda share: narrowed(share).certain(h), first, end)
 
 

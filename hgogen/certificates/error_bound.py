@@ -36,7 +36,7 @@ from hgogen.prove.inclusion import NO_SCALES, Nothing, state_row
 from hgogen.prove.inequality import NOW, Contracts
 from hgogen.prove.plant_step import ErrorInput, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
 from hgogen.prove.quadratic import rational
-from hgogen.prove.questions import InputBound, Signed, confined
+from hgogen.prove.questions import InputBound, Signed, confinement
 from hgogen.reading.given import Each, each_by_name, names_of, size, sizes
 from hgogen.rigor.box import Box
 from hgogen.rigor.outward import number
@@ -315,7 +315,7 @@ def _start_multiple(
         return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in slack.items() if most <= 0)))
     rows = {k: state_row(start.scales, k) / rational(m) for k, m in slack.items()}
     proof = running.proof
-    clear = confined(proof.step.falls(NOW), proof.steps.coordinates, start.corners, rows)
+    clear = confinement(proof.step.falls(NOW), proof.steps.coordinates, start.corners, rows)
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 

@@ -23,9 +23,9 @@ from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
-from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, state_row
-from hgogen.prove.inequality import Contracts, Inputs, pushed
+from hgogen.prove.inequality import Contracts, Inputs, driven_by_multipliers
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
 from hgogen.prove.questions import (
     Driven,
@@ -180,7 +180,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
     q, fastest = known.driven.B.shape[1], known.falls.alpha
     rows = (state_row(known.scales, k) for k in fields)
-    each = [input_bound(lambda alpha: (pushed(known.driven, alpha),), W, q, c, fastest) for c in rows]
+    each = [input_bound(lambda alpha: (driven_by_multipliers(known.driven, alpha),), W, q, c, fastest) for c in rows]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
         return IssGain({}, _unknown(observer, "iss_gain", claim, _NO_V))
@@ -203,7 +203,7 @@ class _Known:
 
     error: Inclusion
     theta: Fraction
-    falls: Falls
+    falls: DecayProof
     driven: Uncertain
     noise: tuple[Fraction, ...]
     disturbances: tuple[tuple[Fraction, ...], ...]

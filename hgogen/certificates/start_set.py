@@ -27,7 +27,7 @@ from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, state_row
 from hgogen.prove.inequality import NOW, Contracts, Steps
 from hgogen.prove.plant_step import Heads, PlantStep, Sizes
 from hgogen.prove.quadratic import Array, rational
-from hgogen.prove.questions import InputBound, confined, peak_errors, step_input_bound
+from hgogen.prove.questions import InputBound, confinement, peak_errors, step_input_bound
 from hgogen.prove.region import no_corners
 from hgogen.rigor.bounds import bound
 from hgogen.rigor.outward import number
@@ -139,9 +139,9 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
         return start
     rows = {k: state_row(start.scales, k) / rational(m) for k, m in start.limits.items()}
     falls, W = proof.step.falls(NOW), proof.steps.coordinates
-    clear = confined(falls, W, start.corners, rows)
+    clear = confinement(falls, W, start.corners, rows)
     picks = proof.steps.error.layout.picks
-    each = (confined(falls, W, start.corners, {k: state_row(start.scales, k)}) for k in picks)
+    each = (confinement(falls, W, start.corners, {k: state_row(start.scales, k)}) for k in picks)
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
         return Nothing(NO_WAY)

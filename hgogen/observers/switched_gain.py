@@ -29,7 +29,7 @@ from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.prove.error_models import on_companion
-from hgogen.prove.varying_gain import switching
+from hgogen.prove.varying_gain import switching_checks
 from hgogen.reading.given import BadGain, positive
 from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two_digits
@@ -131,7 +131,7 @@ def switched_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} {form.system.time}"),
         reference=REFERENCE,
-        claims=lambda: switching("switched_gain", form, top, low, time, on_companion(chain, K.tolist())),
+        claims=lambda: switching_checks("switched_gain", form, top, low, time, on_companion(chain, K.tolist())),
         accepted=accept,
         traces=("level",),
     )

@@ -31,8 +31,8 @@ from hgogen.estimators.integrators import companion, integrators
 from hgogen.form import Form
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.quadratic import Array
-from hgogen.prove.semidefinite import program, symmetric
-from hgogen.prove.varying_gain import Disturbance, candidate, facts, share_of, steepness
+from hgogen.prove.semidefinite import solve_semidefinite_program, symmetric
+from hgogen.prove.varying_gain import Disturbance, candidate, candidate_checks, share_of, steepness
 from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, Misfit, positive, real, reals, requires_form
 from hgogen.rigor.definite import demand_hurwitz, root
@@ -130,7 +130,7 @@ def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
         return limits
 
     goal = np.array([*[0.0] * (p + free), *((4 * task.slope, 1.0) if gamma is None else (0.0, 0.0, 1.0))])
-    x = program(goal, blocks, "the design of an adaptive gain")
+    x = solve_semidefinite_program(goal, blocks, "the design of an adaptive gain")
     if x is None or not x[-1] > 0:
         return None
     P, Y = task.unknown(x)
@@ -326,7 +326,7 @@ def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digi
     else:
         K = task.K.ravel().tolist()
     known = candidate(K, P, task.bounds["sigma"])
-    proved = facts("adaptive_gain", known)
+    proved = candidate_checks("adaptive_gain", known)
     if any(check.verdict is not Verdict.PROVED for check in proved):
         return None
     slope, least, mu = Fraction(task.slope), Fraction(task.least), None

@@ -46,21 +46,21 @@ from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.prove.inclusion import Inclusion, Slope, Uncertain
-from hgogen.prove.inequality import NOW, corners, falling, farthest, flow
+from hgogen.prove.inequality import NOW, bisect_towards, corners, decrease_forms, flow
 from hgogen.prove.quadratic import (
     Array,
     Quadratic,
     Weights,
     floats,
     inverse_root,
+    largest_blend,
     negative,
     on_grid,
     proved,
     rational,
-    reach,
     verified,
 )
-from hgogen.prove.semidefinite import Margin, NoSolver, margin, no_solver, widest
+from hgogen.prove.semidefinite import Margin, NoSolver, largest_margin, margin, no_solver
 from hgogen.rigor import outward
 from hgogen.rigor.definite import number
 from hgogen.sentence import NONE, Down, Reason, Up, because, point, same, up
@@ -74,7 +74,7 @@ def theta_claim(theta: float) -> str:
     return f"theta = {same(theta)} is above that bound"
 
 
-def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
+def unknown_checks(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
     """Return the two checks `MAKER.convergence` and `MAKER.theta` of an observer with the verdict unknown. `maker`: the
     observer's name; `theta`: its gain; `why`: the reason why there is no proof."""
     none, fix = because("no bound is proved"), "Validate by trials."
@@ -84,7 +84,7 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
     )
 
 
-def decays(rate: float, during: str = "") -> Reason:
+def decay_sentence(rate: float, during: str = "") -> Reason:
     """Return the sentence that the error decays at least like exp(-`rate` t), `rate` in 1/time; `during` is a
     restriction at its beginning, such as "between switches"."""
     pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
@@ -110,7 +110,7 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 
 @dataclass(frozen=True)
-class Falls:
+class DecayProof:
     """A proof that the Lyapunov function V = e'P e of the error e satisfies V' <= -`alpha` V at the gain `theta`, for
     all partial derivatives of b in their ranges. `weights`: P, and the multipliers S of the uncertain derivatives; S is
     empty where every corner of the ranges is checked. `others`: further parameters of V, by name."""
@@ -147,7 +147,7 @@ class GainVariation:
         `theta`, for all variations of the gain. `hull` (k, m): points whose convex hull contains the uncertain slopes;
         () for independent slopes."""
         known = floats if e.M.dtype == float else np.asarray
-        shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
+        shifted = decrease_forms(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
         k = shifted[0].size - len(e.M)
         still = replace(e, G=0 * e.G[:, :k], H=0 * e.H[:k])
@@ -179,7 +179,7 @@ class Flow:
     close: ClassVar[tuple[float, float]] = (1.02, 1.1)
 
     @cached_property
-    def fastest(self) -> Falls | None:
+    def fastest(self) -> DecayProof | None:
         """A proof of V' <= -alpha V at the declared theta, with alpha close to the largest possible; None where the
         search has no result."""
         theta, weights = self.theta, self._weights_at_theta
@@ -193,7 +193,7 @@ class Flow:
         return next(filter(None, tried), None)
 
     @cached_property
-    def least(self) -> Falls | None:
+    def least(self) -> DecayProof | None:
         """A proof that V decreases at a theta close to the smallest possible one: below the declared theta if V
         decreases there, else above it; None where the search has no result."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
@@ -203,7 +203,7 @@ class Flow:
             return None
         theta, weights = first
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
-        end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
+        end = bisect_towards(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
         last = _reached(theta, end, weights, self._thetas, self._weights, self.close[0])
         tried = [Fraction(up(last * share, 3)) for share in _BEYOND] + [theta * share for share in _BELOW] + [theta]
         return next(filter(None, (self.at(one) for one in tried if theta > self.theta or one < theta)), None)
@@ -256,7 +256,9 @@ class Flow:
 
     def _alphas(self, by: Any) -> Callable[[Fraction], bool]:
         (P, S), theta, most = by, self.theta, self._most
-        last = most * reach(self._floats(theta, Fraction(0)), self._floats(theta, most), P, S, self._coordinates)
+        last = most * largest_blend(
+            self._floats(theta, Fraction(0)), self._floats(theta, most), P, S, self._coordinates
+        )
         return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
@@ -276,12 +278,12 @@ class Flow:
         pattern = "no norm is found for all slopes in their ranges, db_{i}/d{z} in [{low:.3g}, {high:.3g}] hinders most"
         return because(pattern, i=i + 1, z=states[j], low=low, high=high)
 
-    def by(self, weights: Weights, alpha: Fraction) -> Falls | None:
+    def by(self, weights: Weights, alpha: Fraction) -> DecayProof | None:
         """Return the proof that V' <= -`alpha` V at theta by the given
         P and S (`weights`), or None if they do not prove it."""
         P, S = rational(weights.P), rational(weights.S)
         forms = self._exactly(self.theta, alpha)
-        return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None
+        return DecayProof(self.theta, alpha, weights) if verified(forms, P, S) else None
 
     @property
     def missing(self) -> Reason:
@@ -295,7 +297,7 @@ class Flow:
         """Return the partial derivative of b whose range limits the proof most:
         narrowing it by 1 % raises the margin of the matrix inequalities most."""
         forms = self._floats(self.theta, Fraction(0))
-        best = widest(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
+        best = largest_margin(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
         if best is None:
             return None
         values, gains = [form.value(best.P, best.S) for form in forms], dict[Slope, float]()
@@ -309,11 +311,11 @@ class Flow:
             gains[slope] = sum(float((price * by).sum()) for price, by in zip(best.prices, changes, strict=True))
         return min(gains, key=gains.__getitem__, default=None)
 
-    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> DecayProof | None:
         """Return a proof of V' <= -alpha V at the gain theta; None where the search has no result."""
         weights = self._weights(theta, alpha)
         known = weights and self._proved(self._exactly(theta, alpha), *weights)
-        return Falls(theta, alpha, known) if known else None
+        return DecayProof(theta, alpha, known) if known else None
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
         return proved(forms, P, S)
@@ -340,7 +342,7 @@ class Flow:
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
-            best = widest([forms[k] for k in few], _WHAT, W)
+            best = largest_margin([forms[k] for k in few], _WHAT, W)
             if best is None or best.margin <= 0 or len(few) == len(forms):
                 return best
             values = [form.value(best.P, best.S) for form in forms]
@@ -397,13 +399,13 @@ def _reached(
     the decrease: as far as `serving(weights)` holds, then with new weights by
     `seek`, last by bisection until the ratio of the ends is below `close`."""
     for _ in range(_ROUNDS):
-        value = farthest(serving(weights), start, end, CLOSE)
+        value = bisect_towards(serving(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
         start = value
         if better is None:
             break
         weights = better
-    return farthest(lambda at: seek(at) is not None, start, end, close)
+    return bisect_towards(lambda at: seek(at) is not None, start, end, close)
 
 
 _ONE_SIDED = "one norm for slopes without an end"
@@ -511,7 +513,7 @@ class FromTheta:
     the bound, is valid for every larger theta."""
 
     error: Inclusion
-    falls: Falls
+    falls: DecayProof
 
     @property
     def theta(self) -> Fraction:
@@ -528,7 +530,7 @@ class FromTheta:
 class AtTheta:
     """A proof at the declared theta of V' <= -alpha V, V = e'P e, with which errors decay like exp(-alpha t/2)."""
 
-    falls: Falls
+    falls: DecayProof
 
     def evidence(self, form: Form) -> Evidence:
         """Return alpha, P and S under the keys of a certificate; the ranges of the slopes are in
@@ -542,7 +544,7 @@ def claims(
     """Return the two checks of an observer's convergence that the search `flow` proves: `MAKER.convergence`, that
     errors converge for every theta above some bound, and `MAKER.theta`, that the declared theta is above this bound.
     `maker`: the observer's name; `numbers`: its arguments, for the certificate; `name`: the name of its gain theta in
-    advice; `during`: a restriction of the decay, as in `decays`."""
+    advice; `during`: a restriction of the decay, as in `decay_sentence`."""
     theta = float(flow.theta)
     try:
         least = flow.least
@@ -550,9 +552,9 @@ def claims(
         fastest = flow.fastest if sufficient else None
         why = NONE if sufficient else flow.missing if least is None else flow.obstacle(form.states)
     except OverflowError:
-        return nothing(maker, theta, because("the numbers of a proof are beyond the range of doubles"))
+        return unknown_checks(maker, theta, because("the numbers of a proof are beyond the range of doubles"))
     if least is None:
-        return nothing(maker, theta, why)
+        return unknown_checks(maker, theta, why)
     bound = Up(least.theta, 3, below=theta)
     pattern = "above {bound}, by {how} for all slopes of b; exact arithmetic and outward-rounded intervals"
     proof = because(pattern, bound=bound, how=flow.how)
@@ -566,6 +568,6 @@ def claims(
         return convergence, Check(id, above, Verdict.UNKNOWN, low, fix=fix)
     reason, fact = because("above {bound}", bound=bound), None
     if fastest is not None:
-        decay = decays(fastest.rate, during)
+        decay = decay_sentence(fastest.rate, during)
         reason, fact = because("{above}; {decay}", above=reason, decay=decay), AtTheta(fastest)
     return convergence, Check(id, above, Verdict.PROVED, reason, proofs=(Grounds(numbers, fact),))

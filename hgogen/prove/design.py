@@ -43,7 +43,7 @@ from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import noise_bounds
 from hgogen.prove.semidefinite import gains, lyapunov
 from hgogen.prove.steady_filter import steady_gain
-from hgogen.prove.varying_gain import Candidate, candidate, facts, judged
+from hgogen.prove.varying_gain import Candidate, candidate, candidate_checks, definiteness_check
 from hgogen.prove.varying_gain import attenuation as block_of
 from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, positive, real, reals, requires_form
@@ -111,7 +111,7 @@ def verified(
     check is proved, or refuted with the eigenvalue. Raises: `BadGain`.
     """
     known = candidate(K, P, sigma)
-    checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
+    checks = list(candidate_checks("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:
         first, second = map(Fraction, alphas)
         if min(first, second) <= 0:
@@ -119,7 +119,7 @@ def verified(
         block = block_of(known, Fraction(0 if decay is None else decay), first, second)
         level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
         claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
-        checks.append(judged(ClaimId("adaptive_gain", "attenuation"), claim, block, sign=-1))
+        checks.append(definiteness_check(ClaimId("adaptive_gain", "attenuation"), claim, block, sign=-1))
     return Checks(checks)
 
 
@@ -316,7 +316,7 @@ def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candida
     lambda = `decay`, and lambda, by default the largest."""
     known = candidate(K, P, sigma)
     rate = None if decay is None else Fraction(positive("decay", decay))
-    for check in facts("design", known):
+    for check in candidate_checks("design", known):
         if check.verdict is not Verdict.PROVED:
             raise BadGain("K and P", f"do not satisfy {check.claim}: {check.reason}")
     if rate is not None and not nonnegative(known.rate - unit(known.n) * number(rate)):

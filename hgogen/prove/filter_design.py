@@ -23,10 +23,10 @@ from hgogen.estimators.integrators import Integrators, integrators
 from hgogen.form import Form
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Inclusion, Layout, Nothing, state_row
-from hgogen.prove.inequality import NOW, driven, flow
+from hgogen.prove.inequality import NOW, flow, noise_forms
 from hgogen.prove.quadratic import Array, floats, inverse_root
 from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats
-from hgogen.prove.semidefinite import sought
+from hgogen.prove.semidefinite import feasible_weights
 from hgogen.reading.given import BadGain, among, count, positive, requires_form
 from hgogen.sentence import up
 
@@ -193,11 +193,11 @@ class _Search:
             return None
         e = error.at(self.theta)
         if W is None:
-            weights = sought((flow(e).falls(NOW),), "an injection's filter")
+            weights = feasible_weights((flow(e).falls(NOW),), "an injection's filter")
             if weights is None:
                 return None
             W = inverse_root(weights[0])
-        return lambda alpha: driven(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
+        return lambda alpha: noise_forms(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
         F, _, H = filter_

@@ -39,13 +39,22 @@ from hgogen.errors import HgogenError
 from hgogen.estimators.gains import as_matrix, columns
 from hgogen.form import Form
 from hgogen.prove.constant_gain import entries_of, injected, no_argument, numbers_in_place
-from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.error_models import with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
-from hgogen.prove.inequality import ends, flow, pushed
+from hgogen.prove.inequality import driven_by_multipliers, flow, vertex_systems
 from hgogen.prove.quadratic import Array, Quadratic
-from hgogen.prove.questions import Bounds, bounds, joint_bound_in_floats, named
-from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
+from hgogen.prove.questions import Bounds, bounds, bounds_by_name, joint_bound_in_floats
+from hgogen.prove.semidefinite import (
+    CLOSER,
+    Rows,
+    coefficient_matrices,
+    definite_cone,
+    definite_cones,
+    extent_cone,
+    solve_cone_program,
+    symmetric,
+)
 from hgogen.reading.given import BadGain, Each, cached, each_by_name, names_of, positive, requires_form
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
 
@@ -179,8 +188,10 @@ class _Program:
         together = one[size - p : size].sum(axis=0)
         ends = np.append([_LESS * self.alpha], np.zeros(2 * k + p))
         signs: Rows = np.vstack([together, -one[multipliers]]), ends, False
-        reach = (reaching(c, size) for c in rows)
-        solution = solved(one[-1], [*self._falling(), *reach, *affine(limited, size + 1), signs], CLOSER, _WHAT)
+        reach = (extent_cone(c, size) for c in rows)
+        solution = solve_cone_program(
+            one[-1], [*self._falling(), *reach, *definite_cones(limited, size + 1), signs], CLOSER, _WHAT
+        )
         if solution is None:
             return None
         P, Y = norm(solution[0])
@@ -188,7 +199,7 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        return ends(self.open.with_gain)
+        return vertex_systems(self.open.with_gain)
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
@@ -206,13 +217,13 @@ class _Program:
         of_P, of_Y, k = self._sizes
         for e in self._ends:
             yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
-            yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
+            yield self._negative(driven_by_multipliers(e, self.alpha), of_P + of_Y + k)
 
     def _negative(self, form: Quadratic, first: int) -> Rows:
-        brings, shared = entries(form), sum(self._sizes[:2])
+        brings, shared = coefficient_matrices(form), sum(self._sizes[:2])
         whole = np.zeros((self._size, form.size, form.size))
         whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
-        return definite(whole, np.zeros((1, form.size, form.size)), -_BY * np.eye(form.size))
+        return definite_cone(whole, np.zeros((1, form.size, form.size)), -_BY * np.eye(form.size))
 
 
 @dataclass(frozen=True)
@@ -223,7 +234,7 @@ class Candidate:
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
     flow: Flow
-    falls: Falls
+    falls: DecayProof
     noise_bound: float = _LARGE
 
 
@@ -588,7 +599,7 @@ def _stated(form: Form, best: Candidate) -> Gain:
     N: tuple[Any, ...] = best.argument
     if N and not one:
         N = tuple(map(tuple, as_matrix(form, N).tolist()))
-    return Gain(float(best.flow.theta), K, fastest.rate, named(form, known), form.system.time, N)
+    return Gain(float(best.flow.theta), K, fastest.rate, bounds_by_name(form, known), form.system.time, N)
 
 
 def _numbers(K: Any) -> str:

@@ -56,7 +56,7 @@ from hgogen.prove.quadratic import (
     rational,
     times,
 )
-from hgogen.prove.semidefinite import sought
+from hgogen.prove.semidefinite import feasible_weights
 from hgogen.rigor.definite import fraction, number, positive
 
 _DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
@@ -196,7 +196,7 @@ def one_by_one(n: int, m: int) -> bool:
     return bool(2**m * n**3 <= WORK)
 
 
-def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
+def vertex_systems(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
     """Return error systems without uncertain slopes whose convex hull contains e: one for each corner of [-1, 1]^m, or
     for each point of a `hull` (k, m) that contains the slopes. Where there are too many corners (`one_by_one`) only e
     itself, with its uncertain slopes."""
@@ -207,28 +207,28 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
     return tuple(map(e.with_constant_slopes, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
 
 
-def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the quadratic forms, one for each system of `ends`, that prove V' <= -alpha V, V = e'P e, for all slopes
-    if one P > 0 makes all of them negative. `hull` (k, m): points whose convex hull contains the slopes, () for all of
-    [-1, 1]^m."""
-    return tuple(flow(each).falls(alpha) for each in ends(e, hull))
+def decrease_forms(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
+    """Return the quadratic forms, one for each of the `vertex_systems`, that prove V' <= -alpha V, V = e'P e, for all
+    slopes if one P > 0 makes all of them negative. `hull` (k, m): points whose convex hull contains the slopes, () for
+    all of [-1, 1]^m."""
+    return tuple(flow(each).falls(alpha) for each in vertex_systems(e, hull))
 
 
-def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the noise inequality in continuous time: the quadratic forms, one for each system of `ends`, that prove V'
-    <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, if one P > 0 makes all of them negative. The
-    lambda_k are the last q of their multipliers. `hull` as in `falling`."""
-    return tuple(pushed(each, alpha) for each in ends(e, hull))
+def noise_forms(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
+    """Return the noise inequality in continuous time: the quadratic forms, one for each of the `vertex_systems`, that
+    prove V' <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs (q) of e, if one P > 0 makes all of them
+    negative. The lambda_k are the last q of their multipliers. `hull` as in `decrease_forms`."""
+    return tuple(driven_by_multipliers(each, alpha) for each in vertex_systems(e, hull))
 
 
-def pushed(e: Uncertain, alpha: Any) -> Quadratic:
+def driven_by_multipliers(e: Uncertain, alpha: Any) -> Quadratic:
     """Return the noise inequality in continuous time as a single quadratic form for all slopes of e, with one
-    multiplier S_jj >= 0 for each slope instead of the corners of `driven`. It proves V' <= -alpha V + sum_k lambda_k
-    v_k^2."""
+    multiplier S_jj >= 0 for each slope instead of the corners of `noise_forms`. It proves V' <= -alpha V + sum_k
+    lambda_k v_k^2."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
-def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
+def runge_kutta_step(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
     """Return one step, of length h >= 0, of an explicit Runge-Kutta method (`tableau` a, b, c) on the error system e,
     where the output error is evaluated anew at each stage: X_i = e + h sum_j a_ij w_j, e+ = e + h sum_i b_i w_i."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
@@ -326,7 +326,7 @@ def _balls(M: Array) -> Array:
     return np.array([[arb(value) for value in row] for row in M], dtype=object).reshape(M.shape)
 
 
-def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
+def realised_step(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
     """Return one step, of length h >= 0, on the error system e of a method that integrates its linear core L exactly or
     nearly, and uses samples at both ends: X_2 = e + h phi_1 (L e + r_1), e+ = X_2 + h phi_2 (r_2 - r_1), r the
     remainder. `realisation`: the function from (L, h) to phi_1 and phi_2."""
@@ -387,7 +387,7 @@ class Steps:
         if self.coordinates is None:
             return None
         form = self.at(h).falls(alpha)
-        weights = sought((form,), _WHAT, self.coordinates)
+        weights = feasible_weights((form,), _WHAT, self.coordinates)
         return weights if weights is not None and negative((form.floats,), *weights, self.coordinates) else None
 
     @cached_property
@@ -397,7 +397,7 @@ class Steps:
         P of the linear part, the second from the result of the first."""
         W = self.error.coordinates
         for _ in range(_PASSES):
-            weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
+            weights = feasible_weights((flow(self._uncertain).falls(NOW),), _WHAT, W)
             if weights is None:
                 return None
             W = inverse_root(weights[0])
@@ -447,7 +447,7 @@ class Contracts:
         return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
-def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
+def bisect_towards(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
     """Return, by bisection on a logarithmic scale, the value farthest from `start` and toward `end` at which the
     predicate `holds` is true, up to a factor of `close`. It must be true at `start`; the result is `end` if it is true
     there."""

@@ -60,7 +60,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym
-from hgogen.prove.convergence import CLOSE, SLOW, Falls, Flow, claims, nothing
+from hgogen.prove.convergence import CLOSE, SLOW, DecayProof, Flow, claims, unknown_checks
 from hgogen.prove.error_models import GROWTHS, from_form, inclusion, nominal_units, obstacle, plain
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.inequality import one_by_one
@@ -236,7 +236,7 @@ class LimitedInjection(Flow):
         text."""
         return self.unstable(states) or because("no function is found for all slopes in their ranges")
 
-    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> DecayProof | None:
         """Return a proof of V' <= -alpha V at the gain theta, by the first candidate V for which it holds; None for
         none."""
         holding = (one for one in self.decays if self._holds(one, theta, alpha))
@@ -267,7 +267,7 @@ class LimitedInjection(Flow):
         forms = self._values(one, (e.M, e.G, e.H), float(theta), float(alpha))
         return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
 
-    def _proof(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
+    def _proof(self, one: Decay, theta: Fraction, alpha: Fraction) -> DecayProof | None:
         if one.adaptation.shape.most and alpha > theta * one.adaptation.decay:
             return None
         e = self.error.at(theta)
@@ -277,7 +277,7 @@ class LimitedInjection(Flow):
             return None
         P = self._P(one)
         S = () if one_by_one(len(P), len(H)) else tuple(map(_multiplier, (np.array(P) @ G / theta).T))
-        return Falls(theta, alpha, Weights(P, S), {"mu": one.mu, "tau": one.tau})
+        return DecayProof(theta, alpha, Weights(P, S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
@@ -398,7 +398,7 @@ def _claims(name: str, chain: Integrators, theta: float, K: np.ndarray, adaptati
     numbers = {"theta": theta, "decay": adaptation.decay, "r": adaptation.r, "gains": K}
     sought, core = limited_injection(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
     if isinstance(sought, Nothing):
-        return core, *nothing(name, theta, sought.reason)
+        return core, *unknown_checks(name, theta, sought.reason)
     return core, *claims(name, chain.form, sought, numbers)
 
 

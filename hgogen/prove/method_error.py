@@ -30,7 +30,7 @@ them, and no clamp acts. Then
 
 3. Methods that realise the linear core of an observer. The plant in the coordinates of the errors, X_k = s_k z_i for a
 field k that estimates z_i and 0 for a filter, obeys the observer's own equations, as it injects no output error. With
-the core L of `realised`, y the plant's own output and beta_k = s_k b_i,
+the core L of `realised_step`, y the plant's own output and beta_k = s_k b_i,
 
     X' = L X + w,   w = B y + beta
     a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
@@ -84,8 +84,8 @@ from hgogen.prove.plant_step import (
     Sizes,
     Unbounded,
     heads_of,
-    loose,
     times,
+    with_slack,
 )
 from hgogen.prove.quadratic import BALLS, Array, floats, identity, rational
 from hgogen.rigor.box import exact
@@ -452,7 +452,7 @@ class CoreDeviation:
         self._demand_smooth()
         for _ in range(order):
             rows = [self.plant.along(row) for row in rows]
-        return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
+        return tuple(with_slack(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
         """Demand L s + B C = s A: then the plant obeys the observer's equations."""

@@ -83,7 +83,7 @@ class PlantStep:
     def stated_speeds(self) -> tuple[Fraction, ...]:
         """The bounds of sup|F_i| (n) that a certificate states: up to 0.1 % above `speeds`, so that less accurate
         arithmetic proves them too."""
-        return tuple(map(loose, self.flow, self.speeds))
+        return tuple(map(with_slack, self.flow, self.speeds))
 
     @property
     def margins(self) -> tuple[Fraction, ...]:
@@ -93,7 +93,7 @@ class PlantStep:
     def output_rate(self, output: int) -> Fraction:
         """Return sup|y'| of an output, by its index from 0, on the declared ranges. Raises: `Unbounded`."""
         rate = self.rate(output)
-        return loose(rate, self.largest(rate))
+        return with_slack(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
         """Return sum_i sup|dy/dz_i| most_i, a bound of the change of an output's derivative y' where each rate z_i'
@@ -130,7 +130,7 @@ class PlantStep:
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
         T, nothing = sp.Matrix(rows).jacobian(sp.Matrix(plant.states)), Fraction(0)
         return tuple(
-            tuple(loose(T[i, j], _largest(T[i, j], where)) if size else nothing for j, size in enumerate(most))
+            tuple(with_slack(T[i, j], _largest(T[i, j], where)) if size else nothing for j, size in enumerate(most))
             for i in range(form.n)
         )
 
@@ -153,7 +153,7 @@ class PlantStep:
         rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
         parameters, nothing = system.parameters, Fraction(0)
         return tuple(
-            tuple(loose(row, steepness_in(row, p, where)) if p in wrong else nothing for p in parameters)
+            tuple(with_slack(row, steepness_in(row, p, where)) if p in wrong else nothing for p in parameters)
             for row in rows
         )
 
@@ -173,8 +173,8 @@ class PlantStep:
         if not row.has(*JUMPS, *KINKS):
             slope = sp.diff(row, x)
             with suppress(Unbounded):
-                return loose(slope, self.largest(slope))
-        return loose(row, steepness_in(row, x, self.form.box))
+                return with_slack(slope, self.largest(slope))
+        return with_slack(row, steepness_in(row, x, self.form.box))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """Return bounds (n) of |delta|/h, delta the difference over one step between x' = F + d and x' = F, for
@@ -267,7 +267,7 @@ def _rate_of(u: sp.Symbol) -> sp.Symbol:
     return sp.Symbol(f"{u}'", real=True)
 
 
-def loose(expression: sp.Expr, most: Fraction) -> Fraction:
+def with_slack(expression: sp.Expr, most: Fraction) -> Fraction:
     """Return a number slightly above `most`, a supremum of the expression, so that less accurate arithmetic proves it
     as well: by 0.1 %, by 1e-9 for a number, unchanged for a symbol, whose range is exact."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)

@@ -144,7 +144,7 @@ def confirmed(
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ScaledForms:
     """The quadratic forms `originals` (floats) in scaled coordinates: e = `W` x, and each multiplied input in units of
     `g` (k)."""
 
@@ -153,12 +153,12 @@ class View:
     g: Array
 
     @classmethod
-    def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["View", float]:
+    def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["ScaledForms", float]:
         """Return the scaled forms in a unit of time in which x changes at a speed close to 1, with the units g of
-        `even`; and this speed (1/time)."""
-        fast = pace(forms[0], W)
+        `balanced_units`; and this speed (1/time)."""
+        fast = speed_of(forms[0], W)
         slow = [form.over(fast) for form in forms]
-        return cls(slow, W, even(slow[0], W)), fast
+        return cls(slow, W, balanced_units(slow[0], W)), fast
 
     @cached_property
     def forms(self) -> list[Quadratic]:
@@ -207,7 +207,7 @@ def balance(N: Array) -> Array:
     return d
 
 
-def pace(form: Quadratic, W: Array) -> float:
+def speed_of(form: Quadratic, W: Array) -> float:
     """Return the speed at which x changes, e = `W` x: the norm of W^-1 Y W of the first pair of a form in floats; 1
     where it is 0 or not finite."""
     n = len(W)
@@ -215,7 +215,7 @@ def pace(form: Quadratic, W: Array) -> float:
     return fast if 0 < fast < math.inf else 1.0
 
 
-def even(form: Quadratic, W: Array) -> Array:
+def balanced_units(form: Quadratic, W: Array) -> Array:
     """Return units g (k) of the multiplied inputs that balance the form: each input then acts on x, e = `W` x, as
     strongly as x acts on this input through its row of Q. Rows of Q W below 1e-6 of the longest count as 1e-6, rows of
     rounding errors alone as a tenth."""
@@ -234,7 +234,9 @@ def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = N
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
-def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
+def largest_blend(
+    forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None
+) -> float:
     """Return the largest r such that (1 - r) F + r T is negative at P and S for each pair F of `forms` and T of
     `towards`, in coordinates e = `W` x; 0 where an F is not negative, inf where every r will do."""
     values, _ = _valued((*forms, *towards), P, S, W)
@@ -250,7 +252,7 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
     """Return the matrices (k, N, N) of `forms` (floats) at P and S, and P, in coordinates x with e = W x."""
     if W is not None:
-        view, fast = View.paced(forms, W)
+        view, fast = ScaledForms.paced(forms, W)
         forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
     return np.array([form.value(P, S) for form in forms]), P
 

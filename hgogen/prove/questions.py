@@ -28,24 +28,31 @@ import numpy as np
 
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
-from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, state_row
-from hgogen.prove.inequality import NOW, Contracts, Inputs, driven, pushed
+from hgogen.prove.inequality import NOW, Contracts, Inputs, driven_by_multipliers, noise_forms
 from hgogen.prove.quadratic import (
     MARGINS,
     Array,
     Quadratic,
-    View,
+    ScaledForms,
     Weights,
+    balanced_units,
     confirmed,
-    even,
     extent,
     floats,
     identity,
     inverse_root,
     rational,
 )
-from hgogen.prove.semidefinite import Solution, cheapest, norm_limits, settled, shortest, sum_limit
+from hgogen.prove.semidefinite import (
+    Solution,
+    best_solution,
+    norm_limits,
+    smallest_extent,
+    smallest_multipliers,
+    sum_limit,
+)
 from hgogen.reading.given import names_of
 from hgogen.rigor.definite import fraction, number, root
 from hgogen.rigor.outward import number as outward
@@ -155,10 +162,10 @@ def weights_in_floats(
 
     def sought_in(W: Array) -> Solution | None:
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
-        view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
-        return shortest(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
+        view = ScaledForms(forms, W, np.append(balanced_units(forms[0], W)[:-q], [unit] * q))
+        return smallest_extent(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
 
-    return settled(sought_in, W)
+    return best_solution(sought_in, W)
 
 
 # --- a start
@@ -173,7 +180,7 @@ class Confined:
     bounds: Mapping[int, Fraction]
 
 
-def confined(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
+def confinement(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
     """Return a proof of small bounds of |c e| for all times, for initial errors in a box; None where there is none.
 
     `form`: the quadratic form that is negative where |e|_P does not grow; `W`: coordinates e = W x in which P is
@@ -189,9 +196,11 @@ def confined(form: Quadratic, W: Array | None, corners: Array, rows: Mapping[int
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = norm_limits(in_floats, begins / far)
-        return shortest(View((in_floats,), W, even(in_floats, W)), reads @ W, limits, margin, 1 / far, _START)
+        return smallest_extent(
+            ScaledForms((in_floats,), W, balanced_units(in_floats, W)), reads @ W, limits, margin, 1 / far, _START
+        )
 
-    exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
+    exactly = confirmed((form,), lambda margin: best_solution(lambda W: sought_in(W, margin), W))
     return Confined(Weights.of(*exactly), peak_errors(exactly[0], corners, rows)) if exactly else None
 
 
@@ -217,7 +226,7 @@ class Driven:
     def form(self) -> Quadratic:
         """The quadratic form that is negative where V' <= -|C e|^2 + sum_k lambda_k v_k^2, V = e'P e (bounded real
         lemma). The lambda_k are its last q multipliers."""
-        form = pushed(self.e, NOW)
+        form = driven_by_multipliers(self.e, NOW)
         counted, square = 0 * identity(form.size), self.C.T @ self.C
         counted[: len(square), : len(square)] = square
         return replace(form, constant=counted)
@@ -256,13 +265,13 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
         forms.append(Quadratic(((identity(n), -growing),), nothing, nothing))
     fastest = max(np.linalg.norm(back @ floats(one.e.M) @ W, 2) for one in each)
     scale = max(np.linalg.norm(floats(one.C) @ W, 2) for one in each) ** 2 / fastest  # of P, so that it is near 1
-    g = np.append(even(forms[0].floats, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
+    g = np.append(balanced_units(forms[0].floats, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
     in_floats = (form.floats for form in forms)
     scaled = [one if one.constant is None else replace(one, constant=one.constant / scale) for one in in_floats]
-    view = View(scaled, W, g)
+    view = ScaledForms(scaled, W, g)
 
     def by_margin(by: float) -> tuple[Array, Array] | None:
-        candidate = cheapest(view.forms, q, by, _L2)
+        candidate = smallest_multipliers(view.forms, q, by, _L2)
         if candidate is None:
             return None
         P, S = view.back(*candidate)
@@ -301,16 +310,16 @@ def noise_bounds(observer: Observer) -> Bounds | Nothing:
     if flow.fastest is None:
         return Nothing(flow.obstacle(observer.form.states))
     known = bounds(flow, flow.fastest)
-    return Nothing(known) if isinstance(known, Reason) else named(observer.form, known)
+    return Nothing(known) if isinstance(known, Reason) else bounds_by_name(observer.form, known)
 
 
-def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
+def bounds_by_name(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
     """Return the bounds by (state, output) names, from `known` bounds by their indices."""
     outputs = names_of(form.system.outputs)
     return {(form.names[i], outputs[j]): bound for (i, j), bound in known.items()}
 
 
-def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
+def bounds(flow: Flow, falls: DecayProof) -> Mapping[tuple[int, int], float] | Reason:
     """Return, by (state, output) indices, the proved ultimate bound of the state's error under noise of at most 1 in
     the output, in continuous time, for an error that decays by the proof `falls`; or the reason why there is none.
     Raises: `NoSolver`."""
@@ -324,7 +333,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
         alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
 
         def forms(alpha: Fraction, system: Uncertain = alone) -> tuple[Quadratic, ...]:
-            return driven(system, alpha, error.hull)
+            return noise_forms(system, alpha, error.hull)
 
         for i, place in picks:
             one = input_bound(forms, W, 1, state_row(scales, place), Fraction(1))
@@ -335,7 +344,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
 
 
 def joint_bound_in_floats(
-    error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
+    error: Inclusion, sizes: Array, rows: Array, falls: DecayProof, alpha: float, fastest: float
 ) -> float:
     """Return an unproved bound of |c z| over all `rows` c (r, n), z the errors of the form's states, under noise of at
     most `sizes` (p) in all outputs together, in continuous time; infinite where the solver finds none.
@@ -350,7 +359,7 @@ def joint_bound_in_floats(
     e, least = _rescaled(e.driven_by(np.diag(sizes)), alpha), float("inf")
     rows = rows @ np.array([floats(state_row(scales, k)[None])[0] for k in error.layout.picks])
     for share in _TRIED:
-        candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
+        candidate = weights_in_floats(noise_forms(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
         if candidate is not None and np.linalg.eigvalsh(candidate[0]).min() > 0:
             squares = np.einsum("ij,ij->i", rows, np.linalg.solve(candidate[0], rows.T).T)
             speed = alpha * float(np.sqrt(np.linalg.eigvalsh(e.B.T @ candidate[0] @ e.B).max()))

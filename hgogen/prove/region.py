@@ -22,12 +22,12 @@ from fractions import Fraction
 from hgogen.analysis.evidence import Grounds, outward
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.prove.convergence import Flow, OneSided, claims, nothing
+from hgogen.prove.convergence import Flow, OneSided, claims, unknown_checks
 from hgogen.prove.inclusion import NO_SCALES, Facts, Inclusion, Nothing, state_row
 from hgogen.prove.inequality import ROWS, Steps, flow
 from hgogen.prove.plant_step import heads_of
 from hgogen.prove.quadratic import Array, Weights, extent, rational
-from hgogen.prove.questions import confined
+from hgogen.prove.questions import confinement
 from hgogen.prove.semidefinite import NoSolver
 from hgogen.rigor.definite import fraction, root
 from hgogen.rigor.periodic import half_turn
@@ -64,7 +64,7 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
     small initial errors, whose size is the check `MAKER.region`. `maker`: the observer's name; `error`: its error
     dynamics."""
     if isinstance(error, Nothing):
-        return nothing(maker, theta, error.reason)
+        return unknown_checks(maker, theta, error.reason)
     search = (OneSided if error.endless else Flow)(error, Fraction(theta))
     known = claims(maker, form, search, {"theta": theta, **error.numbers})
     turning = [y.name for y in form.system.outputs if y.period is not None]
@@ -115,7 +115,7 @@ def _tried(search: Flow, known: _Question) -> Iterator[tuple[Fraction, Weights]]
     if every and not search.error.endless and steps.at(Fraction(0)).rows <= ROWS:
         try:
             form, W = steps.at(Fraction(0)).falls(Fraction(0)), steps.coordinates
-            widest = None if W is None else confined(form, W, known.corners, known.rows)
+            widest = None if W is None else confinement(form, W, known.corners, known.rows)
         except NoSolver:
             widest = None
         every += [widest.weights] if widest else []

@@ -1,12 +1,12 @@
 """Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats, which proves nothing.
 
-    margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
-    shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
-    cheapest  minimise t:   F(P, S) <= -m I for every form F,   the last of S <= t
+    margin                maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
+    smallest_extent       minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
+    smallest_multipliers  minimise t:   F(P, S) <= -m I for every form F,   the last of S <= t
 
 F is linear in P and S (`quadratic`), c P^-1 c' <= t. Multiplied columns of one form with the same direction are merged
-(`merged`): columns p_j that enter as r_j u, and nowhere else, reduce sum_j S_j p_j^2 to its minimum for a u = sum_j r_j
-p_j, which is T u^2 with the largest T that
+(`merge_parallel_columns`): columns p_j that enter as r_j u, and nowhere else, reduce sum_j S_j p_j^2 to its minimum for
+a u = sum_j r_j p_j, which is T u^2 with the largest T that
 
     diag(S) - T r r' >= 0
 
@@ -14,7 +14,7 @@ admits. The form of (e, u), with T, is negative where that of (e, p) is. Slopes 
 direction, become one column: a solver's work grows with the fourth power of the size or faster.
 
 The programs are written in Clarabel's standard form, A x + s = b with s in cones: a modelling language would take
-longer than the solver. Programs for gains are written as matrices that are affine in x (`program`).
+longer than the solver. Programs for gains are written as matrices that are affine in x (`solve_semidefinite_program`).
 
 For one matrix N'P + P N = -I is solved in rationals; its solution is the smallest P with N'P + P N <= -I. It is rounded
 to short rationals, with P <= peak I, and then verified in exact arithmetic. Source: Boyd, El Ghaoui, Feron,
@@ -33,7 +33,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from hgogen.errors import HgogenError
-from hgogen.prove.quadratic import Array, Quadratic, View, inverse_root
+from hgogen.prove.quadratic import Array, Quadratic, ScaledForms, inverse_root
 from hgogen.rigor.definite import Matrix, exact, fraction, number, one_thread, positive, unit
 from hgogen.sentence import NONE, Reason, because
 
@@ -63,7 +63,7 @@ def no_solver(what: str) -> Reason:
     """Return the reason that the solver Clarabel, which the purpose `what` needs, is not installed; `NONE` if it is
     installed."""
     try:
-        cones(what)
+        solver_modules(what)
     except NoSolver as missing:
         return missing.reason
     return NONE
@@ -130,14 +130,14 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
         falling = (-one - A.T @ P - P @ A + Y @ C + C.T @ Y.T for A, C in pairs)
         return [peak * one - P, P - least * one, bounded, *falling]
 
-    x = program(np.append(np.zeros(p + n + 1), 1.0), blocks, "a gain for a range of a_i")
+    x = solve_semidefinite_program(np.append(np.zeros(p + n + 1), 1.0), blocks, "a gain for a range of a_i")
     if x is None or np.linalg.eigvalsh(symmetric(x[:p], n)).min() <= 0:
         return None
     K = np.linalg.solve(symmetric(x[:p], n), x[p:-2])
     return tuple(Fraction(float(f"{k:.6g}")) for k in K)
 
 
-def cones(what: str) -> tuple[Any, Any]:
+def solver_modules(what: str) -> tuple[Any, Any]:
     """Return the modules `clarabel` and `scipy.sparse`. Raises: `NoSolver` with the purpose `what` where they are not
     installed."""
     try:
@@ -195,7 +195,7 @@ class Solution:
     near: Array
 
 
-def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
+def best_solution(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
     """Return P and S with the smallest value among several solutions of one program in improving coordinates; None
     where it has no solution.
 
@@ -218,20 +218,22 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
     return None if best is None else (best.P, best.S)
 
 
-def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
+def feasible_weights(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
     """Return P and S, in floats, for which a solver makes all `forms` negative; None where there are none. `W` (n, n):
     coordinates e = W x in which P is expected close to the unit matrix; `what`: the purpose. Raises: `NoSolver`."""
-    best = widest(forms, what, W)
+    best = largest_margin(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
-def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
+def largest_margin(
+    forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False
+) -> Margin | None:
     """Return the P and S with the largest margin m, F <= -m I for all `forms` F, also where m <= 0, in coordinates e =
     `W` x; None where the solver fails. `priced`: with the prices of the forms; `what`: the purpose. Raises:
     `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
-    view, fast = View.paced([form.floats for form in forms], W)
+    view, fast = ScaledForms.paced([form.floats for form in forms], W)
     best = margin(view.forms, what, priced)
     if best is None:
         return None
@@ -245,7 +247,7 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
     `span`: matrices B_i and rows r with P = sum_i y_i B_i, r y >= 0, None for any P; `priced`: with the prices of the
     forms; `what`: the purpose. Parallel columns of a single form are merged. Raises: `NoSolver`."""
     n, whole = len(forms[0].pairs[0][0]), forms
-    forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
+    forms, groups = merge_parallel_columns(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
     one = np.hstack([upper_triangles(np.eye(n)[None]).T, np.zeros((1, others))])
     trace: Rows = (one, np.array([float(n)]), False)
@@ -260,13 +262,15 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
+def smallest_extent(
+    view: ScaledForms, reads: Array, limits: Limits, by: float, unit: float, what: str
+) -> Solution | None:
     """Return P and S with a small largest c P^-1 c' over the rows c of `reads` (r, n), for which the forms of the
     `view` are at most -`by` I and x/`unit` satisfies the `limits`, all in the scaled coordinates x; None where the
     solver fails. `what`: the purpose. Raises: `NoSolver`."""
     whole, (A, b) = view.forms, limits
-    forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
-    of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
+    forms, groups = merge_parallel_columns(whole[0]) if len(whole) == 1 else (whole, ())
+    of_rows = [extent_cone(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
     others: Rows = (np.hstack([A, np.zeros((len(A), len(groups) + 1))]), b, False)
     rows = [*_at_most(forms, groups, 0.0, by), *of_rows, others]
     solution = _solved(whole[0], groups, rows, 1.0, CLOSER, what)
@@ -280,7 +284,7 @@ def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, w
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
+def smallest_multipliers(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
     """Return P and S for which all `forms` (floats) are at most -`by` I, with the last `q` entries of S at most t and a
     small t; None where the solver fails. `what`: the purpose. Raises: `NoSolver`."""
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
@@ -297,7 +301,7 @@ def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, 
     for form in forms:
         one = np.eye(form.size)
         more = 0.0 if form.constant is None else form.constant
-        rows.append(definite(entries(form, groups), share * one[None], -more - by * one))
+        rows.append(definite_cone(coefficient_matrices(form, groups), share * one[None], -more - by * one))
     for place, group in enumerate(groups):
         (n, k), count = (len(forms[0].pairs[0][0]), len(forms[0].Q)), len(group.places)
         p, one = n * (n + 1) // 2, np.eye(count)
@@ -305,7 +309,7 @@ def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, 
         for i, at in enumerate(group.places):
             split[p + at, i, i] = -1.0
         split[p + k + place] = np.outer(group.weights, group.weights)
-        rows.append(definite(split, share * one[None], -by * one))
+        rows.append(definite_cone(split, share * one[None], -by * one))
     return rows
 
 
@@ -332,7 +336,7 @@ def _solved(
         rows = [(np.hstack([A[:, :p] @ each, A[:, p:]]), b, kind) for A, b, kind in rows]
         rows.append((np.hstack([-signs, np.zeros((len(signs), k + t + 1))]), np.zeros(len(signs)), False))
     signed = np.hstack([np.zeros((k, q)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
-    solution = solved(np.append(np.zeros(q + k + t), cost), [*rows, signed], close, what)
+    solution = solve_cone_program(np.append(np.zeros(q + k + t), cost), [*rows, signed], close, what)
     if solution is None:
         return None
     x, prices = solution
@@ -355,30 +359,30 @@ def norm_limits(form: Quadratic, points: Array) -> Limits:
     return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
 
 
-def reaching(c: Array, count: int) -> Rows:
+def extent_cone(c: Array, count: int) -> Rows:
     """Return the cone [t, c; c', P] >= 0, which means c P^-1 c' <= t, in `count` variables that begin with P, followed
     by t."""
     n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
     end[0, 1:] = end[1:, 0] = c
     wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
     wide[: n * (n + 1) // 2, 1:, 1:], corner[0, 0, 0] = -basis(n), -1.0
-    return definite(wide, corner, end)
+    return definite_cone(wide, corner, end)
 
 
-def definite(brings: Array, last: Array, end: Array) -> Rows:
+def definite_cone(brings: Array, last: Array, end: Array) -> Rows:
     """Return the cone of symmetric matrices `end` - sum_i x_i `brings`_i - t `last` >= 0, in the variables x and t."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
-def program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) -> Array | None:
+def solve_semidefinite_program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) -> Array | None:
     """Return the solution x of a semidefinite program: the smallest <goal, x> for which all `blocks`(x), matrices
     affine in x, are positive semidefinite; None where the solver finds none. `what`: the purpose. Raises:
     `NoSolver`."""
-    known = solved(goal, affine(blocks, len(goal)), CLOSER, what)
+    known = solve_cone_program(goal, definite_cones(blocks, len(goal)), CLOSER, what)
     return None if known is None else known[0]
 
 
-def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
+def definite_cones(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
     """Return the cones in which the matrices `blocks`(x), affine in the `count` variables x, are positive
     semidefinite."""
     first, *others = (blocks(x) for x in np.vstack([np.zeros(count), np.eye(count)]))
@@ -386,10 +390,10 @@ def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]
     return [(_packed(end - np.array(ones)), _packed(end[None])[:, 0], True) for end, ones in each]
 
 
-def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
+def solve_cone_program(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
     """Return the solution x of a cone program and its dual variables: the smallest <goal, x> under the cones `rows`, A
     x + s = b; None where the solver, of accuracy `close`, fails. `what`: the purpose. Raises: `NoSolver`."""
-    cones(what)
+    solver_modules(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
     kinds = tuple((len(A), of_matrices) for A, _, of_matrices in rows if len(A))
@@ -400,7 +404,7 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    solver, sparse = cones("a cone program")
+    solver, sparse = solver_modules("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
     of_each = [
@@ -417,7 +421,7 @@ def _solution(
     return (x, prices) if usable else None
 
 
-def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
+def coefficient_matrices(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
     """Return the coefficient matrices (p + k + t, N, N) of a quadratic form, which is linear in the entries of P on and
     above the diagonal, in S, and in a T of each of the `groups`. Where its X have more than n rows, P is part of [P,
     Y], and the entries of Y follow those of P."""
@@ -473,7 +477,7 @@ def symmetric(entries: Array, size: int) -> Array:
     return matrix
 
 
-def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
+def merge_parallel_columns(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
     """Return a form (floats) with fewer columns, in which parallel multiplied columns are one column u, and the groups
     of multipliers that belong to each u."""
     n, each = len(form.pairs[0][0]), tuple(_directions(form))

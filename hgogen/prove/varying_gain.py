@@ -96,7 +96,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators, companion
 from hgogen.form import Form
-from hgogen.prove.convergence import Falls, Flow, GainVariation, claims, nothing
+from hgogen.prove.convergence import DecayProof, Flow, GainVariation, claims, unknown_checks
 from hgogen.prove.error_models import companions, on_integrators, plain, slope
 from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.quadratic import Array, floats, identity, inverse_root, rational
@@ -334,15 +334,17 @@ def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_
     return fmpq_mat(np.block([[M, -P, -Y], [-P, one, zero], [-Y.T, zero.T, last]]).tolist())
 
 
-def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
+def candidate_checks(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
     """Return the checks of a candidate's three inequalities: `MAKER.definite`, P > 0; `MAKER.shrink`, D P + P D >= 0;
     `MAKER.decay`, (54) with lambda = `decay`, by default any lambda > 0. `maker`: the observer's name."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
-        judged(ClaimId(maker, "definite"), "P > 0", exact(candidate.P)),
-        judged(ClaimId(maker, "shrink"), "D P + P D >= 0, D = diag(1, .., n)", candidate.shrink, strict=False),
-        judged(
+        definiteness_check(ClaimId(maker, "definite"), "P > 0", exact(candidate.P)),
+        definiteness_check(
+            ClaimId(maker, "shrink"), "D P + P D >= 0, D = diag(1, .., n)", candidate.shrink, strict=False
+        ),
+        definiteness_check(
             ClaimId(maker, "decay"),
             f"(A - K C)'P + P (A - K C) + {float(candidate.sigma):g} (D P + P D){more} < 0",
             rate,
@@ -351,7 +353,7 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
     )
 
 
-def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
+def definiteness_check(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
     """Return the check, decided exactly, that a symmetric matrix M is > 0, or >= 0 if not `strict`, with its smallest
     eigenvalue. `claim`: the text of the claim, which is about M for `sign` 1, about -M for `sign` -1."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
@@ -367,9 +369,9 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) -> tuple[Check, ...]:
-    """Return the checks of `facts`, and for a disturbance also `MAKER.attenuation`, that the L2 gain from the
-    disturbance to the error is bounded. `maker`: the observer's name."""
-    known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
+    """Return the checks of `candidate_checks`, and for a disturbance also `MAKER.attenuation`, that the L2 gain from
+    the disturbance to the error is bounded. `maker`: the observer's name."""
+    known, disturbed, moving = candidate_checks(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
     checks = [replace(check, proofs=(Grounds(built, candidate),)) for check in known]
     if disturbed is None:
@@ -466,7 +468,7 @@ def varying_gain_checks(
     form = chain.form
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
-        return _named(law, nothing(maker, law.least, error.reason))
+        return _named(law, unknown_checks(maker, law.least, error.reason))
     first, units = law.P, floats(rational([error.units]))[0]
     if first is not None:  # in the errors of the inclusion, if it is positive definite
         first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(units, units))
@@ -598,7 +600,7 @@ class DwellProof:
     """A proof of a dwell time for an observer that switches between a high and a low gain: V `falls` at a rate alpha in
     the high gain, and grows at most by the factors `up` and `down` when the gain switches up and down."""
 
-    falls: Falls
+    falls: DecayProof
     up: Fraction
     down: Fraction
 
@@ -613,7 +615,7 @@ class DwellProof:
         return {"alpha": self.falls.alpha, "V": self.falls, "up": self.up, "down": self.down}
 
 
-def switching(
+def switching_checks(
     maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
 ) -> tuple[Check, ...]:
     """Return the checks of an observer that switches between the gains `theta` and `low` < theta: `MAKER.convergence`,
@@ -624,7 +626,7 @@ def switching(
     why = because("theta_low is not above a proved bound")
     hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
     if isinstance(error, Nothing):
-        known = nothing(maker, low, error.reason)
+        known = unknown_checks(maker, low, error.reason)
     else:
         numbers = {"theta": theta, "theta_low": low, "hold": hold, **error.numbers}
         flow = Flow(error, Fraction(low))
