@@ -103,7 +103,7 @@ def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -
     quick = {kind for kind, each in RULES.items() if each.quick}
     assert {one.observer for one in advised.admitted} == quick - {"bank"}
     assert all(one.proposed for one in advised.admitted)
-    assert {note.partition(" has no first gains: ")[0] for note in advised.notes} == {"bank"}
+    assert {note.partition(" has no starting gains: ")[0] for note in advised.notes} == {"bank"}
     (one,) = (one for one in advised.admitted if one.observer == "high_gain")
     assert one.line.startswith('tuning.high_gain = {form = "triangular", theta = ')
     assert made(model, one, tmp_path).observer.name == "high_gain"
@@ -114,9 +114,9 @@ def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -
 def test_what_is_said_of_none_is_said_where_it_may_be_taken(tmp_path: Path) -> None:
     """A bank goes around what is admitted, and there is none where nothing is."""
     _, bent = asked(write(tmp_path, {"x1": "x2 + x2**3/3", "x2": "-x1"}, "x1"))
-    assert [note.partition(" has no first gains")[0] for note in bent.notes] == ["bank"]
+    assert [note.partition(" has no starting gains")[0] for note in bent.notes] == ["bank"]
     _, blind = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
-    assert not any("has no first gains" in note for note in blind.notes)
+    assert not any("has no starting gains" in note for note in blind.notes)
 
 
 @pytest.mark.full
@@ -215,7 +215,7 @@ def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
     flow = {f"x{i}": f"x{i + 1}" for i in range(1, 8)} | {"x8": "-sin(x1)"}
     _, advised = asked(write(tmp_path, flow, "x1"))
     assert [one.observer for one in advised.admitted] == ["cascade", "riccati"]
-    assert advised.notes == ("Of so many states, other observers are built with first gains by --deep.",)
+    assert advised.notes == ("For a plant of this many states, --deep builds other observers with starting gains too.",)
 
 
 @pytest.mark.parametrize("command", ["generate", "build"])

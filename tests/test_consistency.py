@@ -235,9 +235,9 @@ def test_sentences_say_what_is_off() -> None:
     large, small = (hg.consistency(filtering(plant(), noise=n).run(y=y), truth).sentences() for n in (1e-4, 1e4))
     assert any("innovations of angle are" in said and "too small" in said for said in large)
     assert any("innovations of angle are" in said and "too large" in said for said in small)
-    assert any("errors of w are" in said and "too sure" in said for said in large)
+    assert any("errors of w are" in said and "which is too small" in said for said in large)
     careful = hg.consistency(filtering(plant(), noise=10, process=10).run(y=y), truth).sentences()
-    assert any("errors of w are" in said and "too careful" in said for said in careful)
+    assert any("errors of w are" in said and "which is too large" in said for said in careful)
     drifting = filtering(plant()).run(y=y + np.sin(np.arange(N) / 10)[:, None])
     assert any("not white" in said for said in hg.consistency(drifting).sentences())
 
@@ -249,7 +249,7 @@ def test_a_nis_of_few_samples_is_one_of_outliers() -> None:
     few, many = (consistency_module._output_consistency("y", e, np.ones(2000)) for e in (wild, 2 * normed))
     assert (few.median, many.median) == (pytest.approx(1.1, abs=0.1), pytest.approx(4, abs=0.3))
     said = [consistency_module.Consistency((one,), None).sentences()[0] for one in (few, many)]
-    assert "by few samples, since by the median they are 1.0" in said[0]
+    assert "few samples are the cause, since by the median they are 1.0" in said[0]
     assert "gate = {y = 0.999}" in said[0]
     assert said[1].endswith("R, Q or both are too small, or the model is wrong")
 
@@ -296,8 +296,10 @@ def test_worse_than_copying_is_a_sentence() -> None:
         "y stands still in the whole record, so that copying it errs by 0: give a record that moves"
     ]
     (said,) = prediction_warnings(rows)
-    assert said.startswith("y: worse than copying at 5 steps ahead, by RMS errors of 0.4 for 0.3; if it is only until")
-    assert "give --initial or --burn-in, else fit" in said
+    assert said.startswith(
+        "y: predictions are worse than copying 5 steps ahead, by RMS errors of 0.4 for 0.3; if this is only until"
+    )
+    assert "give --initial or --burn-in; otherwise fit" in said
 
 
 @pytest.mark.full

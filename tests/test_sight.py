@@ -80,7 +80,7 @@ def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
     frozen = observability_measure(motor)
     assert frozen.by_motion
     assert not frozen.below_resolution
-    assert str(frozen).startswith("frozen at points of the box, the plant does not show ")
+    assert str(frozen).startswith("linearised at fixed points of the declared ranges, ")
     turning = {"ua": 100 * sp.cos(60 * t), "ub": 100 * sp.sin(60 * t)}
     moving = observability_measure(motor, Trial("turning", 2, start=dict.fromkeys(names, 0), inputs=turning))
     assert not moving.by_motion
@@ -106,7 +106,7 @@ def test_the_end_of_a_long_chain_is_practically_unobservable_frozen_too() -> Non
     assert 0 < frozen.median < 1e-12
     assert not frozen.by_motion
     assert frozen.below_resolution
-    assert "less than 1e-12 of theirs" in str(frozen)
+    assert "less than 1e-12 times their range" in str(frozen)
 
 
 def test_where_it_is_least() -> None:

@@ -178,7 +178,7 @@ class NoLinearisation(HgogenError):
     """The error that a plant has no linearisation on its declared ranges; `reason`: what is missing."""
 
     reason: str
-    text = "how much the outputs show is not measured: {reason}"
+    text = "the observability measure is not computed: {reason}"
 
 
 @dataclass(frozen=True)

@@ -114,12 +114,12 @@ def advice(
     }
     order = sorted(rows.values(), key=lambda row: row.rank)
     skipped = [
-        f"{kind} has no first gains: {one.reason}."
+        f"{kind} has no starting gains: {one.reason}."
         for kind, one in proposed.items()
         if rows and isinstance(one, NoFirst) and one.ruled
     ]
     if n > MANY and not deep:
-        skipped = ["Of so many states, other observers are built with first gains by --deep."]
+        skipped = ["For a plant of this many states, --deep builds other observers with starting gains too."]
     notes = (*_notes(model, observability, survey), *tuned.omissions(rows), *skipped)
     return Advice(survey.plant.name, tuple(order), notes, model.plain)
 

@@ -179,9 +179,9 @@ def cost_(
     max_stack: Annotated[int | None, _limit_option("its stack, in bytes,")] = None,
     max_instructions: Annotated[int | None, _limit_option("the worst number of instructions of a step")] = None,
 ) -> CostReport:
-    """Measure what the C of a model costs on a Cortex-M4F: compiled by arm-none-eabi-gcc and run in QEMU over the
-    model's trial, or one made of its ranges, without jumps, and over the same record with gaps, jumps and numbers that
-    are none. Writes MODEL/cost.json below --out, of which `hgogen generate --for` tells in the folder's README.
+    """Measure the cost of a model's C on a Cortex-M4F, compiled by arm-none-eabi-gcc and run in QEMU: over the model's
+    trial without jumps (or a proposed trial), and over the same samples with gaps, jumps and NaN. Writes
+    MODEL/cost.json below --out, which `hgogen generate --for` copies into the README of its folder.
     """
     demand_prefix(name)
     demand_board()
@@ -311,12 +311,12 @@ def build_(
     name: Prefix = None,
     seeds: Seeds = None,
 ) -> Built:
-    """Check a model, generate and compile its code, try it in C and in Python, compare them, draw the figures.
+    """Check a model, write and compile its C, simulate it in C and in Python, compare both, and draw figures.
 
-    Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
-    the trials run in Python, one seed each, and the C is written but not tried. With --target another language is
-    written in the place of C, and its self-check is run where its compiler is there. With --for the C lies in
-    src/, with what the ecosystem asks for beside it, and figures in extras/.
+    All files are in the folder --out, with report.json, which --json prints. Without a C compiler the trials run in
+    Python with one seed each, and the C is written but not run. With --target the code is in another language, and its
+    self-check runs if there is a compiler. With --for the C is in src/, figures are in extras/, and the folder contains
+    the files that the ecosystem needs.
     """
     _demand_code(target, ecosystems, name)
     loaded = load(model).set(setting)
@@ -399,9 +399,9 @@ def generate_(
     ecosystems: For = None,
     name: Prefix = None,
 ) -> AllGenerated:
-    """Write the code of models, by default C, and the figures of their trials as the C draws them, or Python's reading
-    of it where there is no compiler. With --for the C lies in src/, with what the ecosystem asks for beside it: build
-    files, an example, a README with the costs that `hgogen cost` measured; figures lie in extras/.
+    """Write the code of models, by default C, and figures of their trials, simulated by the C, or by Python without a
+    compiler. With --for the C is in src/, figures are in extras/, and the folder contains build files, an example, and
+    a README with the costs that `hgogen cost` measured.
     """
     _demand_code(target, ecosystems, name)
     if name and len(models) > 1:
@@ -498,12 +498,13 @@ def simulate_(
     reader: ReaderOption = None,
     trial: OneTrial = None,
     campaign_options: Runs = NO_RUNS,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figures; by default none.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the figures; by default no figures are drawn.")
+    ] = None,
 ) -> Simulated | SimulatedCampaigns:
-    """Try a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
+    """Simulate a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
 
-    With --out the figures of the trials are drawn as by `build`, with the errors beside what is proved of them where
-    the model has bounds.
+    With --out it draws figures of the trials as `build` does, with proved error bounds if the model declares bounds.
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)

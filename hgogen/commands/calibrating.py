@@ -206,12 +206,12 @@ class TuneReport(ModelReport):
         ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
         hidden = list(self.rows[0].judged.hidden)
         none = "in all rows, since none were held out"
-        where = "in the rows held out, which these gains do not know" if self.logs.held_out else none
-        title = f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states"
+        where = "in the rows held out, from which these gains were not learned" if self.logs.held_out else none
+        title = f"RMS errors {where}: predictions by output and samples ahead, then hidden states"
         columns = *(f"{y} {h}" for h, y in ahead), *hidden
         errors = headed(title, "", "observer", *columns, numbers=len(columns))
-        copying = "of predictions, over that of copying the last value"
-        measure = f"of {', '.join(self.truth)}, over that of the mean" if self.truth else copying
+        copying = "the error of predictions divided by that of copying the last value"
+        measure = f"the error of {', '.join(self.truth)} divided by that of the mean" if self.truth else copying
         names = ("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence")
         comparison = headed(f"tuned observers; cross-validated: {measure}", *names)
         for row in self.rows:
@@ -225,7 +225,7 @@ class TuneReport(ModelReport):
                 comparison.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
         steps = {row.name: row.first.step for row in self.written}
         noise = [Text(f"{name}: {line}") for name, step in steps.items() for line in deviation_lines(step)]
-        title = f"gains of {self.take}: the errors above are those of the first column; the file has the last one"
+        title = f"gains of {self.take}: the errors above belong to the first column, the file contains the last one"
         changes = headed(title, "gain", "without rows held out", "from all rows", numbers=2)
         for gain in self.changes:
             changes.add_row(gain.gain, cell(gain.judged), cell(gain.final))
@@ -253,26 +253,30 @@ def tune_(
     shift: Shift = None,
     truth: Truth = None,
     tune_on: TunedOn = "predictions",
-    between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "line",
+    between: Annotated[
+        Literal["hold", "line"], typer.Option(help="Inputs between samples: held constant, or interpolated linearly.")
+    ] = "line",
     held_out: HeldOut = None,
-    ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
+    ahead: Annotated[int, typer.Option(min=1, help="Samples ahead of the predictions by which gains are chosen.")] = 1,
     gate: Gating = None,
     robust: Annotated[
-        bool, typer.Option("--robust", help="Leave outliers out when gains are learned, without a gate.")
+        bool, typer.Option("--robust", help="Ignore outliers when gains are learned, without a gate.")
     ] = False,
     segments: Annotated[
-        int, typer.Option(min=2, help="Of each record, by which gains that others chose are judged.")
+        int, typer.Option(min=2, help="Segments of each log. Each judges gains that were learned on the others.")
     ] = 5,
-    horizon: Annotated[str, typer.Option(help="Samples ahead of the errors held out, such as 1,5,25.")] = "1,5,25",
+    horizon: Annotated[
+        str, typer.Option(help="Samples ahead of the printed prediction errors, such as 1,5,25.")
+    ] = "1,5,25",
     deep: Deep = False,
     jobs: Jobs = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the same command, which was stopped, from its last trial.")
+        bool, typer.Option("--resume", help="Continue the same command, which was stopped, from its last trial.")
     ] = False,
     out: Out = None,
 ) -> TuneReport:
-    """Tune the observers that a plant admits to measured records, and say which to take. The file `tuned.json` that it
-    writes is what `--tuning` of every command that makes a step takes.
+    """Tune all observers that accept the plant by measured logs, and recommend one. Other commands use the gains by
+    `--tuning tuned.json`.
     """
     aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
@@ -447,19 +451,22 @@ def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
     estimated from all rows, or ""."""
     take = calibration.best
     if reason:
-        yield f"the gains of {take.name} are those without the rows held out, since all rows give none: {reason}"
+        yield f"the gains of {take.name} were learned without the rows held out, since all rows give none: {reason}"
     if not calibration.final:
         return
     least = {f"Q {name}": SURE * unit for name, unit in take.numbers.units.items()}  # less moves nothing
     changes = [one for one in gain_changes(take, calibration.final[0]) if one.largest >= least.get(one.gain, 0.0)]
-    text = f"the errors above are those of {take.name} without the rows held out; the file has its gains from all rows"
+    text = (
+        f"the errors above belong to gains of {take.name} that were learned without the rows held out; the file has "
+        "its gains from all rows"
+    )
     farthest = max(changes, key=lambda one: one.factor, default=None)
     if farthest is None or farthest.factor == 1:
-        yield f"{text}, which are the same"
+        yield f"{text}; both gains are the same"
         return
-    far = f"of which {farthest.gain} moved most, from {farthest.judged:.2g} to {farthest.final:.2g}"
+    far = f"{farthest.gain} changes most, from {farthest.judged:.2g} to {farthest.final:.2g}"
     unlike = ": the rows held out are unlike the others; judge these gains on another log, by --held-out FILE"
-    yield f"{text}, {far}{unlike if farthest.factor > FAR else ''}"
+    yield f"{text}; {far}{unlike if farthest.factor > FAR else ''}"
 
 
 def numbers_in(gains: Any, name: str = "") -> Iterator[tuple[str, float]]:
@@ -550,10 +557,10 @@ def _declared(model: Model, dt: float | tuple[float, float]) -> dict[str, Callab
             except HgogenError as error:
                 refused[name] = str(error)
         for one in raised:
-            note(f"of the model's own tuning {name}: {one.message}")
+            note(f"tuning {name} of the model: {one.message}")
     for name, reason in refused.items():
         at = " to ".join(f"{end:g}" for end in (dt if isinstance(dt, tuple) else (dt,)))
-        note(f"no step at {at} {model.plant.time} of the model's own tuning {name}: {reason}")
+        note(f"tuning {name} of the model has no step at dt = {at} {model.plant.time}: {reason}")
     return steps
 
 
@@ -680,17 +687,19 @@ def advise_(
     setting: Setting = AS_WRITTEN,
     noise: Annotated[
         list[str] | None,
-        typer.Option("--noise", metavar="OUTPUT=SIGMA", help="Standard deviation of a sample; repeat it."),
+        typer.Option("--noise", metavar="OUTPUT=SIGMA", help="Standard deviation of a sample. May be repeated."),
     ] = None,
-    settling: Annotated[float | None, typer.Option(help="The wanted time to settle, in the model's time.")] = None,
+    settling: Annotated[
+        float | None, typer.Option(help="The desired settling time, in the model's unit of time.")
+    ] = None,
     trial: OneTrial = None,
     deep: Deep = False,
     jobs: Jobs = None,
     out: Out = None,
 ) -> AdviceReport:
-    """Propose gains of every observer that a plant admits, from its ranges, the noise of its sensors, the sampling
-    period and a wanted time to settle; and try other values of theta on the model's trial. The file `advised.json` that
-    it writes is what `--tuning` of every command that makes a step takes.
+    """Propose gains for all observers that accept the plant, from its ranges, the sensor noise, the sampling period and
+    a desired settling time, and simulate other values of theta. Other commands use the gains by `--tuning
+    advised.json`.
     """
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)

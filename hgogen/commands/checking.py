@@ -50,7 +50,7 @@ JsonFile = Annotated[
 ]
 Bounds = Annotated[
     list[str] | None,
-    typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
+    typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared ranges. May be repeated."),
 ]
 Limit = Annotated[
     float | None,
@@ -314,7 +314,7 @@ class ShortAnswer(CheckReport):
         if one is None:
             yield line("take", notes[0] if notes else f"no observer admits {self.survey.plant.name}")
             return
-        gains = "with first gains, untried" if one.proposed else "with the gains of the model"
+        gains = "with starting gains, not yet simulated" if one.proposed else "with the gains of the model"
         name = "riccati, the extended Kalman filter," if one.observer == "riccati" else one.observer
         yield line("take", f"{name} in {one.form} form, {gains}:")
         yield Group(Text(f"{'':12}{one.line}", no_wrap=True, overflow="ignore"))
@@ -329,9 +329,9 @@ class ShortAnswer(CheckReport):
         for check in self.claims.open if self.claims.demanded else ():
             return f"{check.id} is refuted: {check.advice or check.reason}"
         if self.weakest is not None and self.weakest.below_resolution:
-            take = "measure more, or take its estimate as the model's, not the sensor's"
-            return f"{next(iter(self.weakest.direction))} hardly moves the outputs: {take}"
-        try_it = "try it on trials (hgogen simulate) or on a log (hgogen run, hgogen inspect)"
+            take = "add a sensor, or expect an estimate by the model alone"
+            return f"{next(iter(self.weakest.direction))} hardly changes the outputs: {take}"
+        try_it = "test it by simulation (hgogen simulate) or on a log (hgogen run, hgogen inspect)"
         return f"no proof of convergence: {try_it}" if known is Convergence.UNKNOWN else "nothing"
 
 
@@ -382,15 +382,15 @@ class LibraryReport(Report):
 @command(CheckReport, library.LibraryAnswer, cls=OptionalFile)
 def check_(
     model: Annotated[
-        str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one that `hgogen list` shows.")
+        str | None, typer.Argument(metavar="[MODEL]", help="A model file, or a name from `hgogen list`.")
     ] = None,
     certificate: CertificateFile = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations and the checks as LaTeX.")] = False,
     bounds: Bounds = None,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
-    deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
-    everything: Annotated[bool, typer.Option("--all", help="Print all tables, and not the short answer.")] = False,
+    deep: Annotated[bool, typer.Option("--deep", help="Also try forms that may take seconds.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Print all tables instead of the short answer.")] = False,
     proof: Annotated[str | None, typer.Option(metavar="NAME", help="Print a claim with its evidence.")] = None,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
@@ -398,11 +398,11 @@ def check_(
     limit: Limit = None,
     as_json: JsonFile = None,
 ) -> None:
-    """Print in ten lines what is observable, which observer to take, and what is proved of it and what is not; with
-    --all which forms the plant is in and why not in the others, and each claim on the form and observer.
+    """Print in ten lines what is observable, which observer to take, and what is proved of it and what is not.
 
-    --form NAME prints the claims of that form alone, --proof NAME one claim with its evidence. With an observer the
-    exit status is 1 if a claim is refuted that nobody accepted. With --library FILE, which holds
+    --all prints in which forms the plant is, why not in the others, and each claim about the form and the observer.
+    --form NAME prints only the claims of that form, --proof NAME one claim with its evidence. With an observer the
+    exit status is 1 if a claim is refuted that the model does not accept. With --library FILE, which holds
     {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries": [expression, ..] beside its tables, or
     lists of names and expressions, {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"],
     "h": ["x1"], "inputs": ["u"], "known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u":
@@ -470,7 +470,7 @@ def in_forms(observability: Observability, forms: Survey) -> str:
     rows = [row for row in forms.rows if row.kind != "original"]
     complete = all(row.why != NOT_TRIED for row in rows)
     settled = complete and all(row.verdict in (None, Verdict.REFUTED) for row in rows)
-    why = "high-gain observers do not apply" if settled else "no high-gain form is proved of it"
+    why = "high-gain observers do not apply" if settled else "no high-gain form is proved for it"
     where = f"(why: --all{'' if complete else '; more forms: --deep'})"
     take = "" if observability.known.rank.unobservable else "take the extended Kalman filter; "
     return f"{take}{why} {where}"
@@ -480,9 +480,10 @@ def weakest(least: ObservabilityMeasure) -> str:
     """Return a sentence on the least observable state: how much a change of the state changes the outputs."""
     weak = next(iter(least.direction))
     if least.by_motion:
-        return f"{weak}, which only the plant's motion shows, not its linearisation at a point"
-    over = f"along trial {least.trial}" if least.trial else "over the ranges"
-    return f"{weak}: an error as large as its range moves the outputs by {as_share(least.median)} times theirs, {over}"
+        return f"{weak}: observable only along a motion, not by the linearisation at a fixed point"
+    over = f"along trial {least.trial}" if least.trial else "over the declared ranges"
+    share = as_share(least.median)
+    return f"{weak}: if it changes by its range, the outputs change by {share} times their range (median {over})"
 
 
 def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]:
@@ -496,7 +497,7 @@ def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]
     for label, proved in (("proved", True), ("not proved", False)):
         chosen = [check for check in ordered if (check.verdict is Verdict.PROVED) is proved]
         if not chosen:
-            yield line(label, "nothing" if proved else "nothing; what is left to you: --all")
+            yield line(label, "nothing" if proved else "nothing; conditions that you must ensure: --all")
             continue
         first, *others = chosen
         known = first.claim if proved else first.reason
@@ -569,7 +570,10 @@ def ranges_table(bounds: Iterable[NamedRange]) -> RenderableType:
 
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
-_LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}
+_LINES = {
+    False: "with the gains of the model's tuning",
+    True: "with starting gains, not yet simulated",
+}
 _WHERE = {  # keys: whether the gains are proposed, and whether the model is plain text
     (False, False): ", after `from hgogen.model import load`:",
     (False, True): ", by the command:",

@@ -234,39 +234,46 @@ def explained(context: typer.Context, names: str | None) -> str | None:
 
 Value = TypeVar("Value")
 Reader = Literal["c", "python"]
-ModelArgument = Annotated[
-    str, typer.Argument(metavar="MODEL", help="A model file, or the name of one that `hgogen list` shows.")
-]
+ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or a name from `hgogen list`.")]
 Tuned = Annotated[
     str | None,
-    typer.Option("--observer", metavar="NAME", help="A tuning of the model, or an observer.", callback=explained),
+    typer.Option(
+        "--observer", metavar="NAME", help="A tuning of the model, or the name of an observer.", callback=explained
+    ),
 ]
-Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the trial's.")]
+Seeds = Annotated[
+    int | None,
+    typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the number that the trial declares."),
+]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
-ReaderOption = Annotated[Reader | None, typer.Option("--engine", help="c or python; C where there is a compiler.")]
-OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this name; by default all.")]
+ReaderOption = Annotated[
+    Reader | None, typer.Option("--engine", help="c or python; by default C if there is a compiler.")
+]
+OneTrial = Annotated[str | None, typer.Option("--trial", help="The name of the trial; by default all trials.")]
 Jobs = Annotated[
-    int | None, typer.Option("--jobs", metavar="N", min=1, help="Processes, by default one for each core.")
+    int | None, typer.Option("--jobs", metavar="N", min=1, help="Number of processes; by default one for each core.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
-Data = Annotated[list[Path], typer.Option("--data", help="A log: a text, Parquet, MAT, Excel, ULog or MDF; repeat it.")]
+Data = Annotated[
+    list[Path], typer.Option("--data", help="A log: CSV, Parquet, MAT, Excel, ULog or MDF. May be repeated.")
+]
 Truth = Annotated[
     list[str] | None,
-    typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
+    typer.Option("--truth", metavar="STATE=COLUMN", help="A measured hidden state, used only to judge estimates."),
 ]
 Shift = Annotated[
     list[str] | None,
     typer.Option(
         metavar="SIGNAL=SAMPLES",
-        help="A signal taken so many samples later than it was logged, or earlier where negative; repeat it.",
+        help="Move a signal to later samples, by a negative number to earlier ones. May be repeated.",
     ),
 ]
-Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
+Deep = Annotated[bool, typer.Option("--deep", help="Also try forms that may take seconds.")]
 HeldOut = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PART|FILE",
-        help="The part at the end of each log that judges, by default 0.3; 0 for none, or a log that only judges.",
+        help="The last part of each log, used only to judge: by default 0.3, 0 for none. Or the file of another log.",
     ),
 ]
 
@@ -279,23 +286,25 @@ class Runs:
         str | None,
         typer.Option(
             metavar="LIST",
-            help="What differs from run to run, in its range, by 10%, by 0.2 or in 0.8..1.2: states by name or x0, "
-            "parameters by name or `parameters`, noise, as in x0,a=10%,noise=0.5..2.",
+            help="What changes from run to run: states by name or x0, parameters by name or `parameters`, noise. Each "
+            "within its range, or by =10%, =0.2 or =0.8..1.2, as in x0,a=10%,noise=0.5..2.",
         ),
     ] = None
     runs: Annotated[
-        int | None, typer.Option(metavar="N", help="How many runs, 1000 by default; run k has noise seed k.")
+        int | None, typer.Option(metavar="N", help="Number of runs, by default 1000; run k has noise seed k.")
     ] = None
-    draw: Annotated[int | None, typer.Option(metavar="SEED", help="Seed of what varies, by default 0.")] = None
-    jobs: Jobs = None
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster that runs.")] = (
+    draw: Annotated[int | None, typer.Option(metavar="SEED", help="Seed of the random variations, by default 0.")] = (
         None
     )
+    jobs: Jobs = None
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None
     results: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of the runs' numbers as they come; runs there are not repeated."),
+        typer.Option(
+            metavar="FOLDER", help="Folder for the result of each run; runs with a result there are not repeated."
+        ),
     ] = None
-    repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Run number K of the campaign alone.")] = None
+    repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Only run number K of the campaign.")] = None
 
     def __bool__(self) -> bool:
         return any(value is not None for value in vars(self).values())
@@ -310,49 +319,51 @@ class Columns:
     time: Annotated[
         str | None,
         typer.Option(
-            help="The column of times: numbers in the unit of the model's time, dates, or times of day; or an "
-            "expression of columns, such as time/1000."
+            help="The column of times, or an expression of columns such as time/1000: numbers in the model's unit of "
+            "time, dates, or times of day."
         ),
     ] = None
     period: Annotated[
         float | None,
-        typer.Option(help="The time between rows, in the unit of the model's time, where no column has times."),
+        typer.Option(help="The time between rows, in the unit of the model's time, if no column has times."),
     ] = None
     start: Annotated[
         float | None,
-        typer.Option(help="The time t of the first row of each log, by default its own; 0 for dates and --period."),
+        typer.Option(
+            help="The time t of the first row of each log. By default the logged time; 0 with dates or --period."
+        ),
     ] = None
     map_: Annotated[
         list[str] | None,
         typer.Option(
             "--map",
             metavar="SIGNAL=COLUMN",
-            help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
+            help="The column of a signal, or an expression such as y='T1 + 273.15' or i='-[I (A)]'. May be repeated.",
         ),
     ] = None
     missing: Annotated[
         list[str] | None,
         typer.Option(
             metavar="SIGNAL=WHAT",
-            help="Samples taken as missing: of a value, y=-999, that repeat the one before, y=repeats, or by their "
-            "numbers, y=150..199; repeat it.",
+            help="Samples to treat as missing: all of one value, y=-999, all that repeat the last one, y=repeats, or "
+            "by number, y=150..199. May be repeated.",
         ),
     ] = None
     begin: Annotated[
         str | None,
-        typer.Option("--from", metavar="TIME", help="The first time that is taken, or the first row, as row:100."),
+        typer.Option("--from", metavar="TIME", help="The first time to use, or the first row, such as row:100."),
     ] = None
     end: Annotated[
         str | None,
-        typer.Option("--to", metavar="TIME", help="The last time that is taken, or the last row, as row:200."),
+        typer.Option("--to", metavar="TIME", help="The last time to use, or the last row, such as row:200."),
     ] = None
-    every: Annotated[int | None, typer.Option(metavar="N", min=1, help="Take each N-th of these rows.")] = None
+    every: Annotated[int | None, typer.Option(metavar="N", min=1, help="Use every N-th row.")] = None
     decimal: Annotated[
-        Literal[".", ","] | None, typer.Option(help="The decimal sign in a text; by default as its cells tell.")
+        Literal[".", ","] | None, typer.Option(help="The decimal sign in a CSV file; by default detected.")
     ] = None
     dates: Annotated[
         Literal["dmy", "mdy", "ymd"] | None,
-        typer.Option(help="The order of day, month and year in dates; by default as the cells tell."),
+        typer.Option(help="The order of day, month and year in dates; by default detected."),
     ] = None
 
     def reading(self) -> dict[str, Any]:

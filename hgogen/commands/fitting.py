@@ -134,7 +134,7 @@ class FitReport(ModelReport):
         """Yield a sentence on how far the parameters moved when all rows were used, or on why they could not be fitted
         to all rows."""
         if self.logs.parted and self.judged is self.result:
-            yield "the parameters are those without the rows held out, since the search on all rows did not settle"
+            yield "the parameters were fitted without the rows held out, since the search on all rows did not settle"
         deviations = {name: sigma for name, sigma in self.judged.deviation.items() if 0 < sigma < math.inf}
         errors = {
             name: abs(one.final - one.judged) / deviations.get(name, math.inf) for name, one in self.changes.items()
@@ -142,10 +142,10 @@ class FitReport(ModelReport):
         if not errors:
             return
         name = max(errors, key=lambda each: errors[each])
-        far = f"{name} moved most, from {self.changes[name].judged:.5g} to {self.changes[name].final:.5g}"
+        far = f"{name} changes most, from {self.changes[name].judged:.5g} to {self.changes[name].final:.5g}"
         yield (
-            f"the errors in the rows held out are those of the parameters without these rows; the file has those from "
-            f"all rows, of which {far}, by {errors[name]:.2g} of its standard errors"
+            f"the errors in the rows held out belong to parameters fitted without these rows; the file has parameters "
+            f"fitted to all rows; {far}, by {errors[name]:.2g} of its standard errors"
             f"{UNLIKE if errors[name] > FAR else ''}"
         )
 
@@ -170,9 +170,7 @@ class FitReport(ModelReport):
         if not self.predictions:
             yield Text(f"nothing judges the fit; {self.unjudged}\n")
             return
-        title = (
-            "RMS prediction error in the rows held out, from an observer's estimate, without learning from these rows"
-        )
+        title = "RMS prediction error in the rows held out, from an observer's estimate, without fitting to these rows"
         table = headed(title, "output", "samples ahead", "fitted", "before", "copying the last value", numbers=5)
         several = len({one.record for one in self.predictions}) > 1
         for one in self.predictions:
@@ -197,30 +195,34 @@ def fit_(
         str | None, typer.Option("--offset", help="The outputs to which an unknown constant is added, such as y.")
     ] = None,
     lag: Annotated[
-        str | None, typer.Option("--lag", help="The outputs whose sensor follows by an unknown first-order lag.")
+        str | None, typer.Option("--lag", help="The outputs whose sensor has an unknown first-order lag.")
     ] = None,
     by: Annotated[
         By,
-        typer.Option(help="The error that is least; prediction for a plant that is unstable or that noise moves."),
+        typer.Option(help="The error to minimise; take prediction for an unstable plant or one with process noise."),
     ] = By.SIMULATION,
-    between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "hold",
+    between: Annotated[
+        Literal["hold", "line"], typer.Option(help="Inputs between samples: held constant, or interpolated linearly.")
+    ] = "hold",
     held_out: HeldOut = None,
-    starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
+    starts: Annotated[
+        int, typer.Option(min=1, max=1000, help="Number of starts of the search; the first is at the nominal values.")
+    ] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random starts.")] = 0,
     robust: Annotated[
-        bool, typer.Option("--robust", help="A sample far off counts by its distance, not by its square.")
+        bool, typer.Option("--robust", help="Large residuals count by their size, not by their square.")
     ] = False,
-    jobs: Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Processes for the starts.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Number of processes for the starts.")] = 1,
     write: Annotated[
-        Path | None, typer.Option("--write", metavar="FILE.toml", help="A new plain-text model with the fitted values.")
+        Path | None, typer.Option("--write", metavar="FILE.toml", help="Write a new text model with the fitted values.")
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the last iterate of the same command, which was stopped.")
+        bool, typer.Option("--resume", help="Continue the same command, which was stopped, from its last iterate.")
     ] = False,
     out: Out = None,
 ) -> FitReport:
-    """Fit parameters of a model to measured records, by multiple shooting or by prediction error. The file
-    `fitted.json` that it writes is what `--parameters` of every command that makes a step takes.
+    """Fit parameters of a model to measured logs, by multiple shooting or by prediction error. Other commands use the
+    values by `--parameters fitted.json`.
     """
     lists = {"--free": free, "--offset": offset, "--lag": lag}
     names = {option: names_in(text, option) for option, text in lists.items()}
@@ -256,7 +258,6 @@ def fit_(
         *proposed_lags(result, partial(_with_lag, fitted, result, logs, names["--lag"]), names["--lag"]),
     )
     report = FitReport(loaded.path, equations(plant), result, judged, logs, by, errors, unjudged, proposals)
-    note(*result.warnings)
     saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
     folder.remove(BEGUN)
     if new:

@@ -217,18 +217,20 @@ def run_(
     initial: Annotated[
         str | None,
         typer.Option(
-            metavar="x=1,v=0", help="The plant's state at the first row; by default the observer's own start."
+            metavar="x=1,v=0", help="The plant's state at the first row; by default estimated from the first samples."
         ),
     ] = None,
     burn_in: Annotated[
-        float, typer.Option(min=0.0, help="The time at the beginning that no error counts, in the model's time.")
+        float,
+        typer.Option(
+            min=0.0, help="Time at the beginning that is left out of the errors, in the model's unit of time."
+        ),
     ] = 0.0,
 ) -> RecordRun:
-    """Run a model's observer over a measured record: estimates as CSV, figures, and what was wrong with the
-    record.
+    """Run a model's observer over a measured log: write the estimates as CSV and figures, and print faults of the log.
 
-    The estimate starts from --initial, by default with what the first samples show of the states, the others where the
-    observer does.
+    The estimate starts at --initial. By default it starts at the states that follow from the first samples; all other
+    states start at the observer's initial values.
     """
     ahead = horizons(horizon, "--horizon")
     with Bar("reading the log", STAGES + max(ahead)) as bar:
@@ -513,9 +515,9 @@ def inspect_(
 ) -> InspectReport:
     """Look for faults in a measured log before gains are learned from it: sensors, the file, delays, signs and units.
 
-    Each line names a fault, its samples, and what mends it. Signals are judged by their courses and by the innovations
-    of the model's observer, of the tuning --observer, or of riccati with its first gains. A figure shows the signals
-    with the faults marked.
+    Each line names a fault, its samples, and a remedy. The faults follow from the signals themselves and from the
+    innovations of an observer: that of --observer, that of the model, or riccati with starting gains. A figure shows
+    the signals with the faults marked.
     """
     with Bar("reading the log", 4) as bar:
         loaded, folder, name = _destination(model, data, observer, setting, columns, out, "faults")
@@ -572,8 +574,8 @@ def noise_(
     columns: Columns = NO_COLUMNS,
     window: Annotated[float | None, typer.Option(help="Window d, in the model's time; by default the model's.")] = None,
 ) -> NoiseReport:
-    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests, or its
-    quiet part, by --from and --to."""
+    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a log without motion, or from the part of a log
+    between --from and --to."""
     loaded = _timed(load(model).set(setting), data, columns)
     step = _step(loaded, observer, data, columns)
     d = innovation_window(loaded, "--window", observer) if window is None else window
@@ -655,7 +657,7 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
     """Return the table of a run's innovations: their size relative to their variance, and whiteness; `notes` are
     printed below."""
     known = any(one.nis is not None for one in whole.outputs)
-    says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
+    says = "NIS is 1 if they are as large as the observer assumes; " if known else ""
     sure = ("NIS", "by the median", "its 95 % band", "beyond 2 sigma") if known else ()
     title = f"innovations: {says}Ljung-Box tests whiteness"
     table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))

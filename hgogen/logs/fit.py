@@ -193,8 +193,10 @@ class Fit(Encoded, Displayed):
             if one.at and ranged[one.name]:
                 lines.append(f"{one.name} lies at the {one.at} end of its range; widen it, or leave {one.name} out")
             elif one.at:
-                hint = "its sign, or that of a column, or a unit may be wrong"
-                lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {hint}")
+                hint = "its sign, the sign of a column, or a unit may be wrong"
+                lines.append(
+                    f"{one.name} has no range and ended at the limit of the search from {one.nominal:g}; {hint}"
+                )
         if self.above_start:
             cost = _HIGHER[self.by](self.above_start)
             lines.append(

@@ -178,23 +178,25 @@ def _selection(calibration: Calibration) -> Iterator[str]:
         measure = f"by the truth of {', '.join(states)}"
         rival = "its mean value" if len(states) == 1 else "their mean values"
     sentence = (
-        f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
-        f"much as {rival}"
+        f"take {best.name}: {measure}, its error is {best.error:.3g} times that of {rival}, on segments from which its "
+        "gains were not learned"
     )
     finals = {row.name: row.error for row in calibration.final}
     if best is first:
-        yield f"{sentence}, the least of all"
+        yield f"{sentence}; this is the least error"
     elif first not in calibration.credible and first.hidden is not None and best.hidden is not None:
         ratio = math.sqrt(first.hidden.mean() / best.hidden.mean())
-        by_truth = f"by the truth {ratio:.3g} times as much as {best.name}"
-        yield f"{sentence}; {first.name} errs {first.error:.3g}, but {by_truth}"
+        by_truth = f"by the truth {ratio:.3g} times that of {best.name}"
+        yield f"{sentence}; {first.name} has the error {first.error:.3g}, but {by_truth}"
     elif best not in calibration.tied:
         rivals = ", ".join(f"{name} {error:.3g}" for name, error in finals.items() if name != best.name)
-        yield f"{sentence}; {first.name} errs {first.error:.3g}, but from all rows {rivals} to {finals[best.name]:.3g}"
+        learned = f"with gains from all rows {rivals}, and {best.name} {finals[best.name]:.3g}"
+        yield f"{sentence}; {first.name} has the error {first.error:.3g}, but {learned}"
     else:
         cheaper = "knows its noise" if first.noise is None else "costs less"
         why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
-        yield f"{sentence}; {first.name} errs {first.error:.3g}, no less segment by segment, and {best.name} {why}"
+        equal = f"{first.name} has the error {first.error:.3g}, not clearly less when segments are compared"
+        yield f"{sentence}; {equal}, and {best.name} {why}"
     if best.error >= 1:
         yield (
             f"no gains of {best.name} do better than {rival}: the model does not predict "
@@ -207,14 +209,15 @@ def _ahead(samples: int) -> str:
 
 
 def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
-    """Yield a sentence that lists the tunings that are as good as the `best`, and those that another error measure
-    prefers."""
+    """Yield the tunings that are as good as the `best`, and those that another error measure prefers, a sentence
+    each."""
     others = [f"{row.name} ({row.error:.3g})" for row in calibration.tied if row.name != best.name]
-    ties = [f"as good, within {100 * (AS_WELL - 1):.0f} %: {', '.join(others)}"] if others else []
+    if others:
+        within = f"within {100 * (AS_WELL - 1):.0f} %"
+        yield f"as good as {best.name} ({calibration.best.error:.3g}) {within}: {', '.join(others)}"
     other_measures = [*_other_horizons(best, judged), *_of_hidden_states(best, judged, calibration.truth)]
-    if ties or other_measures:
-        parts = [*ties, *([f"{where}, {other_measures[0]}", *other_measures[1:]] if other_measures else [])]
-        yield f"beside {best.name} ({calibration.best.error:.3g}): {'; '.join(parts)}"
+    if other_measures:
+        yield f"other errors than the one that chose {best.name}, {where}: {'; '.join(other_measures)}"
 
 
 def _rival(error: float, others: Mapping[str, float], verb: str, measure: str) -> Iterator[str]:
@@ -249,7 +252,7 @@ def _innovation_doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]
         if not 1 / CONSISTENT <= nis <= CONSISTENT:
             more = "more" if nis > 1 else "less"
             yield (
-                f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} takes them to be, "
+                f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} assumes, "
                 f"{where}: they scatter {more} there, and its variances are not to be trusted"
             )
     for output, count in judged.coloured.items():

@@ -26,11 +26,11 @@ class Option(NamedTuple):
     metavar: str | None = None
 
 
-_REAL = Option("float or double; by default C is written in float and samples run in double.")
-_GUARDS = Option("all, or none: the mathematics alone, without clamps, tests and restarts.")
-_PREFER = Option("speed, or flash: what repeats in loops, a shorter program that takes longer.")
-_REPORT = Option("Functions that report on the estimate, with commas: sigma, age, innovation.", "NAMES")
-_TUNING = Option("Tunings, as `hgogen tune` writes them; of these the row to take is.", "FILE")
+_REAL = Option("The precision; by default C is written in float, and Python runs in double.")
+_GUARDS = Option("all, or none: a step without clamps, fault checks and restarts.")
+_PREFER = Option("speed, or flash: a shorter and slower program, which uses loops.")
+_REPORT = Option("Further functions, with commas: sigma, age, innovation.", "NAMES")
+_TUNING = Option("A file of tunings that `hgogen tune` wrote; the recommended one is used.", "FILE")
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Setting:
     """The settings of a model that command-line options override; None for the file's own setting. `dt` may be a pair
     of the shortest and the longest time between two calls."""
 
-    form: Annotated[str | None, Option("The form, in the place of the model's.", "NAME")] = None
-    method: Annotated[str | None, Option("The method, in the place of the model's.", "NAME")] = None
+    form: Annotated[str | None, Option("The form, instead of the model's.", "NAME")] = None
+    method: Annotated[str | None, Option("The method, instead of the model's.", "NAME")] = None
     dt: Annotated[float | tuple[float, float] | None, Option("The sampling period, in the model's unit of time.")] = (
         None
     )
@@ -47,7 +47,7 @@ class Setting:
     guards: Annotated[Literal["all", "none"] | None, _GUARDS] = None
     prefer: Annotated[Literal["speed", "flash"] | None, _PREFER] = None
     report: Annotated[str | None, _REPORT] = None
-    parameters: Annotated[Path | None, Option("Values of parameters, as `hgogen fit` writes them.", "FILE")] = None
+    parameters: Annotated[Path | None, Option("A file of parameter values that `hgogen fit` wrote.", "FILE")] = None
     tuning: Annotated[Path | None, _TUNING] = None
 
     def __bool__(self) -> bool:

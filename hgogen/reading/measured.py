@@ -533,7 +533,7 @@ def _pace(subject: str, period: float, dt: float, unit: str) -> tuple[str, ...]:
     if name := next(finer, ""):
         question = f"are its times {name}? They are read as {plural(unit)}"
     elif factor > 1:
-        question = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
+        question = f"between rows the step predicts by the model alone; are the times {plural(unit)}, and is dt right?"
     else:
         question = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
     return (finding + question,)

@@ -137,8 +137,8 @@ def influence(residuals: Array, c: float) -> Array:
 
 
 _LATER = (
-    "if it is only until the estimate has settled, give --initial or --burn-in, else fit the parameters by `hgogen "
-    "fit` or the gains by `hgogen tune`"
+    "if this is only until the estimate has settled, give --initial or --burn-in; otherwise fit the parameters by "
+    "`hgogen fit` or tune the gains by `hgogen tune`"
 )
 WORSE = 1.05  # times the error of another prediction: worse
 
@@ -171,8 +171,8 @@ class OutputConsistency:
         if self.median is None or self.nis <= FEW * self.median:
             return "R, Q or both are too small, or the model is wrong"
         return (
-            f"by few samples, since by the median they are {math.sqrt(self.median):.3g} times as large: outliers, "
-            f"which hgogen tune --robust leaves out, and a gate rejects, gate = {{{self.output} = 0.999}}"
+            f"few samples are the cause, since by the median they are {math.sqrt(self.median):.3g} times as large. For "
+            f"outliers, use hgogen tune --robust and a gate, gate = {{{self.output} = 0.999}}"
         )
 
 
@@ -221,27 +221,26 @@ class Consistency:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
                 factor = math.sqrt(one.nis)
                 sentences.append(
-                    f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
-                    f"{one.cause}"
+                    f"innovations of {one.output} are {factor:.3g} times as large as the observer assumes: {one.cause}"
                 )
             if one.whiteness is not None and not one.whiteness.white:
                 sentences.append(
                     f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
-                    f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of "
-                    "an input or sensor is off"
+                    f"{one.whiteness.limit:.3g}): they can be predicted. The model, the gains, or "
+                    "the time of an input or sensor is wrong"
                 )
         joint, marginal = self.joint, not sentences and not explained
         if joint is not None and marginal and not joint.band[0] <= joint.nis <= joint.band[1]:
             sentences.append(
                 f"innovations of {', '.join(joint.outputs)} together are {math.sqrt(joint.nis):.3g} times as large as "
-                "the observer takes them to be, and each is not: their correlation is off, by R, Q or the model"
+                "the observer assumes, and each alone is not: R, Q or the model gives them a wrong correlation"
             )
         states = self.states
         if states is not None and not states.band[0] <= states.nees <= states.band[1]:
             factor = math.sqrt(states.nees / len(states.states))
             sentences.append(
-                f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as the covariance "
-                f"says: it is {'too sure' if factor > 1 else 'too careful'}"
+                f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as by the "
+                f"covariance, which is too {'small' if factor > 1 else 'large'}"
             )
         return tuple(sentences)
 
@@ -323,7 +322,7 @@ def prediction_warnings(predictions: Sequence[Prediction]) -> Iterator[str]:
         if worse:
             steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"
             errors = ", ".join(f"{one.model:.3g} for {one.copying:.3g}" for one in worse)
-            yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}; {_LATER}"
+            yield f"{output}: predictions are worse than copying {steps}, by RMS errors of {errors}; {_LATER}"
 
 
 SPREADS = 6.5  # standard deviations of the innovation of noise between its mean and gamma_0

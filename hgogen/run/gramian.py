@@ -192,17 +192,15 @@ class ObservabilityMeasure(Encoded):
 
     def __str__(self) -> str:
         (weak, _), *_ = self.direction.items()
-        over = (
-            f"windows of {self.window:.3g} {self.unit} along trial {self.trial}" if self.trial else "points of the box"
-        )
+        over = f"windows of {self.window:.3g} {self.unit} along trial {self.trial}" if self.trial else "the ranges"
         if self.by_motion:
-            frozen = f"frozen at points of the box, the plant does not show {weak}"
-            return f"{frozen}; how much its motion does, a trial tells"
+            frozen = f"linearised at fixed points of the declared ranges, {weak} is not observable"
+            return f"{frozen}; declare a trial, which measures its observability along a motion"
         at = ", ".join(f"{name} = {value:.3g}" for name, value in self.where.items())
         least, median = as_share(self.least), as_share(self.median)
         return (
-            f"least seen: an error as large as the range, mostly in {weak}, moves the outputs by {least} of theirs at "
-            f"{at}; median {median} over {over}"
+            f"least observable: if the state, mostly {weak}, changes by its range, the outputs change by {least} times "
+            f"their range at {at}; median {median} over {over}"
         )
 
 
