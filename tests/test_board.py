@@ -14,7 +14,7 @@ from test_packing import here as here  # the fixture
 
 import hgogen as hg
 from hgogen.extras import costs as costs_
-from hgogen.extras.costs import COMPILER, EMULATOR, FLAGS, SIZE, driver, head, hostile, literal, measured
+from hgogen.extras.costs import COMPILER, EMULATOR, FLAGS, SIZE, driver, head, literal, measured, with_faults
 from hgogen.model import load
 from hgogen.trial import rows_given
 
@@ -51,7 +51,7 @@ def test_costs_are_those_of_the_step(board: None) -> None:
 def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = np.full((300, 2), 0.1)
     worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst_instructions
-    monkeypatch.setattr(costs_, "hostile", np.copy)
+    monkeypatch.setattr(costs_, "with_faults", np.copy)
     assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst_instructions + 10
 
 
@@ -95,7 +95,7 @@ def test_members_may_have_the_names_of_what_counts_them(board: None) -> None:
 
 def test_a_hostile_record_has_gaps_and_jumps_in_about_a_third_of_its_numbers() -> None:
     calm = np.full((1000, 2), 0.25)
-    worst = hostile(calm)
+    worst = with_faults(calm)
     assert (calm == 0.25).all()
     assert 0.25 < np.mean(worst != 0.25) < 0.35
     assert np.isnan(worst).any()

@@ -17,7 +17,7 @@ from hgogen.logs.advise import advise
 from hgogen.logs.judged import Judged, verdicts
 from hgogen.logs.likelihood import MIDDLE, STARTS, Likelihood, Noise
 from hgogen.logs.records import Log, quantum_of
-from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, thetas, together
+from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, search_together, thetas
 from hgogen.modelfiles.json_file import BadFile, read_tunings
 from hgogen.modelfiles.tuning import First
 from hgogen.starting import Scale, Starting, scale, two_digits
@@ -83,7 +83,7 @@ def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
     def work(pieces: Iterable[Any]) -> dict[Any, Any]:
         return {piece: np.full(3, error(piece.numbers)) for piece in pieces}
 
-    ((_, tuned),) = together({"high_gain": Search(task, "high_gain", 0, base).search()}, work)
+    ((_, tuned),) = search_together({"high_gain": Search(task, "high_gain", 0, base).search()}, work)
     assert tuned is not None
     scales = [numbers for numbers, _ in tuned.tried]
     middle = len(grid) // 2

@@ -10,7 +10,7 @@ from rich.console import Console
 
 import hgogen as hg
 from hgogen.commands.data import log_summary
-from hgogen.logs.clocks import is_of_unit, of_times
+from hgogen.logs.clocks import is_of_unit, time_findings
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import Record, read
 
@@ -42,19 +42,19 @@ def logged(folder: Path, columns: dict[str, np.ndarray], **options: object) -> R
 
 def test_each_fault_of_the_times_has_its_name_and_its_fix_mends_it(tmp_path: Path) -> None:
     for fault, columns in ROWS.items():
-        faults = of_times(logged(tmp_path, columns))
+        faults = time_findings(logged(tmp_path, columns))
         assert [one.fault for one in faults] == [fault]
         (one,) = faults
         assert (one.strength > 1, one.count > 0, len(one.rows) > 0) == (True, True, True)
         if period := re.search(r"--period ([\d.]+)", one.fix):
             mended = logged(tmp_path, columns, time=None, period=float(period[1]))
             assert len(mended.t) == N
-            assert not of_times(mended)
+            assert not time_findings(mended)
         if fault == "clock":
             assert one.fix == "--time '[stamp [us]]/1e+06'"
         if fault == "milli":
             assert one.fix == 'times in milliseconds? --time "t/1000"'
-            assert not of_times(logged(tmp_path, columns, time="t/1000"))
+            assert not time_findings(logged(tmp_path, columns, time="t/1000"))
 
 
 @pytest.mark.parametrize(
@@ -63,27 +63,27 @@ def test_each_fault_of_the_times_has_its_name_and_its_fix_mends_it(tmp_path: Pat
 def test_a_unit_in_the_name_of_a_column_is_evidence(name: str, prefix: str, power: float, tmp_path: Path) -> None:
     """Of a model that has no dt; a unit in brackets is converted."""
     columns = {name: (power or 1) * EVEN}
-    faults = of_times(logged(tmp_path, columns, period=None, time=name, dt=None))
+    faults = time_findings(logged(tmp_path, columns, period=None, time=name, dt=None))
     assert [one.fault for one in faults] == [prefix] * bool(prefix)
     for one in faults:
         assert one.finding.startswith(f"times look like {prefix}seconds by the name of the column {name!r}")
         assert one.fix.startswith(f'--time "{name}/{power:g}"')
         for time in (f"{name}/{power:g}", f"1*{name}"):
-            assert not of_times(logged(tmp_path, columns, period=None, time=time, dt=None))
+            assert not time_findings(logged(tmp_path, columns, period=None, time=time, dt=None))
     dated = {"t_ms": 1.7e12 + 1000 * EVEN}  # since 1970, converted
-    assert not any(map(is_of_unit, of_times(logged(tmp_path, dated, period=None, time="t_ms", dt=None))))
+    assert not any(map(is_of_unit, time_findings(logged(tmp_path, dated, period=None, time="t_ms", dt=None))))
 
 
 @pytest.mark.parametrize(("longest", "prefix"), [(0.1, "milli"), (1e-4, "micro"), (2.0, ""), (1e-6, "")])
 def test_a_step_far_too_long_is_evidence_of_a_unit(longest: float, prefix: str, tmp_path: Path) -> None:
     """A row every 20: ms and us are tried, in this order."""
     record = logged(tmp_path, {"t": 1000 * EVEN}, dt=None)
-    assert [one.fault for one in of_times(record, longest=longest)] == [prefix] * bool(prefix)
+    assert [one.fault for one in time_findings(record, longest=longest)] == [prefix] * bool(prefix)
 
 
 def test_rows_without_a_period_are_said_once(tmp_path: Path) -> None:
     record, printed = logged(tmp_path, ROWS["jitter"]), Console(width=1000)
-    for findings, count in (((), 1), (of_times(record), 0)):
+    for findings, count in (((), 1), (time_findings(record), 0)):
         with printed.capture() as text:
             printed.print(log_summary(record.report, findings=findings))
         assert text.get().count("without a period") == count
@@ -95,16 +95,18 @@ def test_a_counter_that_wraps_late_is_refused_with_its_period(tmp_path: Path) ->
 
 
 def test_the_earlier_of_two_stamps_is_that_of_the_measurement(tmp_path: Path) -> None:
-    (one,) = [each for each in of_times(logged(tmp_path, {"t": LATE, "sent": EVEN})) if each.fault == "clock"]
+    (one,) = [each for each in time_findings(logged(tmp_path, {"t": LATE, "sent": EVEN})) if each.fault == "clock"]
     assert (one.signal, one.fix) == ("sent", "--time sent")
     assert "it holds the times of measurement, t those of arrival" in one.finding
-    assert not [each for each in of_times(logged(tmp_path, {"t": UNEVEN, "got": LATE + 1})) if each.fault == "clock"]
+    assert not [
+        each for each in time_findings(logged(tmp_path, {"t": UNEVEN, "got": LATE + 1})) if each.fault == "clock"
+    ]
 
 
 def test_healthy_times_have_no_fault(tmp_path: Path) -> None:
     for columns in ({"t": EVEN}, {"t": EVEN + 0.02 * DT * DRAW.normal(size=N)}, {"t": np.round(EVEN + 1.7e5, 3)}):
-        assert not of_times(logged(tmp_path, columns))
-    assert not of_times(logged(tmp_path, {"row": np.arange(N), "ramp": 7 * EVEN}))  # no clocks, by their names
+        assert not time_findings(logged(tmp_path, columns))
+    assert not time_findings(logged(tmp_path, {"row": np.arange(N), "ramp": 7 * EVEN}))  # no clocks, by their names
 
 
 def test_samples_are_missing_by_value_by_repeats_and_by_number(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import hgogen as hg
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import open_loop
-from hgogen.logs.changes import Change, Map, Trial
+from hgogen.logs.changes import Change, ChangeTrial, Map
 from hgogen.logs.records import Log
 from hgogen.reading.measured import difference, read
 from hgogen.run.prediction import predictions
@@ -156,7 +156,7 @@ def test_another_time_or_sign_of_an_input_is_that_of_its_derivative_too() -> Non
     u, x = course()
     log = Log(u[:, None], x[:, :1], DT).of(step().inputs)
     for by, factor in ((0, -1.0), (2, 1.0), (-3, 1.0), (0, 1000.0)):
-        trial = Trial(step(), log.u, log.y, 0, None)
+        trial = ChangeTrial(step(), log.u, log.y, 0, None)
         whole = trial.changed(Change((0,), Map("{}", factor, 0.0, ""), shift=by))
         moved, outputs = whole[:, : log.u.shape[1]], whole[:, log.u.shape[1] :]
         inner = slice(3 + abs(by), COUNT - 3 - abs(by))

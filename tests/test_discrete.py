@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.app import app
-from hgogen.logs.problem import paced
+from hgogen.logs.problem import steps_and_growth
 from hgogen.model import load
 from hgogen.reading.text_model import from_table, read, to_text
 from hgogen.run import native
@@ -511,9 +511,9 @@ def test_a_fit_by_prediction_is_at_the_least_cost() -> None:
 
 def test_a_map_that_grows_has_segments_in_which_errors_stay() -> None:
     plant, log = pushed()
-    assert paced(plant, DT) == (1, pytest.approx(0, abs=1e-9))
+    assert steps_and_growth(plant, DT) == (1, pytest.approx(0, abs=1e-9))
     steep = cart(outputs=(y,), flow=[1.5 * p, v], output=[p])
-    assert paced(steep, DT) == (1, pytest.approx(np.log(1.5) / DT))
+    assert steps_and_growth(steep, DT) == (1, pytest.approx(np.log(1.5) / DT))
     with pytest.raises(hg.HgogenError, match="is discrete in time, and a lag"):
         hg.fit(plant, log, lag=("y",))
     with pytest.raises(hg.HgogenError, match="is discrete in time; give one of one period"):

@@ -18,7 +18,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset, proposed_lags, proposed_options
-from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted, with_rates
+from hgogen.logs.fit import CannotFit, Task, aligned_directions, best_of, lagged, with_rates
 from hgogen.logs.problem import Progress, Shooting, Solution, Solver
 from hgogen.logs.records import BadLog
 from hgogen.modelfiles.json_file import BadFile, read_values
@@ -249,10 +249,10 @@ def test_directions_are_turned_to_what_is_hidden() -> None:
     """Of two that mix p q with g, one is of p and q alone."""
     product, other = np.array([0.6, -0.8, 0.0]), np.array([0.0, 0.0, 1.0])
     mixed = np.column_stack([product + other, product - other]) / np.sqrt(2)
-    turned = parted(mixed, np.array([True, True, False]))
+    turned = aligned_directions(mixed, np.array([True, True, False]))
     assert np.abs(turned[:, 0]) == pytest.approx(other, abs=1e-12)
     assert np.abs(turned[:, 1]) == pytest.approx(np.abs(product), abs=1e-12)
-    assert parted(mixed, np.zeros(3, bool)) is mixed
+    assert aligned_directions(mixed, np.zeros(3, bool)) is mixed
 
 
 def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:

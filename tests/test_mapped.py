@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.logs.records import beyond
+from hgogen.logs.records import range_warnings
 from hgogen.reading.log import BadRecord, column_of, table
 
 LOG = "t,T1,Current(A),a b,rpm\n0,1,2,3,60\n1,2,,4,120\n2,3,4,x,180\n3,4,5,6,240\n"
@@ -145,5 +145,5 @@ def test_the_farthest_sample_is_that_farthest_from_the_range() -> None:
     """Not the largest: of a range from 100 to 110, 90 is farther than 112."""
     x = hg.Signal("x", low=100, high=110)
     plant = hg.System("warm", states=(x,), outputs=(hg.Signal("y"),), flow=[0 * x], output=[x])
-    (said,) = beyond(plant, hg.Log(np.zeros((3, 0)), np.array([[105.0], [90.0], [112.0]]), 0.1))
+    (said,) = range_warnings(plant, hg.Log(np.zeros((3, 0)), np.array([[105.0], [90.0], [112.0]]), 0.1))
     assert "in 2 of 3 samples, as far as 90:" in said

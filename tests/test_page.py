@@ -123,7 +123,7 @@ def page_parts(name: str) -> int:
     free = step.observer.form.system.declared.parameters
     truth = motion(step, trial, free)
     (course,) = (one.first for one in reporting.run_trials(step, (trial,), "python", 1))
-    return page.parts(truth, course, [each.value for each in made.plant], step.dt)
+    return page.steps_for_page(truth, course, [each.value for each in made.plant], step.dt)
 
 
 def test_a_stiff_plant_has_more_steps_of_the_page() -> None:
@@ -131,7 +131,7 @@ def test_a_stiff_plant_has_more_steps_of_the_page() -> None:
     course = SimpleNamespace(truth=SimpleNamespace(x=np.ones((50, 1)), t=np.linspace(0, 1, 50)))
 
     def steps(rate: float) -> int:
-        return page.parts(ca.Function("truth", [x, t, p], [-rate * (x - ca.sin(t)), x, t]), course, [], 0.01)
+        return page.steps_for_page(ca.Function("truth", [x, t, p], [-rate * (x - ca.sin(t)), x, t]), course, [], 0.01)
 
     assert [steps(1), steps(100)] == [1, 16]  # of exp(-1) off by exp(-1)/(120 n^4)
 

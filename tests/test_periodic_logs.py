@@ -20,7 +20,15 @@ from hgogen.logs.fit import CannotFit, Task, lagged
 from hgogen.logs.judged import ValidationLog, _without_a_model
 from hgogen.logs.likelihood import Likelihood, Noise
 from hgogen.logs.problem import digests
-from hgogen.logs.records import Ahead, Hidden, Judge, Log, beyond, demanded, readable
+from hgogen.logs.records import (
+    HiddenStateCriterion,
+    Judge,
+    Log,
+    PredictionCriterion,
+    range_warnings,
+    readable,
+    validated_log,
+)
 from hgogen.logs.tune import first_of
 from hgogen.reading.jumps import JumpsByTurn, first_jump, jumps_by_turns, other_angle, turn_of, unwrapped_outputs
 from hgogen.reading.measured import WINDOWS, read
@@ -377,7 +385,7 @@ def test_steps_are_judged_across_turns_as_on_the_line() -> None:
         row = of("original", one)
         step = first_of("riccati", row, {"Q": (1e-3, 1e-6), "R": (1e-4 * DT,)}, DT, {}).step
         records = (readable(one, record, 1),)
-        yardstick = Ahead(1, one.outputs)
+        yardstick = PredictionCriterion(1, one.outputs)
         rivals.append(yardstick.rival(records)[0])
         errors.append(Judge(records, yardstick, 5).errors(step))
     np.testing.assert_allclose(*rivals, atol=1e-12)
@@ -400,7 +408,7 @@ def test_a_likelihood_across_turns_is_that_on_the_line() -> None:
 def test_the_truth_of_an_angle_is_measured_the_short_way() -> None:
     """From its mean, half a turn away: 0.1 on both sides."""
     truth = {"th": np.array([np.pi - 0.1, -np.pi + 0.1, np.nan])}
-    (squares,) = Hidden((truth,), plant(True).states[:1]).rival([])
+    (squares,) = HiddenStateCriterion((truth,), plant(True).states[:1]).rival([])
     np.testing.assert_allclose(squares[:, 0], [0.01, 0.01, np.nan])
 
 
@@ -428,19 +436,19 @@ def test_a_log_is_in_its_turn_and_what_no_step_takes_is_missing() -> None:
     _, (one, record) = both(count=200)
     y = record.y + TURN * np.arange(-100, 100)[:, None]
     y[3] = 1e9
-    for got in (demanded(one, Log(record.u, y, DT), 1).y, readable(one, Log(record.u, y, DT), 1).y):
+    for got in (validated_log(one, Log(record.u, y, DT), 1).y, readable(one, Log(record.u, y, DT), 1).y):
         assert np.flatnonzero(np.isnan(got[:, 0])).tolist() == [3]
         np.testing.assert_allclose(np.delete(got, 3, 0), np.delete(record.y, 3, 0), atol=1e-10)
 
 
 def test_a_periodic_state_leaves_no_range() -> None:
     _, (one, record) = both(count=200)
-    assert not list(beyond(one, record))
+    assert not list(range_warnings(one, record))
     bounded = hg.Signal("th", low=2.0, high=4.0)
     held = hg.System("held", states=(bounded,), outputs=(angle("y"),), flow=[-bounded], output=[bounded])
     values = in_turn(np.linspace(2.1, 3.9, 20))[:, None]
-    assert not list(beyond(held, Log(np.zeros((20, 0)), values, DT)))
-    (said,) = beyond(held, Log(np.zeros((20, 0)), in_turn(values + 0.5), DT))
+    assert not list(range_warnings(held, Log(np.zeros((20, 0)), values, DT)))
+    (said,) = range_warnings(held, Log(np.zeros((20, 0)), in_turn(values + 0.5), DT))
     assert "as far as 4.4" in said
 
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.logs.problem import Predicting, gathered
+from hgogen.logs.problem import Predicting, accumulated_noise
 
 X = hg.Signal("x", low=-5, high=5)
 U, Y = hg.Signal("u", low=-20, high=20), hg.Signal("y")
@@ -115,7 +115,7 @@ def test_what_noise_adds_along_a_sample_is_the_integral() -> None:
         F, h, Qc = np.array([[0.0, 1], [-stiffness, 0]]), 0.1, np.diag([0.0, 2.0])
         block = expm(np.block([[-F, Qc], [np.zeros((2, 2)), F.T]]) * h)
         exact = block[2:, 2:].T @ block[:2, 2:]
-        made = gathered(ca.DM(expm(F * h)), ca.DM(Qc * h)).full()
+        made = accumulated_noise(ca.DM(expm(F * h)), ca.DM(Qc * h)).full()
         assert np.abs(made - exact).max() <= tolerance * np.abs(exact).max()
 
 

@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.logs.records import beyond, wider
+from hgogen.logs.records import range_warnings, wider
 from hgogen.model import load
 from hgogen.run.prediction import clamped
 
@@ -137,7 +137,7 @@ def test_the_plausible_cause_of_samples_beyond_a_range_is_said() -> None:
     q = hg.Signal("q", low=0, high=10)
     plant = hg.System("p", states=(q,), outputs=(hg.Signal("y"),), flow=[0 * q], output=[q])
     log = hg.Log(np.zeros((20, 0)), np.linspace(4, 12, 20)[:, None], 1.0)
-    causes = {faulty: next(beyond(plant, log, faulty)).partition(": ")[2] for faulty in ((), ("y",), None)}
+    causes = {faulty: next(range_warnings(plant, log, faulty)).partition(": ")[2] for faulty in ((), ("y",), None)}
     assert causes == {
         (): "no fault of it is found, so that the range is too small: high = 13 of q",
         ("y",): "the faults of y come first; then widen it",

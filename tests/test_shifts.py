@@ -11,7 +11,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.logs import changes
-from hgogen.logs.changes import better
+from hgogen.logs.changes import better_change
 from hgogen.model import load
 from hgogen.reading.log import BadRecord, shifts_of
 from hgogen.reading.measured import shifted
@@ -61,14 +61,14 @@ def test_a_column_is_shifted_and_its_ends_are_missing() -> None:
 
 @pytest.mark.parametrize("lag", [-3, -1, 2, 3])
 def test_the_shift_by_which_a_log_was_made_fits_best(step: CallableStep, lag: int) -> None:
-    one = better(step, *driven(lag), 100, "c")
+    one = better_change(step, *driven(lag), 100, "c")
     assert one is not None
     assert (one.signal, one.shift, one.factor) == ("tau", lag, 1)
     assert f"--shift tau={lag + 1}" in one.sentence({"tau": 1}, {})[1]
 
 
 def test_a_long_shift_is_found_and_both_readings_of_it_are_named(step: CallableStep) -> None:
-    one = better(step, *driven(8), 100, "c")
+    one = better_change(step, *driven(8), 100, "c")
     assert one is not None
     assert (one.signal, one.shift, one.late) == ("tau", 8, ("y",))
     ages = 'say delays = {y = 8} in the table of the observer and --map y_age="8 + 0*tau"'
@@ -79,14 +79,14 @@ def test_a_long_shift_is_found_and_both_readings_of_it_are_named(step: CallableS
 
 def test_an_input_in_another_unit_is_found(step: CallableStep) -> None:
     u, y = driven(0)
-    one = better(step, u / 1000, y, 100, "c")
+    one = better_change(step, u / 1000, y, 100, "c")
     assert one is not None
     assert (one.signal, one.factor, one.shift) == ("tau", 1e3, 0)
     assert '--map tau="1000*tau"' in one.sentence({}, {})[1]
 
 
 def test_the_other_sign_is_said(step: CallableStep) -> None:
-    one = better(step, *driven(0, -1), 100, "c")
+    one = better_change(step, *driven(0, -1), 100, "c")
     assert one is not None
     assert (one.signal, one.shift, one.factor) == ("tau", 0, -1)
     assert '--map tau="-[u (V)]"' in one.sentence({}, {"tau": "[u (V)]"})[1]
@@ -94,19 +94,19 @@ def test_the_other_sign_is_said(step: CallableStep) -> None:
 
 def test_nothing_is_said_where_nothing_is_better(step: CallableStep) -> None:
     u, y = driven(0)
-    assert better(step, u, y, 100, "c") is None
-    assert better(step, u[:5], y[:5], 0, "c") is None  # shorter than the predictions
-    assert better(step, u, np.full_like(y, 0.3), 0, "c") is None  # what stands still is copied without error
-    assert better(step, u, np.full_like(y, np.nan), 0, "c") is None
+    assert better_change(step, u, y, 100, "c") is None
+    assert better_change(step, u[:5], y[:5], 0, "c") is None  # shorter than the predictions
+    assert better_change(step, u, np.full_like(y, 0.3), 0, "c") is None  # what stands still is copied without error
+    assert better_change(step, u, np.full_like(y, np.nan), 0, "c") is None
 
 
 def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a reading so noisy that the right shift takes a seventh of the error, and not the fifth that it has to."""
     u, y = driven(1)
     noisy = y + 3e-4 * np.random.default_rng(1).standard_normal(y.shape)
-    assert better(step, u, noisy, 0, native.engine()) is None
+    assert better_change(step, u, noisy, 0, native.engine()) is None
     monkeypatch.setattr(changes, "CLEAR", 1.0)
-    slight = better(step, u, noisy, 0, native.engine())
+    slight = better_change(step, u, noisy, 0, native.engine())
     assert slight is not None
     assert (slight.shift, slight.error < slight.present) == (1, True)
 
@@ -125,7 +125,7 @@ def test_the_other_course_of_inputs_is_named(true: str) -> None:
         rows.append([at + 0.01 * draw.normal()])
     for between in ("hold", "line"):
         step = hg.sample(observer, dt=dt, between=between)
-        one = better(step, inputs[:, None], np.array(rows), 0, "python")
+        one = better_change(step, inputs[:, None], np.array(rows), 0, "python")
         named = one and (one.between, one.shift)
         assert named == (None if between == true else (true, 0))
 
@@ -139,7 +139,7 @@ def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     truth = simulate(model.plant, replace(bursts, duration=600 * one.dt), one.dt)
     (y,) = noisy(model.plant, truth, bursts, (0,))
     one = one.started(lambda form: {**one.observer.initial, "x": y[0, 0]})
-    assert better(one, truth.u, y, 0, native.engine()) is None
+    assert better_change(one, truth.u, y, 0, native.engine()) is None
 
 
 @pytest.mark.full
@@ -151,7 +151,7 @@ def test_an_input_that_stands_still_has_no_other_sign() -> None:
     (y,) = noisy(model.plant, truth, bursts, (0,))
     one = one.started(lambda form: {**one.observer.initial, "x": y[0, 0]})
     assert np.ptp(truth.u) == 0
-    assert better(one, truth.u, y, 0, native.engine()) is None
+    assert better_change(one, truth.u, y, 0, native.engine()) is None
 
 
 @pytest.mark.full
@@ -162,22 +162,22 @@ def test_a_change_that_leads_the_estimate_to_the_right_one_is_no_fault_of_the_si
     start_up, one = model.trials()[0], model.step("riccati")
     truth = simulate(model.plant, replace(start_up, duration=600 * one.dt), one.dt)
     (y,) = noisy(model.plant, truth, start_up, (0,))
-    assert better(one, truth.u, y, 0, native.engine()) is None
+    assert better_change(one, truth.u, y, 0, native.engine()) is None
 
 
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
-    assert better(step, u[:300], y[:300], 0, native.engine()) is not None
+    assert better_change(step, u[:300], y[:300], 0, native.engine()) is not None
     monkeypatch.setattr(changes, "_scale", lambda outputs, y: np.full(1, 1e-6))  # as if copying erred by that
-    assert better(step, u[:300], y[:300], 0, native.engine()) is None
+    assert better_change(step, u[:300], y[:300], 0, native.engine()) is None
 
 
 def test_few_samples_tell_nothing(step: CallableStep) -> None:
     """Neither do many of which few count."""
     u, y = driven(0, -1)
-    assert better(step, u[:80], y[:80], 0, native.engine()) is not None
-    assert better(step, u[:79], y[:79], 0, native.engine()) is None
-    assert better(step, u[:179], y[:179], 100, native.engine()) is None
+    assert better_change(step, u[:80], y[:80], 0, native.engine()) is not None
+    assert better_change(step, u[:79], y[:79], 0, native.engine()) is None
+    assert better_change(step, u[:179], y[:179], 100, native.engine()) is None
 
 
 def test_shifts_are_read_by_name() -> None:

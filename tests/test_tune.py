@@ -34,7 +34,7 @@ from hgogen.logs import tune as tune_module
 from hgogen.logs.judged import DIFFERENCING, Judged, ValidationLog, _rival, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
 from hgogen.logs.problem import CannotGoOn
-from hgogen.logs.records import Ahead, BadLog, Hidden, Judge, as_good, chosen, readable
+from hgogen.logs.records import BadLog, HiddenStateCriterion, Judge, PredictionCriterion, as_good, chosen, readable
 from hgogen.logs.tune import STOPPED, Calibration, CannotTune, Task, Tuned
 from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations, read_tunings
@@ -195,11 +195,11 @@ def test_a_short_record_weighs_as_it_is_long() -> None:
     """380 rows and 20 have 19 segments and one, and one scale: what moves little in a short one is no great error."""
     long, short = log(3, 380)[0], log(4, 20)[0]
     slow = hg.Log(0 * np.array(short.u), 1e-3 * np.array(short.y), DT)
-    judge = Judge((demanded(long), demanded(slow)), Ahead(1), 10)
+    judge = Judge((demanded(long), demanded(slow)), PredictionCriterion(1), 10)
     step = hg.sample(hg.observers.high_gain(FORM, theta=4, poles=(-1, -1)), dt=DT)
     errors = judge.errors(step)
     assert len(errors) == 20
-    alone = Judge((demanded(long),), Ahead(1), 19).errors(step)
+    alone = Judge((demanded(long),), PredictionCriterion(1), 19).errors(step)
     assert errors[:19] == pytest.approx(alone, rel=0.06)  # the scale is of 400 rows, 20 of which hardly move
     assert errors[19] < 0.1
 
@@ -209,7 +209,7 @@ def test_copying_has_the_error_1() -> None:
     still = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(still), Q={"x": 1.0}, R=1e-9), dt=1.0)
     y = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, (400, 1)), axis=0)
-    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), Ahead(1), 4).errors(step)
+    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), PredictionCriterion(1), 4).errors(step)
     assert errors.shape == (4,)
     assert errors.mean() == pytest.approx(1, rel=0.1)  # segments against the whole record
 
@@ -223,7 +223,7 @@ def test_predictions_far_ahead_are_tried_from_a_wrong_start_too() -> None:
     for name, (Q, P) in gains.items():
         observer = hg.observers.riccati(FORM, Q={"x": Q, "v": Q}, R=0.1**2 * DT, covariance=[P, P])
         step = hg.sample(observer, dt=DT)
-        errors[name] = {h: Judge((record,), Ahead(h), 8).errors(step) for h in (1, 10)}
+        errors[name] = {h: Judge((record,), PredictionCriterion(h), 8).errors(step) for h in (1, 10)}
     assert errors["trusting"][1].mean() < errors["ready"][1].mean()
     assert errors["trusting"][10][:4] == pytest.approx(errors["ready"][10][:4], rel=0.5)
     assert errors["trusting"][10][4:].mean() > 2 * errors["ready"][10][4:].mean()
@@ -242,9 +242,9 @@ STILL = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
 def judge(y: np.ndarray, ahead: int, segments: int, plant: hg.System = STILL) -> np.ndarray:
     """E_s of a filter of a plant that stands still, which with so high a gain takes the last value."""
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q={"x": 1.0}, R=1e-9), dt=1.0)
-    return Judge((hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), Ahead(ahead), segments).errors(
-        step
-    )
+    return Judge(
+        (hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), PredictionCriterion(ahead), segments
+    ).errors(step)
 
 
 def test_the_beginning_of_a_record_is_in_no_segment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,7 +261,7 @@ def test_the_beginning_of_a_record_is_in_no_segment(monkeypatch: pytest.MonkeyPa
 def test_hidden_states_are_measured_from_their_mean_over_all_records() -> None:
     records = [hg.Log(np.zeros((3, 0)), np.zeros((3, 1)), 1.0)] * 2
     truth = ({"w": np.array([0.0, 1.0, np.nan])}, {"w": np.array([4.0, 5.0, 5.0])})
-    first, second = Hidden(truth, (hg.Signal("w"),)).rival(records)
+    first, second = HiddenStateCriterion(truth, (hg.Signal("w"),)).rival(records)
     assert first[:, 0] == pytest.approx([9.0, 4.0, np.nan], nan_ok=True)  # the mean is 3
     assert second[:, 0] == pytest.approx([1.0, 4.0, 4.0])
 
@@ -761,7 +761,7 @@ def test_more_segments_than_samples_are_refused() -> None:
     long, short = log(8, 150)[0], log(9, 50)[0]
     with pytest.raises(BadGain, match=r"segments = 4000 must be a whole number, from 2 to 94$"):
         hg.tune(PLANT, long, short, segments=4000)
-    judge = Judge(tuple(replace(one, y=one.y.reshape(-1, 1)) for one in (long, short)), Ahead(1), 94)
+    judge = Judge(tuple(replace(one, y=one.y.reshape(-1, 1)) for one in (long, short)), PredictionCriterion(1), 94)
     assert judge.most == 94  # of 142 samples of the long one, 150/100 of it
     assert [len(part) for part in judge._parts[0] + judge._parts[1]].count(0) == 0
 
@@ -842,7 +842,7 @@ def test_one_search_ends_before_the_next_begins() -> None:
     ):
         done.clear()
         searches = {name: search(name) for name in "ab"}
-        assert list(tune_module.together(searches, work, width)) == [("a", "a"), ("b", "b")]
+        assert list(tune_module.search_together(searches, work, width)) == [("a", "a"), ("b", "b")]
         assert [each for each in done if each] == rounds
 
 
@@ -1005,7 +1005,7 @@ def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
     sampling = {"method": "continuous_discrete", "between": "line"}
     made = {plant: hg.forms.triangular(plant) for plant in (PLANT, twin)}
     rows = tuple(Row("triangular", Verdict.PROVED, (), "", form=form) for form in made.values())
-    task = Task((record,), Judge((record,), Ahead(1), 5), record.dt, sampling, rows)
+    task = Task((record,), Judge((record,), PredictionCriterion(1), 5), record.dt, sampling, rows)
     for number, names in enumerate((("x", "v"), ("p", "q"))):
         (noise,) = maxima(task.likelihood(number), 4)
         assert tuple(noise.process) == names
@@ -1071,7 +1071,7 @@ def test_of_ends_at_one_place_the_settled_one_is_the_maximum() -> None:
 
 def test_where_samples_are_missing_the_last_one_is_copied() -> None:
     y = np.array([[0.0], [np.nan], [2.0], [5.0]])
-    (squares,) = Ahead(1).rival((hg.Log(np.zeros((4, 0)), y, 1.0),))
+    (squares,) = PredictionCriterion(1).rival((hg.Log(np.zeros((4, 0)), y, 1.0),))
     assert squares[:, 0] == pytest.approx([np.nan, np.nan, 4.0, 9.0], nan_ok=True)
 
 

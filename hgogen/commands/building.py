@@ -268,7 +268,7 @@ def _real(model: Model) -> Real:
 
 @dataclass(frozen=True, eq=False)
 class Built(ModelReport):
-    """The report of `build`: the model's claims, its generated code, and its trials in C and in Python."""
+    """The claims about a model, its generated code, and its trials in C and in Python."""
 
     json_keys = "model *claims c_names compiler self_check trials comparison files"
 

@@ -147,7 +147,7 @@ class GainChange:
 
 @dataclass(frozen=True, eq=False)
 class TuneReport(ModelReport):
-    """The report of `tune`: observers tuned to measured logs."""
+    """The observers tuned to measured logs."""
 
     json_keys = (
         "model equations records=logs.reports findings take tuning ahead truth segments "
@@ -625,7 +625,7 @@ class AdvisedRow:
 
 @dataclass(frozen=True, eq=False)
 class AdviceReport(ModelReport):
-    """The report of `advise`: gains without a log."""
+    """The proposed gains of observers without a log."""
 
     json_keys = "model equations take tuning trial rows refused notes files"
 

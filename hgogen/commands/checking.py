@@ -98,7 +98,7 @@ _SINGULAR = "where the plant is not observable; its checks do not count for the 
 
 @dataclass(frozen=True, eq=False)
 class CheckReport(ModelReport):
-    """The report of `check` on a model. Each part is computed when it is first read, so that the first tables are
+    """The results of a check of a model. Each part is computed when it is first read, so that the first tables are
     printed even if a later one takes long or fails.
 
     `name`: the tuning, None for the model's own observer; `certificate`: the file to which the certificate is written.

@@ -96,7 +96,7 @@ class ComparedTrial:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ModelReport):
-    """The report of `compare`: several observers of one model, on the same noise."""
+    """The results of several observers of one model, on the same noise."""
 
     json_keys = "model dt engine trials refused files"
 

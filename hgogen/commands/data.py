@@ -16,10 +16,10 @@ from hgogen.commands.command import Columns, engine_here, once
 from hgogen.commands.output import Bar
 from hgogen.errors import HgogenError
 from hgogen.logs.changes import Better
-from hgogen.logs.clocks import is_of_unit, of_times
+from hgogen.logs.clocks import is_of_unit, time_findings
 from hgogen.logs.finding import Finding
-from hgogen.logs.findings import Written, findings
-from hgogen.logs.records import Log, beyond, demand_regular, log_of, step_limits
+from hgogen.logs.findings import ReadOptions, findings
+from hgogen.logs.records import Log, demand_regular, log_of, range_warnings, step_limits
 from hgogen.model import Model
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WITHOUT_PERIOD, Record, Report, Window, read
@@ -89,7 +89,7 @@ class Logs:
         return tuple(
             f"{record.report.path}: {note}" if several else note
             for record, log, names in zip(self.records, self.whole, faulty, strict=True)
-            for note in beyond(self.plant, log, names)
+            for note in range_warnings(self.plant, log, names)
         )
 
     def inspected(self, model: Model, observer: str | None = None) -> "Logs":
@@ -100,7 +100,7 @@ class Logs:
             for record, log in zip(self.records, self.whole, strict=True):
                 step, each = (
                     judging_step(model, observer, model.limits or step_limits([log]) or log.dt),
-                    [*of_times(record)],
+                    [*time_findings(record)],
                 )
                 bar.tick()
                 if step is not None:
@@ -216,12 +216,12 @@ def log_findings(
 ) -> tuple[list[Finding], Better | None]:
     """Return the faults of a log u (N, m), y (N, p) by the `run` of a step over it, and a change of signals with which
     the log fits the model better; `shifts`: the shifts that are set; `first`: the sample from which on errors count."""
-    times = of_times(record, step.clock.varying is not None, step.advised)
+    times = time_findings(record, step.clock.varying is not None, step.advised)
     if step.dt > step.advised and any(map(is_of_unit, times)):  # no sample can be judged
         return times, None
     elapsed = record.elapsed if step.clock.varying else None
     begin = float(record.t[0] if record.stamps is None else np.nanmin(record.stamps))
-    written = Written(shifts, record.operands, record.clock[1], begin, step.dt)
+    written = ReadOptions(shifts, record.operands, record.clock[1], begin, step.dt)
     faults, change = findings(step, run, u, y, first, engine=engine_here(), written=written, dt=elapsed)
     return [*times, *faults], change
 

@@ -65,7 +65,7 @@ class DesignedPoint:
 
 @dataclass(frozen=True, eq=False)
 class Designs(ModelReport):
-    """The report of `design`: gains for requested rates of decay, and those of the model's tuning."""
+    """The gains for requested rates of decay, and those of the model's tuning."""
 
     json_keys = (
         "model observer=step.observer.name form=step.observer.form.kind method=step.code.rule dt=step.dt points=rows "
@@ -202,7 +202,7 @@ class FrequencyGain:
 
 @dataclass(frozen=True, eq=False)
 class Gains(ModelReport):
-    """The report of `response`: the frequency response of the estimates to noise of the outputs."""
+    """The frequency response of the estimates to noise of the outputs."""
 
     json_keys = "model observer coordinates=continuous.coordinates dt omega gains files"
 

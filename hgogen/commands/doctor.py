@@ -90,7 +90,7 @@ class Found(Encoded):
 
 @dataclass(frozen=True)
 class Machine(Report):
-    """The report of `doctor`: the programs and libraries of this machine."""
+    """The programs and libraries of this machine that hgogen may use."""
 
     tools: Annotated[tuple[Found, ...], "each program and library"]
 

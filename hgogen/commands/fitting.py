@@ -101,7 +101,7 @@ class ParameterChange:
 
 @dataclass(frozen=True, eq=False)
 class FitReport(ModelReport):
-    """The report of `fit`: the parameters, and the prediction errors on the validation rows."""
+    """The fitted parameters, and their prediction errors on the validation rows."""
 
     json_keys = (
         "model equations records=logs.reports findings=logs.findings *result changes predictions unjudged proposals "

@@ -25,7 +25,7 @@ _KINDS = ("forms", "observers", "methods", "targets")
 
 @dataclass(frozen=True)
 class Inventory(Report):
-    """The report of `list`: the forms, observers, methods, targets and models."""
+    """The names of all forms, observers, methods, targets and models."""
 
     models: Annotated[tuple[str, ...], "what to give as MODEL: paths in models/, names of those that come with hgogen"]
     forms: Annotated[tuple[str, ...], "names of the forms"]
@@ -54,7 +54,7 @@ def list_() -> Inventory:
 
 @dataclass(frozen=True)
 class Begun(Report):
-    """The report of `new`: a new model file."""
+    """A new model file."""
 
     model: Annotated[str, "name of the model"]
     files: Written

@@ -12,7 +12,7 @@ from hgogen.commands.claims import proved_bound, stating
 from hgogen.commands.command import ModelArgument, ModelReport, Tuned, command, engine_here, one_or_all
 from hgogen.commands.output import Folder, Written, named, note, rendered
 from hgogen.commands.trial_runs import trial_figures, trials_of
-from hgogen.extras.costs import priced
+from hgogen.extras.costs import cost_table
 from hgogen.extras.page import page
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -20,7 +20,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 
 @dataclass(frozen=True, eq=False)
 class PageReport(ModelReport):
-    """The report of `report`: the HTML page of a model."""
+    """The HTML page of a model."""
 
     live: Annotated[bool, "whether the observer runs in the page"]
     bytes: Annotated[int, "size of the page"]
@@ -47,7 +47,7 @@ def report_(
     known = proved_bound(step, loaded, note)
     sources = targets.c99(stating(step, loaded, known), real=loaded.setting.real or "float")
     done = run_trials(step, chosen, engine_here(), 1)
-    costs = priced(costs_known(folder), sources[f"{step.name}.c"])
+    costs = cost_table(costs_known(folder), sources[f"{step.name}.c"])
     figures = rendered(trial_figures(step, done, known))
     text, why = page(step, done[0].first, sources, figures, known.bounds if known else {}, costs)
     if why:

@@ -55,7 +55,7 @@ from hgogen.logs.changes import Better
 from hgogen.logs.finding import Finding
 from hgogen.logs.findings import judged
 from hgogen.logs.initial import first_states
-from hgogen.logs.records import Log, beyond, demand_regular, log_of, reading_of, step_limits
+from hgogen.logs.records import Log, demand_regular, log_of, range_warnings, reading_of, step_limits
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.cells import BadRecord
@@ -90,7 +90,7 @@ STAGES = 5  # stages of `run` before the figures, besides one for each sample ah
 
 @dataclass(frozen=True, eq=False)
 class RecordRun(ModelReport):
-    """The report of `run`: a run over a measured log, with findings about the observer and the log."""
+    """A run over a measured log, with findings about the observer and the log."""
 
     json_keys = (
         "model engine=run.engine record=record.report status acted initial begins predictions hidden "
@@ -329,7 +329,7 @@ def _over_record(
     bar.tick("faults of the log")
     faults, other = log_findings(judge, record, run, u, y, opened.shifts, counted)
     used = Log(u, np.where(rejected(judge, run, y), np.nan, y), step.dt)
-    doubts = (*loss(step, done, record.t, u, y), *beyond(model.plant, used, faulty_signals(faults)))
+    doubts = (*loss(step, done, record.t, u, y), *range_warnings(model.plant, used, faulty_signals(faults)))
     more = too_far(ahead, [one.ahead for one in errors])
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     messages = doubts, tuple(more)
@@ -471,7 +471,7 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 
 @dataclass(frozen=True, eq=False)
 class InspectReport(ModelReport):
-    """The report of `inspect`: the faults of a log."""
+    """The faults of a log, before gains are learned from it."""
 
     json_keys = "model record=record.report findings better notes files"
 
@@ -527,7 +527,7 @@ def inspect_(
         bar.tick("other shifts, signs and units")
         faults, other = log_findings(judge, opened.record, run, u, y, opened.shifts)
         notes = tuple(share.sentence for share in done.gates if share.excessive)
-        notes += (*beyond(loaded.plant, Log(u, y, step.dt), faulty_signals(faults)),)
+        notes += (*range_warnings(loaded.plant, Log(u, y, step.dt), faulty_signals(faults)),)
         if opened.elapsed is not None:
             middle = float(np.median(opened.elapsed[1:]))
             notes += (
@@ -540,7 +540,7 @@ def inspect_(
 
 @dataclass(frozen=True, eq=False)
 class NoiseReport(ModelReport):
-    """The report of `noise`: the sensor noise in a part of a log without excitation."""
+    """The sensor noise in a part of a log without excitation."""
 
     json_keys = "model record=record.report noise"
 
@@ -602,7 +602,7 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class Windows(ModelReport):
-    """The report of `window`: the observability Gramians of windows along a trial."""
+    """The observability Gramians of windows along a trial."""
 
     json_keys = "model trial windows"
 

@@ -20,7 +20,7 @@ _COLOURS = {"verified": "green", "fails": "red"}
 
 @dataclass(frozen=True)
 class Verification(Report):
-    """The report of `recheck`: the claims of a certificate, verified again."""
+    """The claims of a certificate, verified again."""
 
     json_keys = (
         "plant=outcome.plant form=outcome.form observer model=outcome.model verified counts=outcome.counts "

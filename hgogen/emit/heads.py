@@ -33,7 +33,16 @@ from hgogen.emit.manual import (
 )
 from hgogen.emit.structs import doc, structs, typedefs
 from hgogen.emit.syntax import Real
-from hgogen.emit.syntaxes import RUST, TRAILING_DOC, C, documented, harmless, line, spoken, trailing_doc
+from hgogen.emit.syntaxes import (
+    RUST,
+    TRAILING_DOC,
+    C,
+    comment_text,
+    documented,
+    doxygen_text,
+    line,
+    trailing_doc,
+)
 from hgogen.registry import version
 from hgogen.signal import plural
 from hgogen.step import Step
@@ -50,7 +59,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     """Return the lines of a step's C header: includes, period and structs, functions, status bits, constants,
     mathematics. `command`: the command line that generated it."""
     guard, every = f"{step.name.upper()}_H", step.pace
-    first, *others = map(spoken, title(step, command))
+    first, *others = map(doxygen_text, title(step, command))
     lines = _block(
         [
             *(f"@file {step.name}.h", f"@brief {first}", "", *others),
@@ -74,7 +83,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     constant = "initial value of constant parameters, which may lie in flash: nominal ones, tuned"
     lines += [*constants, "", documented(constant + ", with their mark" * bool(step.layout.mark))]
     lines += [*_initialiser(step, real), ""]
-    equations = (harmless(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
+    equations = (comment_text(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
     verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
     return [*lines, *verbatim, "", f"#endif /* {guard} */"]
 
@@ -97,7 +106,10 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 
 def _doxygen(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
-    lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {text}" for way, name, text in parameters)]
+    lines = [
+        f"@brief {doxygen_text(meaning)}",
+        *(f"@param[{way}] {name} {text}" for way, name, text in parameters),
+    ]
     first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
     *others, last = (f"/** {first}", *(f" * {line}" for line in others))
     return [*others, f"{last} */"]

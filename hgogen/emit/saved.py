@@ -317,7 +317,7 @@ def rust_save(step: Step) -> list[str]:
     ]
 
 
-def blank(step: Step) -> str:
+def initial_state_call(step: Step) -> str:
     """Return the Rust call that creates a state as before the first call, without the time of that call."""
     return "initial()" if step.code.time else "new()"
 
@@ -336,7 +336,7 @@ def rust_restored(step: Step, real: Real) -> list[str]:
         f"    if checksum(&saved[..{end}]).to_le_bytes() != saved[{end}..] {{",
         "        return None;",
         "    }",
-        f"    let mut s = State::{blank(step)};",
+        f"    let mut s = State::{initial_state_call(step)};",
         f"    let mut at = {DIGEST};",
         *indented(_each("s", step.layout.state, step.layout.groups, ".iter_mut()", read, types)),
         "    Some(s)",

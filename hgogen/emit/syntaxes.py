@@ -15,29 +15,29 @@ from hgogen.emit.syntax import ATOM, BYTES, OR, PRODUCT, SELECT, UNARY, Real, Ro
 
 def comment(text: str) -> str:
     """Return text as a C comment; a */ in the text cannot end it."""
-    return f"/* {harmless(text)} */" if text else ""
+    return f"/* {comment_text(text)} */" if text else ""
 
 
 def documented(text: str) -> str:
     """Return text as a Doxygen comment for the declaration below."""
-    return f"/** {spoken(text)} */" if text else ""
+    return f"/** {doxygen_text(text)} */" if text else ""
 
 
 def trailing_doc(text: str) -> str:
     """Return text as a Doxygen comment for the declaration on the same line."""
-    return f"{TRAILING_DOC}{spoken(text)} */" if text else ""
+    return f"{TRAILING_DOC}{doxygen_text(text)} */" if text else ""
 
 
 TRAILING_DOC = "/**< "
 _COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|(?<=\])\((?=\S)")
 
 
-def spoken(text: str) -> str:
+def doxygen_text(text: str) -> str:
     """Return text in which Doxygen finds no commands, links or tags."""
-    return _COMMAND.sub(r"\\\g<0>", harmless(text))
+    return _COMMAND.sub(r"\\\g<0>", comment_text(text))
 
 
-def harmless(text: str) -> str:
+def comment_text(text: str) -> str:
     """Return text on one line that neither ends nor opens a C comment and has no trigraphs."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 

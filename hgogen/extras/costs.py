@@ -127,7 +127,7 @@ def harness() -> dict[str, str]:
     return {name: text(name) for name in ("mps2.c", "mps2.h", "mps2.ld")}
 
 
-def hostile(rows: np.ndarray) -> np.ndarray:
+def with_faults(rows: np.ndarray) -> np.ndarray:
     """Return the rows (N, columns) of a log with faults of sensors and buses in 3 of 10 numbers: NaN, infinite, huge
     and tiny values, jumps."""
     draw, rows = np.random.default_rng(8), rows.copy()
@@ -170,7 +170,7 @@ def driver(step: Step) -> str:
     )
 
 
-def counting(called: str) -> str:
+def counting_program(called: str) -> str:
     """Return the board's main C file, which counts instructions of the calls that the text `called` defines, such as
     that of `driver`."""
     return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
@@ -206,13 +206,13 @@ def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real)
     """
     demand_board()
     nominal = rows[np.arange(ROWS // 2) % len(rows)]
-    record = np.concatenate([nominal, hostile(nominal)])
+    record = np.concatenate([nominal, with_faults(nominal)])
     sources = {name: files[name] for name in (f"{step.name}.h", f"{step.name}.c")}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(sources, folder)
         flash = compiled(f"{step.name}.c", folder, FLAGS)
-        main = head(record, real, len(step.states), len(nominal)) + counting(driver(step))
+        main = head(record, real, len(step.states), len(nominal)) + counting_program(driver(step))
         numbers = ran(linked(main, [f"{step.name}.o"], harness(), folder, FLAGS))
     return Costs(
         nominal_instructions=numbers["nominal"],
@@ -247,7 +247,7 @@ def digest(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
-def priced(costs: Mapping[str, Any] | None, source: str) -> str:
+def cost_table(costs: Mapping[str, Any] | None, source: str) -> str:
     """Return the measured costs as a Markdown table, or advice on how to measure them if they are unknown, incomplete
     (as those of another version may be) or of another source."""
     needed = {"machine", "compiler", "flags", *MEANINGS}

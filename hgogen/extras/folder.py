@@ -19,7 +19,7 @@ from hgogen.emit.structs import described
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C, comment
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.extras.costs import priced
+from hgogen.extras.costs import cost_table
 from hgogen.registry import version
 from hgogen.signal import Signal, resting, seconds
 from hgogen.step import Step
@@ -126,7 +126,7 @@ def folder(
     """Return by path the files of a step's folder for projects of the ecosystems; `sources`: the files of the targets
     c99 and markdown; `costs`: as `hgogen cost` writes them, ignored if they belong to another source."""
     ecosystems = tuple(ecosystems)
-    values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
+    values = _values(step, real) | {"costs": cost_table(costs, sources[f"{step.name}.c"])}
     values["uses"] = "\n".join(f"## {each.title}\n\n{Text(each.use).substitute(values)}" for each in ecosystems)
     texts = {f"{SOURCES}/{name}" if name.endswith((".c", ".h")) else name: text for name, text in sources.items()}
     for each in (common(), *ecosystems):

@@ -60,7 +60,7 @@ def page(
     lead, parts = sections[0].strip(), dict(zip(sections[1::2], sections[2::2], strict=True))
     first = list(parts).index("Plant")  # the mathematics, which the document has after the manual
     names = [*list(parts)[first:], *list(parts)[:first]]
-    linked = Linked(step, code)
+    linked = LinkedDocument(step, code)
     body = [svg_figures(figures)]
     for name in names:
         more = f"\n{costs}\n" if name == "Cost" else ""
@@ -135,7 +135,7 @@ def _listing(code: Iterable[str]) -> str:
     return f'<pre class="source"><code>{"".join(lines)}</code></pre>'
 
 
-class Linked:
+class LinkedDocument:
     """A renderer of a step's Markdown document as HTML: equations in MathML, each with links to the lines of C that
     compute it."""
 
@@ -229,7 +229,7 @@ def _data(
         "dt": step.dt,
         "time": step.time,
         "duration": trial.duration,
-        "parts": 1 if plant.discrete else parts(truth, course, [each.value for each in shown.plant], step.dt),
+        "parts": 1 if plant.discrete else steps_for_page(truth, course, [each.value for each in shown.plant], step.dt),
         "start": [float(trial.start[name]) for name in index],
         "states": states,
         "given": [u.name if u.name in inputs else None for u in step.given],
@@ -254,7 +254,7 @@ def _deviation(trial: Trial, output: str) -> float:
     return 0.0 if noise is None else noise.sigma if isinstance(noise, OrnsteinUhlenbeck) else noise.amplitude / 2**0.5
 
 
-def parts(truth: ca.Function, course: Trajectory, p: list[float], dt: float) -> int:
+def steps_for_page(truth: ca.Function, course: Trajectory, p: list[float], dt: float) -> int:
     """Return the number of steps of classical Runge-Kutta into which the page divides dt: doubled until halving the
     steps changes the state after dt, from points of the trial, by less than `TOLERANCE`."""
     z = ca.SX.sym("z", truth.size1_in(0) + 1)  # the state and t

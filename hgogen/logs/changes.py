@@ -140,7 +140,7 @@ class Better:
         return f"{names} {looks} like {self.looks}"
 
 
-def better(
+def better_change(
     step: CallableStep, u: Array, y: Array, first: int, engine: Engine | None, dt: Array | None = None
 ) -> Better | None:
     """Return the change of signals (unit, sign, scale, delay) with which the log u (N, m), y (N, p) fits the model
@@ -149,7 +149,7 @@ def better(
     u, y, dt = u[:LONGEST], y[:LONGEST], None if dt is None else dt[:LONGEST]
     if len(y) - first < SEGMENTS * LEAST:
         return None
-    trial = Trial(step, u, y, first, engine, dt)
+    trial = ChangeTrial(step, u, y, first, engine, dt)
     if not math.isfinite(trial.now):
         return None
     clear: dict[Change, float] = {}
@@ -176,7 +176,7 @@ NEGATED = next(one for one in MAPS if one.scale == -1)
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ChangeTrial:
     """A step on a log u (N, m), y (N, p) on which changes of signals are tried; prediction errors count from the sample
     `first` on."""
 

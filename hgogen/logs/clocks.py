@@ -199,7 +199,7 @@ def jitter(clock: Clock) -> Iterator[Finding]:
     yield clock.finding("jitter", np.arange(len(clock.there)), scatter / _SCATTERED, text, fix)
 
 
-def others(clock: Clock) -> Iterator[Finding]:
+def other_clocks(clock: Clock) -> Iterator[Finding]:
     """Yield the findings about columns that are no signals and increase steadily, as clocks do."""
     columns, table = clock.record.report.columns.values(), clock.table
     even = scatter_of(clock.values) <= _EVEN
@@ -257,7 +257,7 @@ def scatter_of(times: Array) -> float:
     return float(np.std(usual)) / middle if middle > 0 else math.inf
 
 
-FAULTS = (wraps, repeated, unit, unit_of_seconds, others, gaps, jitter)  # causes before their effects
+FAULTS = (wraps, repeated, unit, unit_of_seconds, other_clocks, gaps, jitter)  # causes before their effects
 
 
 def is_of_unit(finding: Finding) -> bool:
@@ -265,13 +265,13 @@ def is_of_unit(finding: Finding) -> bool:
     return finding.fault in {prefix for prefix, _ in _PREFIXES.values()}
 
 
-def of_times(record: Record, varying: bool = False, longest: float = math.inf) -> list[Finding]:
+def time_findings(record: Record, varying: bool = False, longest: float = math.inf) -> list[Finding]:
     """Return the faults of the times of a log's rows; `varying`: whether the step accepts a varying dt; `longest`: the
     longest dt that is advised for the step."""
     if record.stamps is None or record.table is None or record.rows is None:
         return []
     clock = Clock(record, record.table, record.rows, record.stamps, *record.clock, varying, longest)
-    faults = FAULTS if clock.name else (unit, others)
+    faults = FAULTS if clock.name else (unit, other_clocks)
     if len(clock.there) < LEAST or clock.middle <= 0:
         return []
     return [one for fault in faults for one in fault(clock)]

@@ -34,7 +34,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.estimators.noise import sample_deviations
-from hgogen.logs.changes import Better, better, clear_ratio
+from hgogen.logs.changes import Better, better_change, clear_ratio
 from hgogen.logs.finding import Finding, longest, stretches_of
 from hgogen.logs.records import Log
 from hgogen.logs.trends import Trends, normalised
@@ -349,7 +349,7 @@ def of_turns(step: CallableStep, y: Array) -> Iterator[Finding]:
 
 
 @dataclass(frozen=True)
-class Written:
+class ReadOptions:
     """The command-line options with which a log was read: `before`, the shifts in samples; `operands`, the column of
     each signal as written in an expression; `clock`, the column of times ("" without one); `start`: the first time."""
 
@@ -385,7 +385,7 @@ def inspect(step: CallableStep, log: Log) -> tuple[Finding, ...]:
     samples = replace(log, u=table("u", log.u, step.observer.form.system.supplied, len(y)), y=y).of(step.inputs)
     step.reset(log.start)
     run = step.run(u=samples.u, y=samples.y, dt=samples.given(step))
-    written, dt = Written(dt=step.dt), samples.given(step)
+    written, dt = ReadOptions(dt=step.dt), samples.given(step)
     return tuple(findings(step, run, samples.u, samples.y, engine=step.engine, written=written, dt=dt)[0])
 
 
@@ -397,7 +397,7 @@ def findings(
     first: int = 0,
     *,
     engine: Engine | None,
-    written: Written,
+    written: ReadOptions,
     dt: Array | None = None,
 ) -> tuple[list[Finding], Better | None]:
     """Return the faults of a log u (N, m), y (N, p) over which a step had the results `run`, causes before their
@@ -416,7 +416,7 @@ def findings(
     faults = [*of_courses(_courses(step, step.inputs, u, np.full(u.shape, np.nan), t), outputs, turned)]
     faults += [one for one in turns if one.signal not in {each.signal for each in wrong}]  # the unit first
     whole = ((0, len(y) - 1),)
-    change = None if turns else better(step, u, y, first, engine, dt)
+    change = None if turns else better_change(step, u, y, first, engine, dt)
     if change is not None and wrong:
         wrong, change = ([], change) if {one.signal for one in wrong} & {*change.names} else (wrong, None)
     for one in wrong:

@@ -26,9 +26,9 @@ from hgogen.logs.problem import (
     Solution,
     Solver,
     digests,
-    paced,
+    steps_and_growth,
 )
-from hgogen.logs.records import BadLog, Log, demanded, middle_of
+from hgogen.logs.records import BadLog, Log, middle_of, validated_log
 from hgogen.reading.given import count, requires_any_plant, requires_switches, signals_named
 from hgogen.registry import Displayed
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
@@ -42,7 +42,7 @@ from hgogen.system import System, valued
 Array = np.ndarray
 Place = Literal["", "low", "high"]
 FINE = 1e-4  # of an output's spread: smaller residuals are integration errors
-SAME = 1e-2  # difference of costs, as in `above`, of starts that ended at one minimum
+SAME = 1e-2  # difference of costs, as in `excess_cost`, of starts that ended at one minimum
 _COLOURED = {
     "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
     "moves the plant, --by prediction (by=) fits it along",
@@ -181,7 +181,7 @@ class Fit(Encoded, Displayed):
     def settled(self) -> bool:
         """Whether a search that reached the least cost, up to rounding, converged."""
         best = min(one.cost for one in self.starts)
-        return any(one.settled and above(self.by, one.cost, best) <= SAME for one in self.starts)
+        return any(one.settled and excess_cost(self.by, one.cost, best) <= SAME for one in self.starts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -260,7 +260,7 @@ class Fit(Encoded, Displayed):
 
     def _searched(self) -> Iterator[str]:
         best = min(one.cost for one in self.starts)
-        excess = [above(self.by, one.cost, best) for one in self.starts]
+        excess = [excess_cost(self.by, one.cost, best) for one in self.starts]
         higher = [more for more in excess if more > SAME]
         here = len(excess) - len(higher) - len(self.rivals)
         if len(self.starts) > 1:
@@ -273,7 +273,7 @@ class Fit(Encoded, Displayed):
             yield f"the search did not settle; take more starts, {_UNSETTLED[self.by]}"
 
 
-def above(by: str, cost: float, best: float) -> float:
+def excess_cost(by: str, cost: float, best: float) -> float:
     """Return by how much a `cost` exceeds the `best` cost: the relative difference for a sum of squares ("simulation"),
     the difference for a log likelihood ("prediction"); `by`: which of the two."""
     if by == "prediction":
@@ -321,7 +321,7 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
     )
 
 
-def parted(V: Array, hidden: Array) -> Array:
+def aligned_directions(V: Array, hidden: Array) -> Array:
     """Return an orthonormal basis of the span of the directions V (q, k), in which as many vectors as possible involve
     only the parameters in the mask `hidden` (q)."""
     if hidden.all() or not hidden.any():
@@ -331,7 +331,7 @@ def parted(V: Array, hidden: Array) -> Array:
 
 
 BETWEEN, BY = ("hold", "line"), ("simulation", "prediction")
-EQUAL = 1e-6  # difference of costs, as in `above`: less is rounding, and the first start is preferred
+EQUAL = 1e-6  # difference of costs, as in `excess_cost`: less is rounding, and the first start is preferred
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
 LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of a lag: bound and start in samples; bound in logs
 SEGMENTS = 60  # of a log, about
@@ -385,7 +385,7 @@ class Task:
         """The problem of the fit, by Runge-Kutta steps that are short enough for the plant's fastest mode. Raises:
         `CannotFit`."""
         period = max(float(record.ahead.max()) for record in self.records)
-        steps, growing = paced(self.plant, period)
+        steps, growing = steps_and_growth(self.plant, period)
         samples = max(len(record.y) for record in self.records)
         scale = np.where(self.spread > 0, self.spread, 1.0)
         if self.by == "simulation":
@@ -494,11 +494,11 @@ class Task:
         return self.given_task.solver.solve(self.given_task.nominal)
 
     def above_given(self, cost: float) -> float:
-        """Return by how much (as in `above`) a `cost` exceeds that at the nominal parameters; 0 if it does not, or if
-        the residuals are integration errors alone."""
+        """Return by how much (as `excess_cost`) a `cost` exceeds that at the nominal parameters; 0 if it does not, or
+        if the residuals are integration errors alone."""
         residuals = sum(np.isfinite(record.y).sum() for record in self.records)
         fine = self.by == "simulation" and cost < FINE**2 * residuals
-        excess = above(self.by, cost, self.given_solution.cost)
+        excess = excess_cost(self.by, cost, self.given_solution.cost)
         return excess if excess > EQUAL and not fine else 0.0
 
     def from_given(self) -> Array:
@@ -543,7 +543,7 @@ class Task:
         offset = [y for y, within in zip(self.offset, inner[len(self.free) :], strict=True) if within]
         joint = structure(self.plant, free, offset)
         hidden = np.array([joint is not None and name in (*joint.hidden, *joint.doubtful) for name in names])
-        return deviations, tuple(_parts(names, v) for v in parted(V[:, ~sure], hidden).T), joint
+        return deviations, tuple(_parts(names, v) for v in aligned_directions(V[:, ~sure], hidden).T), joint
 
     def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
         """Yield the parameters, lags and offsets of other minima: from starts with the
@@ -556,7 +556,7 @@ class Task:
         away = np.maximum(deviations, FINE * self.solver.unit[: len(names)])
         for one in ended:
             values = one.unknowns[: len(names)]
-            same = one.settled and above(self.by, one.cost, best.cost) <= SAME
+            same = one.settled and excess_cost(self.by, one.cost, best.cost) <= SAME
             if same and (np.abs(values - best.unknowns[: len(names)]) > away).any():
                 yield dict(zip(names, values.tolist(), strict=True))
 
@@ -633,7 +633,7 @@ def fit(
     starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
     chosen, logs = (
         _free(plant, free),
-        tuple(demanded(plant, record, k).of(plant.inputs) for k, record in enumerate(records, 1)),
+        tuple(validated_log(plant, record, k).of(plant.inputs) for k, record in enumerate(records, 1)),
     )
     period, duration = max(record.dt for record in logs), min(record.duration for record in logs)
     slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
@@ -753,7 +753,7 @@ def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
     finite = [one for one in ended if np.isfinite(one.cost)]
     settled = [one for one in finite if one.settled] or finite
     least = min((one.cost for one in settled), default=0.0)
-    return next((one for one in settled if above(by, one.cost, least) <= EQUAL), None)
+    return next((one for one in settled if excess_cost(by, one.cost, least) <= EQUAL), None)
 
 
 def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, ...]:

@@ -168,7 +168,7 @@ def short_way(differences: Any, signals: Sequence[Signal]) -> Any:
     return differences - ca.DM(periods) * turns
 
 
-def eliminated(F: Any, A: Any, q: int) -> Array:
+def schur_complement(F: Any, A: Any, q: int) -> Array:
     """Return the information M (q, q) on the first q unknowns when all others are optimal: the Schur complement of the
     Hessian F (v, v) under the constraints A dx = 0; F and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
@@ -194,7 +194,7 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
     return tuple(arrays)
 
 
-def paced(plant: System, period: float) -> tuple[int, float]:
+def steps_and_growth(plant: System, period: float) -> tuple[int, float]:
     """Return the number of Runge-Kutta steps a sample that the plant's fastest mode requires (1 for a discrete plant),
     and the growth rate of errors; `period`: that of the samples. Raises: `BadLog` for samples too slow for the
     plant."""
@@ -286,7 +286,7 @@ class Shooting(_OnRecords):
         units = [e * scale for e, scale in zip(residuals, self.scale, strict=True)]
         corners = (None,) * len(units) if self.corner is None else self.corner
         tell = [e if c is None else influence(e, c) for e, c in zip(residuals, corners, strict=True)]
-        return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
+        return Information(schur_complement(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
         """Return the residuals of a data log and the gaps between its segments;
@@ -390,7 +390,7 @@ class Predicting(_OnRecords):
             odds = [log_odds(r * r, 2 * np.log(deviation), span) for r, deviation, span in each]
             weights = [np.exp(-np.logaddexp(0, -of_output)) for of_output in odds]
             tell = tuple(r * w / w.mean() for r, w in zip(tell, weights, strict=True))
-        return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, errors), tell)
+        return Information(schur_complement(F, ca.DM(0, self.size), self.constants), tables(self.records, errors), tell)
 
     def _fisher(self, v: Any, e: Any, s: Any) -> Any:
         J = ca.jacobian(ca.vertcat(e, s), v)  # in one pass
@@ -428,7 +428,7 @@ class Predicting(_OnRecords):
         return Innovations(
             ca.Function("move", [x, u, then, theta], [self.step(x, p, u, then, dt)]),
             ca.Function("read", [x, u, theta], [self.reading(x, p, o, u)]),
-            ca.Function("process", [theta, Phi], [Q if self.plant.discrete else gathered(Phi, Q * dt)]),
+            ca.Function("process", [theta, Phi], [Q if self.plant.discrete else accumulated_noise(Phi, Q * dt)]),
             ca.Function("sensor", [theta], [samples]),
             self.plant.outputs,
             np.array([x.limits for x in self.plant.states]).T,
@@ -451,7 +451,7 @@ class Predicting(_OnRecords):
 Problem = Shooting | Predicting
 
 
-def gathered(Phi: Any, Q: Any) -> Any:
+def accumulated_noise(Phi: Any, Q: Any) -> Any:
     """Return the covariance that white noise of the density Q (n, n) adds over a sample with transition matrix Phi (n,
     n): the integral of Phi(t) Q Phi(t)', by Simpson's rule."""
     eye = ca.DM.eye(Phi.shape[0])

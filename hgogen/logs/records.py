@@ -111,7 +111,7 @@ def step_limits(logs: Iterable[Log]) -> tuple[float, float] | None:
     return min(max(float(spacings.min()), longest / UNEVEN), longest / 2), longest
 
 
-def demanded(plant: System, record: Log, number: int) -> Log:
+def validated_log(plant: System, record: Log, number: int) -> Log:
     """Return the log after validation, as tables of numbers; a missing input repeats the last value, and periodic
     signals lie within their period. `number`: that of the log in messages. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
@@ -148,7 +148,7 @@ def middle_of(signal: Signal) -> float:
     return sum(signal.interval) / 2 if signal.bounded else 0.0
 
 
-def beyond(plant: System, record: Log, faulty: Collection[str] | None = None) -> Iterator[str]:
+def range_warnings(plant: System, record: Log, faulty: Collection[str] | None = None) -> Iterator[str]:
     """Yield a sentence for each output that measures a state outside of its declared range, with the plausible cause;
     `faulty`: the signals with a fault, None if no observer judged the log."""
     for y, h, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
@@ -278,7 +278,7 @@ BEGIN = 0.05  # share of a log at its beginning, in which an estimate may conver
 
 
 @dataclass(frozen=True)
-class Ahead:
+class PredictionCriterion:
     """A criterion by which gains are judged: the errors of predictions `samples` samples ahead, relative to those of
     copying the last value. An error is NaN without a sample to compare, infinite if the estimate diverged; `outputs`:
     the signals of y."""
@@ -305,7 +305,7 @@ class Ahead:
 
 
 @dataclass(frozen=True, eq=False)
-class Hidden:
+class HiddenStateCriterion:
     """A criterion by which gains are judged: the estimation errors of hidden states, relative to the states' deviations
     from their mean; `truth`: for each log the courses (N) by state, NaN for missing samples; `states`: their
     signals."""
@@ -330,7 +330,7 @@ class Judge:
     states), and the number of `segments` in a log of mean length."""
 
     records: Sequence[Log]
-    yardstick: Ahead | Hidden
+    yardstick: PredictionCriterion | HiddenStateCriterion
     segments: int
 
     def errors(self, step: CallableStep) -> Array:
@@ -348,7 +348,7 @@ class Judge:
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
                 squares, N = self._squares(k, step, 0), len(self.records[k].y)
                 middle, settled = N // 2, N // 2 + round(BEGIN * N)
-                if isinstance(self.yardstick, Ahead) and 1 < self.yardstick.samples < N - settled:
+                if isinstance(self.yardstick, PredictionCriterion) and 1 < self.yardstick.samples < N - settled:
                     squares[settled:] += self._squares(k, step, middle)[settled - middle :]
                     squares[settled:] /= 2
                 if np.isinf(squares).any():
@@ -445,7 +445,7 @@ def readable(plant: System, record: Log, number: int) -> Log:
     ranges = readings(forms.original(plant))
     pairs = [plausible_range(y, ends) for y, ends in zip(plant.outputs, ranges, strict=True)]
     low, high = np.clip(np.array(pairs).T, -HUGE, HUGE)
-    there = demanded(plant, record, number)
+    there = validated_log(plant, record, number)
     y = np.where((there.y >= low) & (there.y <= high), there.y, np.nan)
     for signal, ends, admitted, column in zip(plant.outputs, ranges, y.T, there.y.T, strict=True):
         if np.isfinite(admitted).sum() < LEAST:

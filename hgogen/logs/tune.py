@@ -28,8 +28,19 @@ from hgogen.estimators.gate import GatedGroup, Gates, gated_groups
 from hgogen.estimators.synonyms import SYNONYMS
 from hgogen.form import Form
 from hgogen.logs.likelihood import MIDDLE, STARTS, Ended, Likelihood, Noise
-from hgogen.logs.problem import demand_same, digests, paced
-from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, clearly_worse, readable, step_limits
+from hgogen.logs.problem import demand_same, digests, steps_and_growth
+from hgogen.logs.records import (
+    BEGIN,
+    HiddenStateCriterion,
+    Judge,
+    Log,
+    PredictionCriterion,
+    as_good,
+    chosen,
+    clearly_worse,
+    readable,
+    step_limits,
+)
 from hgogen.modelfiles.tuning import First, everywhere, longest, value
 from hgogen.observer import OF_MAPS, Observer
 from hgogen.reading.given import count, requires_any_plant, requires_switches
@@ -204,7 +215,7 @@ Piece = Start | Attempt
 Asking = Generator[list[Piece], list[Any], Result]  # yields pieces of work, receives their results, returns one
 
 
-def together(
+def search_together(
     searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]], width: int = 1
 ) -> Iterator[tuple[str, Result]]:
     """Yield the name and result of each search as it ends. A search is a generator that requests pieces of work; `work`
@@ -504,7 +515,7 @@ def tune(
     gains: dict[str, Tuned | str] = dict.fromkeys(names, STOPPED)
     searches = {name: tuned(task, name) for name in sorted(names, key=FILTER.__ne__)}  # the filter first
     best: list[Tuned] = []
-    for name, one in together(searches, work, jobs or os.cpu_count() or 1):
+    for name, one in search_together(searches, work, jobs or os.cpu_count() or 1):
         gains[name] = by_truth(one)
         if name == FILTER and isinstance(one, Tuned):
             gains[ADAPTIVE] = by_truth(adaptive(task, one, each))
@@ -522,7 +533,7 @@ def _judge(
 ) -> Judge:
     """Return the judge by predictions `ahead` samples ahead, or by the courses `true` of hidden states if there are
     any. Raises: `CannotTune` for logs without any change; `BadGain` for more segments than samples."""
-    judge = _of_hidden(plant, true, logs, segments) or Judge(logs, Ahead(ahead, plant.outputs), segments)
+    judge = _of_hidden(plant, true, logs, segments) or Judge(logs, PredictionCriterion(ahead, plant.outputs), segments)
     if judge.count < 2:
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
         reason = f"show no change of {over} in at least 2 of their segments"
@@ -536,7 +547,7 @@ def _of_hidden(
 ) -> Judge | None:
     """Return the judge by the courses `true` of hidden states, None without any."""
     named = {x.name: x for x in plant.declared.states}
-    return Judge(logs, Hidden(true, tuple(named[state] for state in true[0])), segments) if true else None
+    return Judge(logs, HiddenStateCriterion(true, tuple(named[state] for state in true[0])), segments) if true else None
 
 
 def _by_truth(judge: Judge | None, row: Tuned | str) -> Tuned | str:
@@ -592,7 +603,7 @@ def likelihood_of(
     """Return the likelihood of logs on a form; `dt`: their period, or the longest of a step; `between`: the course of
     inputs between samples, "line" or "hold"; `gates`: innovation gates."""
     records = [log.of(form.system.inputs) for log in logs]
-    steps, _ = paced(form.system, max(float(record.ahead.max()) for record in records))
+    steps, _ = steps_and_growth(form.system, max(float(record.ahead.max()) for record in records))
     return Likelihood(form, records, scale(form, dt), between, steps, gates)
 
 

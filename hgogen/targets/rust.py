@@ -111,7 +111,7 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     meaning = doc(known["reset"].meaning)
     if step.code.time:
         (section,), time = step.code.time, f"t: {RUST.types[writer.real]}"
-        begun = [f"let mut s = State::{saved.blank(step)};", f"s.{section.name}(t);", "s"]
+        begun = [f"let mut s = State::{saved.initial_state_call(step)};", f"s.{section.name}(t);", "s"]
         setting = code("let s = self;") + writer.function(section.program)
         of_state = [
             code("const fn initial() -> State {", *fresh, "}"),

@@ -12,7 +12,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.extras.costs import hostile
+from hgogen.extras.costs import with_faults
 
 SAMPLES = 1200  # of a record
 
@@ -86,7 +86,7 @@ class Case:
     @cached_property
     def hostile(self) -> np.ndarray:
         """The same rows with what a sensor and a bus do at their worst: gaps, numbers that are none, jumps."""
-        return hostile(self.quiet)
+        return with_faults(self.quiet)
 
 
 def _wave(k: int, i: int) -> float:

@@ -13,7 +13,7 @@ from peers import EIGEN, Source
 
 import hgogen as hg
 from hgogen.extras import costs as qemu
-from hgogen.extras.costs import ROWS, counting, driver, harness, head, literal
+from hgogen.extras.costs import ROWS, counting_program, driver, harness, head, literal
 
 X86 = {"O2": ("-O2",), "O3": ("-O3", "-mavx2", "-mfma", "-ffp-contract=fast")}
 CPP = ("-std=c++17", f"-I{EIGEN}", "-DNDEBUG", "-fno-exceptions")  # no test of an index, nothing that unwinds
@@ -147,7 +147,7 @@ def built(
     files, drive, sources = parts
     rows = case.quiet if not board else np.concatenate([case.quiet[: ROWS // 2], case.hostile[: ROWS // 2]])
     main = head(rows, real, len(case.plant.declared.states), ROWS // 2)
-    main += counting(drive) if board else f"{drive}\n{_HOSTED}"
+    main += counting_program(drive) if board else f"{drive}\n{_HOSTED}"
     hg.write({**files, "main.c": main}, folder)
     prefix = "arm-none-eabi-" if board else ""
     objects, begin = [], time.perf_counter()
