@@ -47,7 +47,7 @@ from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
 from hgogen.reading.given import names_of, requires_any_plant, scalar
-from hgogen.rigor.singular import TINY, limited
+from hgogen.rigor.singular import TINY, with_limited_slopes
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_sampling_times, with_elapsed
 from hgogen.signal import Signal, derived, differences, in_turn, plural, resting, times
@@ -288,7 +288,9 @@ class Plant:
         symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
         symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
-        flow = (limited(row, plant.box, TINY) for row in plant.flow)  # its slopes have to be finite, at powers of 0 too
+        flow = (
+            with_limited_slopes(row, plant.box, TINY) for row in plant.flow
+        )  # its slopes have to be finite, at powers of 0 too
         ode = attracted(ca.vertcat(*to_casadi(flow, symbols)), plant.constraints, plant.states, symbols, 1 / dt)
         self.graph: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ode}
         self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self.graph["ode"])])

@@ -34,7 +34,7 @@ from hgogen.reading import text_model
 from hgogen.reading.declared import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
 from hgogen.recheck.arithmetic import Unproved
-from hgogen.recheck.box import differentiable
+from hgogen.recheck.box import demand_differentiable
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.text import Unreadable, expression
 from hgogen.recheck.verification import recheck
@@ -42,7 +42,7 @@ from hgogen.rigor.bounds import as_programmed, nonzero
 from hgogen.rigor.box import Sides
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Cells, Kinked, Lookup, Stepped, applied, hessian, jacobian
-from hgogen.rigor.series import Balls, Undecided, values
+from hgogen.rigor.series import BallSeries, Undecided, values
 from hgogen.rigor.singular import one_sided
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.rigor.tape import tape
@@ -292,7 +292,7 @@ def test_values_at_points_are_balls_around_the_exact_ones() -> None:
 def test_balls_of_a_series_keep_within_one_patch() -> None:
     """At a line of the grid they do not say which patch is meant; elsewhere they give the value and both slopes."""
     cells = cells_of([[0, 1, 2], [0, 1, 2]], [[0, 1, 2], [1, 3, 7], [5, 4, 3]], "linear", "t")
-    balls = Balls(0)
+    balls = BallSeries(0)
     half, line = (balls.number(Fraction(place), 2) for place in ("1/2", "1"))
     assert [float(each[0]) for each in balls.table(cells, (0, 0), half, half)] == [1.25, 1.5, 1.5]
     for place in ([half, line], [line, half], [line, line]):
@@ -407,10 +407,10 @@ def test_the_checker_reads_no_map_that_is_none(numbers: str) -> None:
 def test_no_slope_is_read_on_a_line_of_a_map() -> None:
     """By the checker, where a witness says that a slope is 0: there it is a set."""
     text = expression("Bilinear(x, y**2, 0, 0, 2, 0, 2, 1, 4, 1, 2, 3, 5)", {"x", "y"})
-    differentiable([text], {"x": Fraction(1), "y": Fraction(3, 2)})
+    demand_differentiable([text], {"x": Fraction(1), "y": Fraction(3, 2)})
     for x, y in ((0, Fraction(3, 2)), (1, 2), (2, -1)):
         with pytest.raises(Unproved):
-            differentiable([text], {"x": Fraction(x), "y": Fraction(y)})
+            demand_differentiable([text], {"x": Fraction(x), "y": Fraction(y)})
 
 
 def cart(*, both: bool = False) -> hg.System:

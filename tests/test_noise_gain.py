@@ -15,7 +15,7 @@ from plants import MODELS, model, two_outputs
 import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain, BadNames
-from hgogen.recheck.inequality import Parts, method_of
+from hgogen.recheck.inequality import ErrorMatrices, method_of
 from hgogen.recheck.matrix import Matrix, unit
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
@@ -238,7 +238,7 @@ def test_the_rest_takes_the_sample_at_each_end_by_a_realised_core() -> None:
     M, L, B, R = (Matrix([[Fraction(each)]]) for each in (-18, -20, 3, 5))
     e, *v = (Matrix([row]) for row in unit(3))
     method = method_of({"method": "the bilinear rule"})
-    parts = Parts(M, Matrix([[]]), Matrix([], 1), L, False, B, R, Matrix([], 1))
+    parts = ErrorMatrices(M, Matrix([[]]), Matrix([], 1), L, False, B, R, Matrix([], 1))
     moved = method.changes(parts, Fraction(1, 10), e, [Matrix([], 3)] * 2, v)
     (after,), (rates,) = moved.stages[1], moved.D
     assert [float(x) for x in after] == [0.1, 0.325, 0.075]

@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import bound, nonzero
-from hgogen.rigor.box import kind, put, settled
+from hgogen.rigor.box import sign_at, substituted, substituted_where_real
 from hgogen.rigor.slope import lipschitz_bound
 
 x, y, z = sp.symbols("x y z", real=True)
@@ -39,9 +39,9 @@ def test_a_point_at_which_a_part_is_not_real_proves_nothing(expression: sp.Expr,
 
 def test_points_at_which_all_parts_are_real_are_put_in() -> None:
     values = {x: sp.Integer(4), z: sp.Integer(-1)}
-    assert settled(sp.sqrt(x) + y / z + z**3, values) == 1 - y
-    assert settled(sp.sqrt(z) + x * y, values) == sp.sqrt(z) + 4 * y
-    assert put(sp.Max(sp.sqrt(z), y), values) is None
+    assert substituted_where_real(sp.sqrt(x) + y / z + z**3, values) == 1 - y
+    assert substituted_where_real(sp.sqrt(z) + x * y, values) == sp.sqrt(z) + 4 * y
+    assert substituted(sp.Max(sp.sqrt(z), y), values) is None
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_what_is_real_on_a_part_of_the_box_only_is_met(expression: sp.Expr) -> N
 
 def test_what_sympy_gives_up_is_not_known() -> None:
     slope = sp.cosh(sp.acos(x)).diff(x)
-    assert kind(slope, {x: 1 + sp.Rational(1, 2**60)}) == "?"
+    assert sign_at(slope, {x: 1 + sp.Rational(1, 2**60)}) == "?"
     lipschitz = lipschitz_bound([sp.cosh(sp.acos(x))], [x], {x: (Fraction(-1), Fraction(3))})
     assert (lipschitz.verdict, lipschitz.witness[x]) == (Verdict.REFUTED, -1)
 

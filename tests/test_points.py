@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.box import kind
+from hgogen.rigor.box import sign_at
 
 U = hg.Signal("u", low=0.25, high=1)
 HALF = sp.Rational(1, 2)
@@ -35,7 +35,7 @@ SLOW = sp.sin(U) - sp.tan(U) / sp.sqrt(1 + sp.tan(U) ** 2)
 )
 def test_a_function_of_what_may_be_nothing_has_no_certain_sign(nothing: sp.Expr, function: sp.Function) -> None:
     """The noise of SymPy's digits, 1e-125, has a sign, a root of 1e-7 and an inverse of 1e125."""
-    assert kind(function(nothing), {U: sp.Rational(1, 2)}) == "?"
+    assert sign_at(function(nothing), {U: sp.Rational(1, 2)}) == "?"
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_function_of_what_may_be_nothing_has_no_certain_sign(nothing: sp.Expr,
 )
 def test_what_is_certain_stays(expression: sp.Expr, what: str) -> None:
     """Away from the edges of a function its digits tell."""
-    assert kind(expression, {U: sp.Rational(1, 2)}) == what
+    assert sign_at(expression, {U: sp.Rational(1, 2)}) == what
 
 
 @pytest.mark.parametrize(
@@ -75,13 +75,13 @@ def test_what_is_certain_stays(expression: sp.Expr, what: str) -> None:
 def test_an_argument_that_sympy_rounds_to_an_end_is_not_at_the_end(function: sp.Function) -> None:
     """Nothing of these is 0 or infinite where e is 10^-20; SymPy, by two digits, has some for 0 and folds 1 over it."""
     for e in (sp.Rational(1, 10**20), sp.Rational(1, 10**9), sp.Rational(1, 100)):
-        assert kind(function(U), {U: e}) in ("?", "> 0", "< 0")
+        assert sign_at(function(U), {U: e}) in ("?", "> 0", "< 0")
 
 
 @pytest.mark.parametrize(("function", "way"), [(sp.acosh, -1), (sp.acos, 1), (sp.asin, 1), (sp.atanh, 1)])
 def test_an_argument_beyond_an_end_is(function: sp.Function, way: int) -> None:
-    assert kind(function(1 + way * U), {U: sp.Rational(1, 10**9)}) == "undefined"
-    assert kind(function(1 + way * U) + U, {U: sp.S.Zero}) == {sp.asin: "> 0", sp.atanh: "undefined"}.get(
+    assert sign_at(function(1 + way * U), {U: sp.Rational(1, 10**9)}) == "undefined"
+    assert sign_at(function(1 + way * U) + U, {U: sp.S.Zero}) == {sp.asin: "> 0", sp.atanh: "undefined"}.get(
         function, "= 0"
     )
 
@@ -108,4 +108,4 @@ def test_what_is_made_of_what_is_not_real_is_undefined(monkeypatch: pytest.Monke
     """Without digits of the whole, which took minutes of such a one: atan2 of complex numbers, twice."""
     inner = sp.atan2(U ** sp.Rational(4, 3), U - sp.Rational(7, 3))
     monkeypatch.setattr("hgogen.rigor.box._digits", lambda value: pytest.fail("digits of what has none"))
-    assert kind(sp.atan2(inner, inner), {U: sp.Rational(-3, 2)}) == "undefined"
+    assert sign_at(sp.atan2(inner, inner), {U: sp.Rational(-3, 2)}) == "undefined"

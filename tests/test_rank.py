@@ -19,7 +19,7 @@ from oracle import observability as oracle
 
 from hgogen.rigor.rank import Model, NothingMeasured, NowhereDefined, Ranks
 from hgogen.rigor.rank import observability as ranks
-from hgogen.rigor.series import Balls, Modular, Plant, gradients, random_point
+from hgogen.rigor.series import BallSeries, ModularSeries, Plant, gradients, random_point
 from hgogen.rigor.tape import NoTape, tape
 
 PRIME = 2**61 - 1
@@ -55,7 +55,7 @@ def test_series_modulo_a_prime_are_the_lie_derivatives() -> None:
     """With an input, whose derivatives enter, and a division."""
     flow, output = [x2 * u + x1**2, x3 / (1 + x1) + k * x1, x1 * x2 - k * x3], x1 * u - x2
     plant = Plant(tape([*flow, output], [x1, x2, x3, u, k]), 3, 1, 1)
-    numbers = Modular(PRIME, PRIME, 3)
+    numbers = ModularSeries(PRIME, PRIME, 3)
     point = random_point(plant, numbers)
     values = dict(zip((x1, x2, x3, k), (*point.states, *point.constants), strict=True))
     values |= {jet: c * math.factorial(i) for i, (jet, c) in enumerate(zip(JETS, point.inputs(0, 8), strict=True))}
@@ -85,7 +85,7 @@ def test_series_with_balls_are_the_lie_derivatives(function) -> None:
     x1, x2, k = sp.symbols("x1 x2 k", positive=True)
     flow, output = [x2 * u + x1, function(x1).subs(sp.Symbol("k"), k) * x2 / 4], function(x1).subs(sp.Symbol("k"), k)
     plant = Plant(tape([*flow, output], [x1, x2, u, k]), 2, 1, 1)
-    numbers = Balls(0)  # draws from (1/2, 2)
+    numbers = BallSeries(0)  # draws from (1/2, 2)
     flint.ctx.prec, flint.ctx.cap = 256, 100
     try:
         point = random_point(plant, numbers)

@@ -292,10 +292,10 @@ def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
 # --- what the verifier allows for a polynomial beside phi_2 ---------------------------------------------------------
 
 
-def one_state(rest: int, read: int) -> inequality.Parts:
+def one_state(rest: int, read: int) -> inequality.ErrorMatrices:
     """M = 1 + rest, L = 1, G = 1, H = read, of a sample that enters by 1 as L takes it."""
     M, L, G, H, B, none = (Matrix([[Fraction(value)]]) for value in (1 + rest, 1, 1, read, 1, 0))
-    return inequality.Parts(M, G, H, L, False, B, none, none)
+    return inequality.ErrorMatrices(M, G, H, L, False, B, none, none)
 
 
 def within_width(width: Fraction, by: int = 0) -> Any:

@@ -16,7 +16,7 @@ from hgogen.recheck.arithmetic import Undefined, Unproved, evaluate
 from hgogen.recheck.box import covered, frobenius, leaves, positive, ranged, spectral
 from hgogen.recheck.interval import Interval, between, intervals, point
 from hgogen.recheck.matrix import Matrix, decaying, demand_nonnegative, demand_positive
-from hgogen.recheck.rules.persistence import ORDER, Balls, balls, piece
+from hgogen.recheck.rules.persistence import ORDER, BallMatrix, ball_matrix, piece
 from hgogen.recheck.text import expression
 
 F = Fraction
@@ -192,9 +192,9 @@ def test_a_piece_of_time_is_enclosed_and_closely() -> None:
     """x' = (1 + 2 t) (x2, -x1), y = (1 + t) x1 from t = 0 on: a turn by t + t^2."""
     h, one = Fraction(1, 8), point(Fraction(1))
 
-    def line(first: Interval, slope: int, rows: list[list[int]], count: int) -> list[Balls]:
+    def line(first: Interval, slope: int, rows: list[list[int]], count: int) -> list[BallMatrix]:
         numbers = [first, point(Fraction(slope)), *[point(Fraction(0))] * (count - 2)]
-        return [balls([[each * point(Fraction(x)) for x in row] for row in rows]) for each in numbers]
+        return [ball_matrix([[each * point(Fraction(x)) for x in row] for row in rows]) for each in numbers]
 
     turning, seen, later = [[0, 1], [-1, 0]], [[1, 0]], ORDER + 2
     around = line(between(1, 1 + 2 * h), 2, turning, later), line(between(1, 1 + h), 1, seen, later)

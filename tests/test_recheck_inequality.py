@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.file import _claim
-from hgogen.recheck.inequality import FLOW, NOW, Input, Parts, demand_falls, demand_kept, form_of, method_of
+from hgogen.recheck.inequality import FLOW, NOW, ErrorMatrices, Input, demand_falls, demand_kept, form_of, method_of
 from hgogen.recheck.matrix import Matrix
 from hgogen.recheck.rules import rule_of
 
@@ -28,7 +28,7 @@ def test_continuous_time_is_a_step_of_length_0(M: Any, G: Any, H: Any, B: Any, R
     """[M'P + P M, P G, P D; G'P, -S, 0; D'P, 0, -lambda] + [H, 0, E]'S [H, 0, E],   D = [B + R, beside]."""
     P, s = [[Fraction(3), Fraction(1)], [Fraction(1), Fraction(2)]], Fraction(5, 2)
     lambdas = [Fraction(7), Fraction(11)]
-    parts = Parts(*map(Matrix, (M, G, H, M)), False, *map(Matrix, (B, R, E)))
+    parts = ErrorMatrices(*map(Matrix, (M, G, H, M)), False, *map(Matrix, (B, R, E)))
     inputs = [Input(Matrix([[Fraction(1)]]), [NONE] * 2), Input(Matrix([[NONE]]), [each for (each,) in beside])]
     made = np.array(form_of(parts, FLOW, NOW, {"P": P, "S": [s, *lambdas]}, inputs).rows)
     D = np.hstack([np.array(B) + np.array(R), np.array(beside)])
@@ -40,7 +40,7 @@ def test_continuous_time_is_a_step_of_length_0(M: Any, G: Any, H: Any, B: Any, R
 
 
 FALL, SHARE = Matrix([[Fraction(-1)]]), Matrix([[Fraction(1)]])
-STILL = Parts(FALL, Matrix([[]]), Matrix([], 1), FALL, False, SHARE, Matrix([[NONE]]), Matrix([], 1))
+STILL = ErrorMatrices(FALL, Matrix([[]]), Matrix([], 1), FALL, False, SHARE, Matrix([[NONE]]), Matrix([], 1))
 SAMPLE = Input(SHARE, [NONE])
 
 
@@ -84,7 +84,7 @@ def test_no_more_inputs_of_a_flow_are_taken_than_an_elimination_can(count: int, 
 def test_no_more_slopes_of_a_step_are_taken_than_an_elimination_can(slopes: int, outcome: str) -> None:
     one, none = [Fraction(1)], [NONE]
     G, H, E = Matrix([one * slopes]), Matrix([one] * slopes), Matrix([none] * slopes)
-    steep = Parts(STILL.M, G, H, STILL.L, False, STILL.B, STILL.R, E)
+    steep = ErrorMatrices(STILL.M, G, H, STILL.L, False, STILL.B, STILL.R, E)
     with pytest.raises(Unproved, match=outcome):
         demand_falls(steep, method_of({"method": "Euler"}), Fraction(1, 10), NOW, {"P": [one], "S": one * slopes})
 

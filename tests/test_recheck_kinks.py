@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.recheck.algebra import Algebra
 from hgogen.recheck.arithmetic import Dual, Undefined, Unproved, dual, evaluate, fractions
-from hgogen.recheck.box import Box, continuous, covered, in_ranges, no_steeper, steep
+from hgogen.recheck.box import Box, covered, demand_continuous, demand_jacobian, in_ranges, steep
 from hgogen.recheck.interval import between, intervals, point
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -99,23 +99,23 @@ JUMPS = ("sign(v)", "z*sign(v)", "sign(v)**2", "sign(v - z)", "Abs(sign(v))", "L
 @pytest.mark.parametrize("row", JUMPS)
 def test_no_bound_is_shown_of_what_jumps(row: str) -> None:
     with pytest.raises((Unproved, Undefined)):
-        no_steeper([expression(row, BOX)], ["v"], [[F(10**9)]], [F(1)], BOX)
+        demand_jacobian([expression(row, BOX)], ["v"], [[F(10**9)]], [F(1)], BOX)
 
 
 def test_what_jumps_with_another_name_bends_with_neither() -> None:
     row = expression("v*sign(z - 2)", BOX)
-    assert no_steeper([row], ["v"], [[F(1)]], [F(1)], BOX)
+    assert demand_jacobian([row], ["v"], [[F(1)]], [F(1)], BOX)
     with pytest.raises(Unproved):
-        no_steeper([row], ["v"], [[F(9, 10)]], [F(1)], BOX)
+        demand_jacobian([row], ["v"], [[F(9, 10)]], [F(1)], BOX)
     with pytest.raises(Unproved):
-        no_steeper([row], ["v"], [[F(9, 10)]], [F(1)], {**BOX, "z": (F(2), F(3))})
+        demand_jacobian([row], ["v"], [[F(9, 10)]], [F(1)], {**BOX, "z": (F(2), F(3))})
 
 
 def test_a_breakpoint_at_an_edge_is_of_both_pieces() -> None:
     """The slope of a table is one number within a piece, and monotone there: not that of the piece before."""
     row = "Linear(v, 0, -1, 0, 0, 1, 2, 7)*z"
     box: Box = {"v": (F(0), F(2)), "z": (F(1), F(3))}
-    continuous([expression(row, box)], ["v"], box)
+    demand_continuous([expression(row, box)], ["v"], box)
     assert shown(row, "v", F(1), F(9), box)
     assert not shown(row, "v", F(1), F(9) - MARGIN, box)
 

@@ -36,7 +36,7 @@ from hgogen.recheck import program as recheck_rounding
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.rules.discrete_time import _sizes
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.rounding import REALS, Computed, Real, Rounding, Unsure, exactly
+from hgogen.rigor.rounding import REALS, Computed, NoRoundingBound, Real, Rounding, exactly
 from hgogen.step import BadStep
 
 TYPE: dict[Real, Any] = {"float": np.float32, "double": np.float64}
@@ -165,7 +165,7 @@ def walked(rounding: Rounding, function: ca.Function, held: list[Computed]) -> l
     ],
 )
 def test_what_has_no_bound_is_not_bounded(op: int, held: tuple[Any, ...]) -> None:
-    with pytest.raises(Unsure):
+    with pytest.raises(NoRoundingBound):
         Rounding("float").apply(op, [exactly(each) for each in held])
 
 
@@ -191,7 +191,7 @@ def test_a_product_of_numbers_that_are_not_zero_is_not_zero(
 
 def test_a_division_by_what_rounding_may_make_zero_is_not_bounded() -> None:
     divisor = Computed(ball(0.5, 1), arb(0.75))
-    with pytest.raises(Unsure):
+    with pytest.raises(NoRoundingBound):
         Rounding("float").apply(ca.OP_DIV, [exactly(1), divisor])
 
 
@@ -501,7 +501,7 @@ def test_what_is_not_followed_is_said() -> None:
     plant = hg.System("bent", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, curve], output=[x1])
     made = hg.observers.high_gain(hg.forms.triangular(plant), theta=10, poles=(-1, -1))
     step = hg.sample(made, hg.methods.euler, dt=1e-3)
-    with pytest.raises(Unsure, match="a table"):
+    with pytest.raises(NoRoundingBound, match="a table"):
         rounding_errors(step, "float", [ball(-1, 1)] * 2, [ball(-1, 1)], [])
 
 

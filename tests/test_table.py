@@ -618,14 +618,14 @@ def test_the_checker_reads_no_table_that_is_none(text: str) -> None:
 def test_no_slope_is_read_at_a_point_of_a_table() -> None:
     """By the checker, where a witness says that a slope is 0: there it is a set."""
     from hgogen.recheck.arithmetic import Unproved
-    from hgogen.recheck.box import differentiable
+    from hgogen.recheck.box import demand_differentiable
     from hgogen.recheck.text import expression
 
     text = expression("Linear(x**2, 0, 0, 1, 2, 1, 3, 4)", {"x"})
-    differentiable([text], {"x": Fraction(1)})
+    demand_differentiable([text], {"x": Fraction(1)})
     for place in (text, expression("Linear(x + 2, 0, 0, 1, 2, 1, 3, 4)", {"x"})):
         with pytest.raises(Unproved):
-            differentiable([place], {"x": Fraction(0)})
+            demand_differentiable([place], {"x": Fraction(0)})
 
 
 def test_a_form_that_asks_for_more_smoothness_says_so() -> None:

@@ -31,7 +31,7 @@ from hgogen.analysis.undefined import value_conditions
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import bound, nonzero, problem_of
-from hgogen.rigor.box import Box, box, exact, kind, points, witness
+from hgogen.rigor.box import Box, box, exact, points, sign_at, witness
 from hgogen.rigor.lookup import Table, all_clamped
 from hgogen.rigor.search import everywhere
 from hgogen.rigor.singular import NONZERO, Condition, reasons, singular
@@ -219,7 +219,7 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
         reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(FullRank(),))
     read = tuple(s for s in whole.plant.signals if s in det.free_symbols)
-    if any(kind(det, point) in ("> 0", "< 0") for point in points(read)):
+    if any(sign_at(det, point) in ("> 0", "< 0") for point in points(read)):
         reason = because("it is not 0 identically; zeros on the box are not excluded: {why}", why=sign.reason)
         return replace(unknown, verdict=Verdict.GENERIC, reason=reason)
     return unknown
@@ -229,7 +229,7 @@ def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) 
     """Return whether `det` = det dPhi/dx is undefined at the
     point although all entries of dPhi/dx have values."""
     at = {s: sp.Rational(value) for s, value in point.items()}
-    return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
+    return sign_at(det, at) == "undefined" and all(sign_at(entry, at) != "undefined" for entry in whole.jacobian)
 
 
 def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:

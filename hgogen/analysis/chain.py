@@ -25,7 +25,7 @@ from hgogen.analysis.hypotheses import apart
 from hgogen.analysis.undefined import on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.graph import Graph
-from hgogen.rigor.box import put
+from hgogen.rigor.box import substituted
 from hgogen.rigor.field import Box, dependence, free_of, is_zero
 from hgogen.rigor.slope import JUMPS
 from hgogen.rigor.tape import slope, with_norms, without_norms
@@ -285,7 +285,7 @@ def _line(
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
-    at_value = put(row, {state: sp.Integer(value)})
+    at_value = substituted(row, {state: sp.Integer(value)})
     return sp.nan if at_value is None else at_value
 
 

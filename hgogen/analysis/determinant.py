@@ -48,7 +48,7 @@ from hgogen.rigor.factors import (
     split_roots,
 )
 from hgogen.rigor.field import Field, Quotient, TooLarge, Writer, field, is_zero
-from hgogen.rigor.rank import SURE_BITS, Blurred, new_rows
+from hgogen.rigor.rank import ZERO_BITS, TooImprecise, independent_rows
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.signal import Signal
@@ -181,13 +181,13 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
     draw = Random(1)
     for _ in range(_TRIES):
         point = [Fraction(draw.randint(200, 1800), 997) for _ in symbols]
-        for bits in (256, SURE_BITS):
+        for bits in (256, ZERO_BITS):
             balls = values(program, point, bits)
             if all(ball.is_finite() for ball in balls):
-                points += bits == SURE_BITS
+                points += bits == ZERO_BITS
                 chosen: list[int] = []
-                with flint.ctx.workprec(bits), suppress(Blurred):
-                    chosen = new_rows([balls[k * n : (k + 1) * n] for k in range(len(rows))], 0)
+                with flint.ctx.workprec(bits), suppress(TooImprecise):
+                    chosen = independent_rows([balls[k * n : (k + 1) * n] for k in range(len(rows))], 0)
                 best = max(best, tuple(list(rows)[k] for k in chosen[:n]), key=len)
             if len(best) == n:
                 return best

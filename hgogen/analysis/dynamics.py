@@ -40,7 +40,7 @@ from hgogen.program import INF, column, sym
 from hgogen.rigor.bounds import contains_zero, enclose
 from hgogen.rigor.box import EVERYTHING, box
 from hgogen.rigor.lookup import hessian, jacobian
-from hgogen.rigor.singular import computed, limited, resolved
+from hgogen.rigor.singular import as_computed, resolved, with_limited_slopes
 from hgogen.signal import Signal, resting
 
 Range = tuple[float, float]
@@ -542,9 +542,9 @@ class Dynamics:
         around = system.box_with(states or self.form.states)
         around |= {s: EVERYTHING for s in around if getattr(s, "period", None) is not None}
         if slopes:
-            rows = [limited(e, around) for e in rows]
+            rows = [with_limited_slopes(e, around) for e in rows]
         if self.form.clamped and boxed:
-            rows = (computed(resolved(e), around) for e in rows)
+            rows = (as_computed(resolved(e), around) for e in rows)
         constants = tuple(system.constants.items())
         return to_casadi([_with_values(e, constants) for e in rows], symbols)
 

@@ -30,8 +30,8 @@ from hgogen.analysis.undefined import if_valued, value_conditions, wrapped_angle
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import Cause, Proof, Sign, bound, contains_zero, counted, enclose, ends, nonzero
-from hgogen.rigor.box import EVERYTHING, box, exact, kind, points, settled, witness
-from hgogen.rigor.singular import CHORD, limited, minimal, one_sided, reasons, singular
+from hgogen.rigor.box import EVERYTHING, box, exact, points, sign_at, substituted_where_real, witness
+from hgogen.rigor.singular import CHORD, minimal, one_sided, reasons, singular, with_limited_slopes
 from hgogen.rigor.slope import JUMPS, lipschitz_bound
 from hgogen.rigor.tape import NoTape, with_norms
 from hgogen.rigor.tape import slope as slope_of
@@ -94,7 +94,7 @@ def sign(a: sp.Expr, system: System) -> int:
         answer = nonzero(a, system.box, boxes=_FEW)
         if answer.verdict is Verdict.PROVED:
             return answer.sign
-    kinds = {kind(a, point) for point in points(signals)}
+    kinds = {sign_at(a, point) for point in points(signals)}
     return 1 if kinds == {"> 0"} else -1 if kinds == {"< 0"} else 0
 
 
@@ -154,7 +154,7 @@ def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
-    a = exact(settled(a, system.constants))
+    a = exact(substituted_where_real(a, system.constants))
     return a, tuple(s for s in system.signals if s in a.free_symbols)
 
 
@@ -272,7 +272,7 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
         return unranged
     fix = f"Narrow the ranges so that {name} is defined everywhere."
     for place in points(signals):
-        if kind(c, place) == "undefined":
+        if sign_at(c, place) == "undefined":
             reason = because("{name} is not a finite real number", name=name)
             return replace(check, verdict=Verdict.REFUTED, reason=reason, witness=witness(place), fix=fix)
     poles = singular([c], around)
@@ -367,7 +367,7 @@ def with_chords(check: Check, b: Iterable[sp.Expr], system: System) -> Check:
     """Return the check `lipschitz` of b as it applies to filters without a theorem: unknown instead of refuted where
     the derivatives that the step uses, which are those of a chord near 0 of a power, have a bound."""
     rows, around = tuple(b), system.box
-    chords = tuple(limited(one_sided(row, around), around, CHORD, CHORD) for row in rows)
+    chords = tuple(with_limited_slopes(one_sided(row, around), around, CHORD, CHORD) for row in rows)
     if check.verdict is not Verdict.REFUTED or chords == rows:
         return check
     if lipschitz_bound(chords, system.states, around).verdict is not Verdict.PROVED:

@@ -25,7 +25,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.program import sym
 from hgogen.rigor.box import box
-from hgogen.rigor.singular import limited
+from hgogen.rigor.singular import with_limited_slopes
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting, spread
 from hgogen.system import System
@@ -271,7 +271,7 @@ def slopes(
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}
-    graphs = to_casadi([limited(expression, box(signals)) for expression, _ in pairs], symbols)
+    graphs = to_casadi([with_limited_slopes(expression, box(signals)) for expression, _ in pairs], symbols)
     each = [ca.jacobian(graph, symbols[signal]) for graph, (_, signal) in zip(graphs, pairs, strict=True)]
     function = ca.Function("slopes", [x], [ca.densify(ca.SX(ca.vertcat(*each)))])
     values = np.array(function(_lattice(signals).T)).reshape(len(pairs), _POINTS).T
@@ -289,7 +289,7 @@ def _functions(plant: System) -> Any:
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
     parts = (plant.flow, plant.output, plant.invariants)
-    rows = ([limited(row, plant.box) for row in part] for part in parts)
+    rows = ([with_limited_slopes(row, plant.box) for row in part] for part in parts)
     f, h, c = (ca.densify(ca.SX(ca.vertcat(*to_casadi(part, symbols)))) for part in rows)
     slopes = (ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h, c))
     return ca.Function("f", [x, u], [f, h, *slopes])

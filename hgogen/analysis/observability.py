@@ -42,20 +42,20 @@ from hgogen.rigor.factors import factors
 from hgogen.rigor.invariant import divided, rate
 from hgogen.rigor.rank import (
     FEW_BITS,
-    Blurred,
     Branch,
     Model,
     NowhereDefined,
     Place,
     Rank,
     Ranks,
-    Reached,
+    SampledBranches,
+    TooImprecise,
+    at_random_point,
     exact_numbers,
-    kernel,
+    independent_rows,
     matrix_rows,
     modulus,
-    new_rows,
-    somewhere,
+    nullspace_basis,
 )
 from hgogen.rigor.rank import observability as ranks
 from hgogen.rigor.series import Arithmetic, Plant, Point, Undecided, first_gradients
@@ -149,10 +149,10 @@ def _sample(plant: Plant, order: int, k: int) -> _Sample:
     def answer(numbers: Arithmetic, point: Point) -> _Sample:
         prime = modulus(numbers)
         rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
-        independent = tuple(tuple(rows[i]) for i in new_rows(rows, prime))
+        independent = tuple(tuple(rows[i]) for i in independent_rows(rows, prime))
         return _Sample((*point.states, *point.constants[: plant.q]), independent, prime)
 
-    return somewhere(plant, answer, first=k)
+    return at_random_point(plant, answer, first=k)
 
 
 def _fields(
@@ -168,8 +168,8 @@ def _fields(
             for row in sample.rows
         ]
         try:
-            basis = kernel(equations, len(terms), prime)
-        except Blurred:
+            basis = nullspace_basis(equations, len(terms), prime)
+        except TooImprecise:
             return []
         vectors = [_fractions(vector, prime) for vector in basis]
     fields = []
@@ -222,7 +222,9 @@ def _independent(
         return sum((int(c) * prod(part) for (_, c), part in zip(terms, factors, strict=True)), 0 * sample.values[0])
 
     with flint.ctx.workprec(FEW_BITS):
-        return [list(ordered[i]) for i in new_rows([list(map(value, field)) for field in ordered], sample.prime)]
+        return [
+            list(ordered[i]) for i in independent_rows([list(map(value, field)) for field in ordered], sample.prime)
+        ]
 
 
 def _proved(fields: Sequence[Sequence[sp.Expr]], model: Model) -> list[bool]:
@@ -562,7 +564,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     return Observability(plant, known, joint, ranked[0][1].method, scope)
 
 
-def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
+def _scope(plant: System, loose: Sequence[sp.Symbol], reached: SampledBranches, count: int) -> Reason:
     if not reached.branching:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
@@ -683,12 +685,12 @@ class _Question:
             rows: list[Any] = []
             for k, y in enumerate(first_gradients(plant, numbers, point, rank.order + 1)):
                 rows += matrix_rows(y)
-                basis = kernel(rows, plant.wide, modulus(numbers))
+                basis = nullspace_basis(rows, plant.wide, modulus(numbers))
                 observable = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
                 orders |= {s: k for s in observable if s not in orders}
             return orders
 
-        orders = somewhere(plant, answer)
+        orders = at_random_point(plant, answer)
         return tuple((s, orders[s]) for s in rank.observable if s in orders)
 
     def repairs(self, rank: Rank) -> tuple[sp.Symbol, ...]:
@@ -704,11 +706,11 @@ class _Question:
 
             def full(i: int) -> bool:
                 rows = [row for y in orders for row in (*y[:p], *y[p + len(hidden) :], y[p + i])]
-                return len(new_rows(rows, modulus(numbers))) == rank.dimension
+                return len(independent_rows(rows, modulus(numbers))) == rank.dimension
 
             return tuple(s for i, s in enumerate(hidden) if full(i))
 
-        return somewhere(plant, answer)
+        return at_random_point(plant, answer)
 
     def determined_later(self, rank: Rank) -> tuple[sp.Symbol, ...]:
         """Return the unobservable states of a discrete plant whose value at sample n is a function of the outputs: the
@@ -720,10 +722,10 @@ class _Question:
             orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, plant.wide + 1)]
             rows = [row for y in orders[:-1] for row in y[: len(output)]]
             last = zip(states, orders[-1][len(output) :], strict=True)
-            known = [x for x, row in last if len(new_rows([*rows, row], modulus(numbers))) == rank.rank]
+            known = [x for x, row in last if len(independent_rows([*rows, row], modulus(numbers))) == rank.rank]
             return tuple(x for x in known if x in rank.unobservable)
 
-        return somewhere(plant, answer)
+        return at_random_point(plant, answer)
 
     def direction(self, order: int) -> tuple[Any, Any]:
         """Return a vector v (largest entry 1) with d(y, .., y^(order))/dx
@@ -732,7 +734,7 @@ class _Question:
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
             rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
-            basis = kernel(rows, plant.wide, 0)
+            basis = nullspace_basis(rows, plant.wide, 0)
             if not basis:
                 raise Undecided
             vector = [float(flint.arb(e).mid()) for e in basis[0]]
@@ -742,7 +744,7 @@ class _Question:
             return components, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
 
         try:
-            return somewhere(plant, answer, balls=True)
+            return at_random_point(plant, answer, balls=True)
         except NowhereDefined:
             return (), ()
 

@@ -21,9 +21,9 @@ from hgogen.analysis.maps import stand_ins
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import Misfit, requires_plant
 from hgogen.rigor.bounds import Interval, enclose, finite
-from hgogen.rigor.box import Box, RationalPoint, exact, kind, points, witness
+from hgogen.rigor.box import Box, RationalPoint, exact, points, sign_at, witness
 from hgogen.rigor.box import box as box_of
-from hgogen.rigor.singular import lost, minimal, reasons, singular
+from hgogen.rigor.singular import lost_part, minimal, reasons, singular
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import Reason, because, down, up
 from hgogen.signal import Signal
@@ -130,7 +130,7 @@ def _substituted(
     plain = row.subs(backward)
     unexpanded, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
     signals = (s for s in unexpanded.free_symbols if isinstance(s, Signal))
-    part = lost((unexpanded,), (expanded,), box_of(signals, plant.nominal))
+    part = lost_part((unexpanded,), (expanded,), box_of(signals, plant.nominal))
     return expanded if part is None else unexpanded
 
 
@@ -216,7 +216,7 @@ def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> R
     read = tuple(s for s in signals if s in e.free_symbols)
     if not all(s.bounded for s in read):
         return None
-    return next((point for point in points(read) if kind(e, point) in kinds), None)
+    return next((point for point in points(read) if sign_at(e, point) in kinds), None)
 
 
 def _range(change: Change) -> Check:

@@ -44,12 +44,12 @@ from hgogen.rigor.field import TooLarge, is_zero
 from hgogen.rigor.rank import (
     Model,
     NowhereDefined,
-    believe_zeros,
+    at_random_point,
+    demand_precise_zeros,
     exact_numbers,
+    independent_rows,
     matrix_rows,
     modulus,
-    new_rows,
-    somewhere,
 )
 from hgogen.rigor.rank import branches as switches_of
 from hgogen.rigor.series import Arithmetic, Plant, Point, evaluate, first_gradients
@@ -388,13 +388,13 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
         prime = modulus(numbers)
         choices = []
         for order in (by_order, sorted(by_order)):
-            new = new_rows([every[k][j] for j, k in order], prime)
+            new = independent_rows([every[k][j] for j, k in order], prime)
             choices.append(tuple(order[i] for i in new))
         if any(len(rows) < n for rows in choices):
-            believe_zeros(prime)
+            demand_precise_zeros(prime)
         return choices
 
-    return somewhere(plant, chosen)
+    return at_random_point(plant, chosen)
 
 
 # ---------------------------------------------------------------- words
@@ -481,7 +481,7 @@ def gauthier_bornard(model: Model) -> UniformObservability:
         return UniformObservability(None, False, outside)
     ranks = []
     for k in range(POINTS):
-        rank, violation = somewhere(plant, partial(_span_test, plant, model.inputs), first=k, power=2)
+        rank, violation = at_random_point(plant, partial(_span_test, plant, model.inputs), first=k, power=2)
         if violation:
             return UniformObservability(False, True, violation)
         ranks.append(rank)
@@ -562,9 +562,9 @@ def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, p
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
     flat = [[numbers.reduced(e) for e in row.entries()] for row in rows]
-    rank = len(new_rows(flat, prime))
+    rank = len(independent_rows(flat, prime))
     if rank < n:
-        believe_zeros(prime)
+        demand_precise_zeros(prime)
         return rank, NONE
     drift, drift_slope = _field(plant, numbers, point, None)
     for j, u in enumerate(inputs):
@@ -576,10 +576,10 @@ def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, p
             turn = [numbers.slope(a, b) for a, b in zip(shifted_row.entries(), row.entries(), strict=True)]
             tilted = (row * slope).entries()
             new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
-            if i + 1 in new_rows([*flat[: i + 1], new], prime):
+            if i + 1 in independent_rows([*flat[: i + 1], new], prime):
                 pattern = "d(L_g L_f^{i} h), g of {input}, leaves the span of dh, .., d L_f^{i} h"
                 return rank, because(pattern, i=i, input=u)
-    believe_zeros(prime)
+    demand_precise_zeros(prime)
     return rank, NONE
 
 

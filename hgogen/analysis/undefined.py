@@ -30,7 +30,7 @@ from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
 from hgogen.rigor.box import Box, Point, box, exact
 from hgogen.rigor.invariant import restricted
 from hgogen.rigor.periodic import exact_turn
-from hgogen.rigor.rank import Reached, at_values, reached
+from hgogen.rigor.rank import SampledBranches, at_values, sampled_branches
 from hgogen.rigor.singular import (
     CHORD,
     NONZERO,
@@ -40,13 +40,13 @@ from hgogen.rigor.singular import (
     bounded_logs,
     chord_ends,
     conditions,
-    doubtful,
-    limited,
+    mapped_parts,
     minimal,
     off_origin,
     one_sided,
-    put_apart,
+    possibly_undefined,
     resolved,
+    with_limited_slopes,
 )
 from hgogen.rigor.tape import NoTape, slope
 from hgogen.sentence import Sentence, because
@@ -112,7 +112,7 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
 def _slopes_check(plant: System, signal: Signal, text: str, row: sp.Expr) -> Check | None:
     what, states = Sentence.of(_SLOPES, row=text), [x for x in plant.states if row.has(x)]
     written = _check(plant, signal, what, [slope(row, x) for x in states], _ZERO_SLOPES)
-    program = limited(row, plant.box, CHORD, CHORD)
+    program = with_limited_slopes(row, plant.box, CHORD, CHORD)
     if written is None or program == row:
         return written
     ends = chord_ends(row, plant.box)
@@ -173,7 +173,7 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
 def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
     rows = list(expressions)
     quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
-    parts = doubtful((row.xreplace(quotients) for row in rows), around)
+    parts = possibly_undefined((row.xreplace(quotients) for row in rows), around)
     yield from (p for p in parts if p not in quotients.values() and not _chooses_values(p, around))
     if quotients:
         yield from _doubtful((part for node in quotients for part in node.reads), around)
@@ -188,7 +188,7 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
     if len(chosen) == 2:
         chosen[1] = sp.Not(chosen[0])
     choices = zip((branch for branch, _ in part.args), chosen, strict=True)
-    needed = ((_condition(inner), cond) for branch, cond in choices for inner in doubtful((branch,), around))
+    needed = ((_condition(inner), cond) for branch, cond in choices for inner in possibly_undefined((branch,), around))
     return all(need.relation == "{of} >= 0" and _above(cond) == sp.expand(need.of) for need, cond in needed)
 
 
@@ -268,14 +268,14 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
         return rows
     before = plant.origin.plant
     back = dict(zip(before.states, plant.origin.backward, strict=True))
-    return (*rows, *put_apart(written(before), lambda part: part.xreplace(back)))
+    return (*rows, *mapped_parts(written(before), lambda part: part.xreplace(back)))
 
 
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
     """Return a part of the plant's equations, as written, that may be infinite or not real on the declared ranges; None
     where there is none."""
-    return next(iter(doubtful(written(plant), plant.box)), None)
+    return next(iter(possibly_undefined(written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
@@ -317,7 +317,7 @@ def wrapped_angles(plant: System) -> dict[sp.Expr, Condition]:
     return {written: off_origin(exact(node)) for node in alone for written in (node, exact(node))}
 
 
-def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
+def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> SampledBranches:
     """Return the branches of flow, output and constraints, in this order, that the declared ranges reach, with the
     `loose` parameters in their ranges and the others at their nominal values. For a plant with constraints: the
     branches that points on the constraints reach, with the rows simplified there (`rigor.invariant.restricted`).
@@ -329,7 +329,7 @@ def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
     rows = (*(restricted(row, constraints) for row in (*plain.flow, *plain.output)), *constraints)
     rows, sides = at_values(rows, fixed), box((*plant.states, *plant.inputs, *loose))
     if not constraints:
-        return reached(rows, sides)
+        return sampled_branches(rows, sides)
     nearest = projection(rows[-len(constraints) :], plant.states, loose)
 
     def project(place: Mapping[sp.Symbol, Fraction], outside: bool = False) -> Mapping[sp.Symbol, Fraction] | None:
@@ -341,5 +341,5 @@ def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
         within = all(sides[x][0] <= value <= sides[x][1] for x, value in states.items())
         return {**place, **states} if within or outside else None
 
-    inside = reached(rows, sides, project)
-    return inside if inside.branches else reached(rows, sides, partial(project, outside=True))
+    inside = sampled_branches(rows, sides, project)
+    return inside if inside.branches else sampled_branches(rows, sides, partial(project, outside=True))

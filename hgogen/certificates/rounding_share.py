@@ -49,7 +49,7 @@ from hgogen.rigor.bounds import bound
 from hgogen.rigor.box import box, exact
 from hgogen.rigor.definite import root
 from hgogen.rigor.lookup import Lookup, folded
-from hgogen.rigor.rounding import FOLDED, Real, Rounding, Unsure, exactly
+from hgogen.rigor.rounding import FOLDED, NoRoundingBound, Real, Rounding, exactly
 from hgogen.rigor.series import between, magnitude
 from hgogen.sentence import because
 from hgogen.step import Step
@@ -69,12 +69,11 @@ class Arithmetic(Protocol):
         """Return the value that represents a constant of the program."""
 
     def apply(self, op: int, values: list[Any]) -> Any:
-        """Return the result of the operation with CasADi's number `op` on these values. Raises: `Unsure` where it has
-        none."""
+        """Return the result of the operation with CasADi's number `op` on these values. Raises: `NoRoundingBound`."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
         """Return the result columns of a `function` of the program for the argument `columns`; `body`: the function
-        that computes them operation by operation. Raises: `Unsure` where one has no result."""
+        that computes them operation by operation. Raises: `NoRoundingBound` where one has no result."""
 
 
 def after_call(
@@ -87,12 +86,14 @@ def after_call(
     """Return the numbers (N) in an observer's memory after one call of its step, evaluated in any `arithmetic`.
 
     Args: `fields` (N): the numbers before the call; `samples` (2, p), `inputs` (2, m): those of the last call and of
-    this one. Raises: `Unsure` for a program that the arithmetic cannot evaluate.
+    this one. Raises: `NoRoundingBound` for a program that the arithmetic cannot evaluate.
     """
     (part,) = step.observer.parts
     p = len(samples[0])
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
-        raise Unsure("an observer that is more than one differential equation, or samples that are not of every call")
+        raise NoRoundingBound(
+            "an observer that is more than one differential equation, or samples that are not of every call"
+        )
     clock = replace(step.clock, every=())
     elements = iter(fields)
     memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(elements, x.size)) for x in part.fields}
@@ -103,7 +104,7 @@ def after_call(
         memory |= {Place(struct, each.name): list(map(arithmetic.parameter, each.initial)) for each in numbers}
     for statement in _statements(step.method, part, clock):
         if not isinstance(statement, Block):
-            raise Unsure("a loop or a matrix operation")
+            raise NoRoundingBound("a loop or a matrix operation")
         arguments = [memory[place] for place, _ in statement.reads]
         memory |= zip(statement.writes, _outputs(arithmetic, statement.graph, arguments), strict=False)
     return [each for field in part.fields for each in memory[Place("state", field.name)]]
@@ -113,7 +114,7 @@ def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[A
     """Return the rounding errors (N) that one call makes in the observer's memory in the precision `real`, as balls,
     for memory in the balls `fields` (N), and samples in the balls `y` (p) and inputs in `u` (m), now and at the last
     call. Memory, samples and inputs are exact numbers of this precision; gains, parameters, constants and the results
-    of `tune` are rounded. Raises: `Unsure`."""
+    of `tune` are rounded. Raises: `NoRoundingBound`."""
     elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
     return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
 
@@ -132,7 +133,7 @@ def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
 def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
     def call(function: Graph, values: Sequence[Any]) -> list[Any]:
         if isinstance(function, Lookup):
-            raise Unsure("a table")
+            raise NoRoundingBound("a table")
         elements = iter(values)
         columns = [list(islice(elements, function.nnz_in(k))) for k in range(function.n_in())]
         results = arithmetic.call(function, columns, lambda columns: _outputs(arithmetic, function, columns))
@@ -181,7 +182,7 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
     inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
     try:
         after = after_call(writer, step, fields, samples, inputs)
-    except Unsure:
+    except NoRoundingBound:
         return None
     return _pruned(writer, after)
 
@@ -237,7 +238,7 @@ class _Writer:
 
     def constant(self, number: float) -> Operand:
         if not math.isfinite(number):
-            raise Unsure("a constant that is no number")
+            raise NoRoundingBound("a constant that is no number")
         value = Fraction(number)
         candidates = [_number(value.limit_denominator(_SIMPLE)), _number(Fraction(repr(number)))]
         nearest = min(self.known, key=lambda known: _distance(known, value), default=candidates[0])
@@ -257,7 +258,7 @@ class _Writer:
         if same:
             return same
         if op not in _WORDS or (op in _POWERS and values[1].number is None):
-            raise Unsure("an operation that is not listed")
+            raise NoRoundingBound("an operation that is not listed")
         word, order = _WORDS[op]
         statement = " ".join((word, *(each.text for each in order(values))))
         return self.statements.setdefault(statement, Operand(f"v{len(self.statements) + 1}"))
@@ -465,7 +466,7 @@ class _Sizing:
             balls.append(between(unit * (low - errors[k]), unit * (high + errors[k])))
         try:
             rounded = rounding_errors(self.running.step, self.real, balls, self._samples(ranges), self._inputs)
-        except Unsure as error:
+        except NoRoundingBound as error:
             raise Unbounded(because("how far rounding goes is not known: {what}", what=error.args[0])) from error
         return list(map(magnitude, rounded))
 

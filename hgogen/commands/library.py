@@ -38,10 +38,10 @@ from hgogen.reading.expression import parse
 from hgogen.reading.files import Unread, content_of
 from hgogen.reading.text_model import FORMAT, Entry, entry
 from hgogen.rigor.bounds import Sign, bound, nonzero
-from hgogen.rigor.box import kind
+from hgogen.rigor.box import sign_at
 from hgogen.rigor.field import is_zero
 from hgogen.rigor.rank import Model, observability
-from hgogen.rigor.singular import doubtful, one_sided, parts
+from hgogen.rigor.singular import one_sided, parts, possibly_undefined
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.sentence import Encoded
 
@@ -229,7 +229,9 @@ class _Forms:
             return regular if self.entry.boxed else None
         for link in links:
             parts_in_state = (part for part in parts(link.row) if part.has(link.state))
-            if link.jumps or doubtful(parts_in_state, self.entry.outer):  # as the poles of atan(tan x), of slope 1
+            if link.jumps or possibly_undefined(
+                parts_in_state, self.entry.outer
+            ):  # as the poles of atan(tan x), of slope 1
                 return None
         return True
 
@@ -315,7 +317,7 @@ def _endless(slope: sp.Expr, sign: Sign) -> bool:
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
-    return not crosses and kind(slope, at) == "undefined"
+    return not crosses and sign_at(slope, at) == "undefined"
 
 
 def _uniform(forms: _Forms) -> Iterator[Answer]:
@@ -390,7 +392,7 @@ def _lipschitz(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
     if forms.measured and e.boxed:
         answer = _is_lipschitz(forms.remainders, e)
-        if answer and doubtful((*e.flow, *e.output), e.outer):
+        if answer and possibly_undefined((*e.flow, *e.output), e.outer):
             answer = None  # a part of the model may be undefined on the box
         yield "lipschitz", answer
 

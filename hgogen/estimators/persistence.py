@@ -53,8 +53,8 @@ from hgogen.rigor.bounds import bound, nonzero
 from hgogen.rigor.box import Box, box, exact
 from hgogen.rigor.definite import fraction, number, root, smallest
 from hgogen.rigor.field import TooLarge, is_zero
-from hgogen.rigor.series import Balls, Plant, Undecided, between, evaluate
-from hgogen.rigor.singular import doubtful
+from hgogen.rigor.series import BallSeries, Plant, Undecided, between, evaluate
+from hgogen.rigor.singular import possibly_undefined
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, down, equations
@@ -224,7 +224,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.supplied}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = doubtful(map(exact, written(system)), around)
+    parts = possibly_undefined(map(exact, written(system)), around)
     return next((part for part in parts if not _finite(exact(part.xreplace(values)), around)), None)
 
 
@@ -314,7 +314,7 @@ _SHARE = Fraction(999, 1000)  # of the eigenvalue that is claimed, so that anoth
 _DIGITS = 12  # of the length of a piece, and of the bound
 _BITS = 40  # of the weights
 ORDER = 9  # N
-_BALLS = Balls(0)
+_BALLS = BallSeries(0)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from hgogen.logs.records import BadLog, Log, quantum_of
 from hgogen.part import on_line
 from hgogen.program import column
 from hgogen.registry import version
-from hgogen.rigor.singular import TINY, limited
+from hgogen.rigor.singular import TINY, with_limited_slopes
 from hgogen.run.consistency import influence
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, plural, resting
@@ -155,7 +155,7 @@ class _OnRecords:
         values |= dict(zip(self.plant.states, ca.vertsplit(x), strict=True))
         values |= dict(zip(self.free, ca.vertsplit(p), strict=True)) if self.free else {}
         values |= dict(zip(self.plant.inputs, ca.vertsplit(u), strict=True)) if self.plant.inputs else {}
-        return column(to_casadi([limited(row, self.plant.box, TINY) for row in rows], values))
+        return column(to_casadi([with_limited_slopes(row, self.plant.box, TINY) for row in rows], values))
 
 
 def short_way(differences: Any, signals: Sequence[Signal]) -> Any:
@@ -215,7 +215,7 @@ def rates(plant: System) -> tuple[float, float]:
     draw, n, signals = np.random.default_rng(0), len(plant.states), (*plant.states, *plant.inputs, *plant.parameters)
     symbols = {s: ca.SX.sym(s.name) for s in signals}
     at = column(symbols.values())
-    flow = column(to_casadi([limited(row, plant.box) for row in plant.flow], symbols))
+    flow = column(to_casadi([with_limited_slopes(row, plant.box) for row in plant.flow], symbols))
     jacobian = ca.Function("jacobian", [at], [ca.jacobian(flow, at)[:, :n]])
     spectra = [np.zeros(1)]
     for k in range(POINTS):

@@ -50,11 +50,11 @@ from hgogen.reading.given import (
     signals_named,
 )
 from hgogen.rigor.bounds import Proof, bound
-from hgogen.rigor.box import Box, box, exact, kind
+from hgogen.rigor.box import Box, box, exact, sign_at
 from hgogen.rigor.definite import symmetric, unsymmetric
 from hgogen.rigor.field import is_zero
 from hgogen.rigor.search import is_defined
-from hgogen.rigor.singular import lost, put_apart
+from hgogen.rigor.singular import lost_part, mapped_parts
 from hgogen.rigor.slope import JUMPS, KINKS, Answer, SecondOrder, lipschitz_bound, negative
 from hgogen.sentence import NONE, Down, Reason, because, down, up
 from hgogen.signal import Signal
@@ -194,7 +194,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         {s: ends for s, ends in around.items() if s not in fixed},
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
-        lost(written(plant), flow, around),
+        lost_part(written(plant), flow, around),
         plant.caveat,
     )
 
@@ -302,7 +302,7 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
     others = {s: ends for s, ends in around.items() if s not in {*equations.unknown, *on}}
     pushes = sp.ImmutableDenseMatrix(len(noise), len(equations.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
-    part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
+    part = lost_part(mapped_parts(written(plant), on_way), (*flow, *pushes), around)
     return ErrorSystem(
         plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, caveat=plant.caveat
     )
@@ -465,7 +465,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     around, level, mu = error_box(system, within), _function(system, V), _positive("mu", mu)
     obstacle = _obstacle(system, level, around, boxes)
     zero = dict.fromkeys(system.errors, sp.S.Zero)
-    if kind(level, zero) in ("> 0", "< 0"):
+    if sign_at(level, zero) in ("> 0", "< 0"):
         point = dict.fromkeys(system.errors, Fraction(0))
         positive = Answer(Verdict.REFUTED, because("V(0) is not 0"), point)
     else:
@@ -537,7 +537,7 @@ def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reaso
     zero, box = dict.fromkeys(system.errors, sp.S.Zero), {**system.plain, **around}
     slopes = tuple(V.diff(e) for e in system.errors)
     for what, rows in (("V", (V,)), ("dV/de", slopes)):
-        if any(kind(row, zero) != "= 0" for row in rows):
+        if any(sign_at(row, zero) != "= 0" for row in rows):
             return because("{what} does not vanish at e = 0", what=what)
     if not all(is_zero(row.xreplace(zero), system.plain) for row in system.flow):
         return because("F is not shown to vanish at e = 0")

@@ -38,7 +38,7 @@ from hgogen.rigor.bounds import bound
 from hgogen.rigor.box import Box, box, exact
 from hgogen.rigor.definite import number
 from hgogen.rigor.search import Ranges
-from hgogen.rigor.series import Balls, Plant, Undecided, between, evaluate, magnitude
+from hgogen.rigor.series import BallSeries, Plant, Undecided, between, evaluate, magnitude
 from hgogen.rigor.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import because
@@ -201,7 +201,7 @@ class PlantStep:
     ) -> list[list[Any]]:
         """Return the Taylor coefficients (n, order) of F along given Taylor coefficients of `states` and `inputs` (each
         a list of balls), with `constant` parameters."""
-        balls = Balls(0)
+        balls = BallSeries(0)
         values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
         rows = evaluate(self._tape, balls, values, order, 1)
         return [balls.coefficients(value, order) for value, _ in rows]

@@ -313,7 +313,7 @@ def all_finite(values: Callable[[Box], Iterable[Interval]]) -> Callable[[Box], A
     return attempt
 
 
-def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
+def demand_differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
     """Demand that the expressions have no kink at a point: there no modulus, sign, minimum, maximum or table switches,
     so that the formulas of the slopes are valid. Raises: `Unproved`."""
     values = points(at)
@@ -330,7 +330,7 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
                 raise Unproved(f"{cut(text.text)} may have no slope at its witness")
 
 
-def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
+def demand_continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
     """Demand that no table, or derivative of a table, in the expressions jumps within the box along the `names`. Slopes
     on the leaves of a bisection are one-sided at the cuts and do not detect a jump there. Raises: `Unproved`."""
     along, ranges = frozenset(names), sides(box)
@@ -393,7 +393,7 @@ def by_mean_value(
     return attempt
 
 
-def no_steeper(
+def demand_jacobian(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
     """Demand |d rows_i/d names_j| <= `most`_ij on a box for every j with `sizes`_j other than 0; return the number of
@@ -401,7 +401,7 @@ def no_steeper(
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
-    continuous(rows, [names[j] for j in wanted], where)
+    demand_continuous(rows, [names[j] for j in wanted], where)
     return covered(where, ".", in_ranges(rows, names, ends))
 
 

@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Undefined, Unproved, along, total
-from .box import Box, Norm, continuous, covered, cut, narrowed, ranged, spectral, steep
+from .box import Box, Norm, covered, cut, demand_continuous, narrowed, ranged, spectral, steep
 from .file import (
     Certificate,
     Claim,
@@ -122,7 +122,7 @@ class Context:
         ):
             for text in texts:
                 try:
-                    finite(text, box)
+                    demand_finite(text, box)
                 except Unproved as error:
                     raise Unproved(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
@@ -130,7 +130,7 @@ class Context:
         """Prove dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x."""
         algebra, form, plant, z = self.algebra, self.form, self.plant, self.algebra.names
         for change in (*form.to_form, *form.from_form):
-            only(change.names & set(self.file.inputs), (), "the change of coordinates")
+            demand_only(change.names & set(self.file.inputs), (), "the change of coordinates")
         rates = {
             name: total(
                 (
@@ -302,14 +302,14 @@ _MOST = 40  # digits of a number in a sentence
 RANGE = ("expression", "box", "low", "high", "tree")  # keys of the evidence of an enclosure
 
 
-def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
+def demand_only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
     """Demand that all `names` are `allowed`; `complaint`: the beginning of the error's text. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise Unproved(f"{complaint} reads {', '.join(strange)}")
 
 
-def finite(text: Expression, box: Box) -> int:
+def demand_finite(text: Expression, box: Box) -> int:
     """Demand that an expression is finite on its whole box; return the number of boxes. Raises: `Unproved`."""
     return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
 
@@ -349,7 +349,7 @@ def enclosed(
     box = declared_box(evidence, context.form.box, text.names)
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
-        boxes += finite(source, context.form.box)
+        boxes += demand_finite(source, context.form.box)
     return low, high, Finding(f"{printed(low, -1)} <= {cut(text.text)} <= {printed(high, 1)}{on(box)}", boxes)
 
 
@@ -422,10 +422,10 @@ def structure(context: Context, claim: Claim) -> Finding:
     _superdiagonal(context, places)
     for i, nonlinear in enumerate(form.b):
         allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
-        only(nonlinear.names & set(z), allowed, f"b_{i + 1}")
+        demand_only(nonlinear.names & set(z), allowed, f"b_{i + 1}")
     _in_order(context, places)
     for chain, output in ((k, output) for k, output in enumerate(form.output) if form.blocks[k]):
-        only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
+        demand_only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
         _ = context.first_gain(chain)
     ranges_kept(context)
     reads = {name for row in form.A for entry in row for name in entry.names}
@@ -447,7 +447,9 @@ def _superdiagonal(context: Context, places: Sequence[tuple[int, int]]) -> None:
     for i, row in enumerate(form.A):
         for j, entry in enumerate(row):
             if j == i + 1 and places[j][0] == places[i][0]:
-                only(entry.names & set(z), () if form.kind == "block_triangular" else z[:1], f"A[{i + 1},{j + 1}]")
+                demand_only(
+                    entry.names & set(z), () if form.kind == "block_triangular" else z[:1], f"A[{i + 1},{j + 1}]"
+                )
             elif not context.algebra.is_zero(context.value(entry)):
                 raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
 
@@ -557,7 +559,7 @@ def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
     """Return the texts as expressions, which must read parameters only. Raises: `Unproved`."""
     expressions = [expression(text, context.form.box) for text in texts]
     for text in expressions:
-        only(text.names, context.file.parameters, f"the constant {text.text}")
+        demand_only(text.names, context.file.parameters, f"the constant {text.text}")
     return expressions
 
 
@@ -565,15 +567,15 @@ def invertible(context: Context, scale: Sequence[Expression]) -> int:
     """Demand that each entry of `scale` is finite and not zero on the form's box; return the number of boxes. Raises:
     `Unproved`."""
     box = context.form.box
-    return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
+    return sum(demand_finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
 def steady(context: Context, gains: Sequence[Expression]) -> int:
     """Demand that A depends on no state, and that the observer's `gains` depend on parameters only and are finite;
     return the number of boxes. Raises: `Unproved`."""
     for entry in (entry for row in context.form.A for entry in row):
-        only(entry.names & set(context.z), (), "A")
-    return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
+        demand_only(entry.names & set(context.z), (), "A")
+    return sum(demand_finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
 
 
 def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
@@ -627,7 +629,7 @@ def _steepness(
 ) -> tuple[Fraction, Box, int]:
     box = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
     bound = signless(evidence, "bound")
-    continuous(rows, context.z, box)
+    demand_continuous(rows, context.z, box)
     return bound, box, covered(box, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
 
 

@@ -1,6 +1,6 @@
 """The differential inclusion of an observer's error, rebuilt from the plant and the observer's numbers.
 
-    e' = theta (N e + B v) + sum over slopes of theta^-degree d onto (reads'e + from_y'v)
+    e' = theta (N e + B v) + sum over slopes of theta^-degree d direction (reads'e + from_y'v)
 
 Each d is in [low, high], independently; e holds the errors of fields over their units and theta^power, v those of the
 samples over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
@@ -24,7 +24,7 @@ from operator import mul
 from typing import Any
 
 from .arithmetic import Unproved
-from .box import continuous, covered, in_ranges, narrowed
+from .box import covered, demand_continuous, in_ranges, narrowed
 from .context import (
     Context,
     constants,
@@ -38,7 +38,7 @@ from .context import (
     wanted_gain,
 )
 from .file import Observer, column, entries, fields, matrix, part, scalar
-from .inequality import Parts
+from .inequality import ErrorMatrices
 from .matrix import Matrix, companion, dot, outer, similar, unit, unit_row, zeros
 from .text import Expression
 
@@ -169,17 +169,16 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 
 
 @dataclass(frozen=True)
-class Slope:
-    """An uncertain term of the error dynamics, theta^-`degree` d a (r'e + s'v) in e', for any factor d in [`low`,
-    `high`]: a (N) is `onto`, r (N) is `reads`, s (p) is `from_y`; e (N) are the errors of the observer's states, v (p)
-    those of the samples at theta = 1.
+class UncertainTerm:
+    """A term theta^-`degree` d `direction` (`reads`'e + `from_y`'v) of the error dynamics e', for any factor d in
+    [`low`, `high`]: e (N) are the errors of the observer's states, v (p) those of the samples at theta = 1.
 
     `one_sided`: 1 if d is unbounded above low = high, -1 if it is unbounded below, else 0; `realised`: False for the
     varying part of A - K C, which no method for a realised linear part integrates.
     """
 
     reads: list[Fraction]
-    onto: list[Fraction]
+    direction: list[Fraction]
     low: Fraction
     high: Fraction
     degree: int
@@ -215,7 +214,7 @@ class ErrorInclusion:
     """
 
     N: Matrix
-    slopes: list[Slope]
+    slopes: list[UncertainTerm]
     boxes: int
     measured: Matrix
     index: list[int]
@@ -254,9 +253,9 @@ class ErrorInclusion:
         corners = (lifted.applied([*map(mul, first, each)]) for each in signs)
         return max(dot(e, P.applied(e)) for e in corners)
 
-    def at(self, theta: Fraction) -> Parts:
-        """Return the matrices of the error dynamics at a gain theta (`Parts`): M and R with the slopes d at the middles
-        of their ranges, G, H and E with half of the ranges."""
+    def at(self, theta: Fraction) -> ErrorMatrices:
+        """Return the matrices of the error dynamics at a gain theta: M and R with the slopes d at the middles of their
+        ranges, G, H and E with half of the ranges."""
         M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
         R, p = zeros(len(M), len(late)), len(late)
@@ -265,16 +264,18 @@ class ErrorInclusion:
             share, from_y = theta**-slope.degree, slope.from_y or [Fraction(0)] * len(late)
             from_y = [x * by for x, by in zip(from_y, late, strict=True)]
             middle = share * (slope.low + slope.high) / 2
-            onto = [x * middle for x in slope.onto]
-            M, R = M + outer(onto, slope.reads), R + outer(onto, from_y)
+            direction = [x * middle for x in slope.direction]
+            M, R = M + outer(direction, slope.reads), R + outer(direction, from_y)
             if slope.low < slope.high:
-                G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
+                G.append([x * share * (slope.high - slope.low) / 2 for x in slope.direction])
                 H.append(slope.reads)
                 E.append(from_y)
         moving = not all(slope.realised for slope in self.slopes)
         one_sided = [slope for slope in self.slopes if slope.one_sided and any(slope.reads)]
-        signed = [(slope.onto, [-slope.one_sided * x for x in slope.reads]) for slope in one_sided]
-        return Parts(M, Matrix(G, len(M)).T, Matrix(H, len(M)), theta * self.N, moving, B, R, Matrix(E, p), signed)
+        signed = [(slope.direction, [-slope.one_sided * x for x in slope.reads]) for slope in one_sided]
+        return ErrorMatrices(
+            M, Matrix(G, len(M)).T, Matrix(H, len(M)), theta * self.N, moving, B, R, Matrix(E, p), signed
+        )
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -301,9 +302,9 @@ def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
     slopes, boxes = bounded_slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
-    for j, onto in core.gates:
-        column_ = [x * t[k] / t[j] for k, x in enumerate(onto)]
-        slopes.append(Slope(unit_row(j, len(t)), column_, Fraction(0), Fraction(1), -1))
+    for j, gated in core.gates:
+        column_ = [x * t[k] / t[j] for k, x in enumerate(gated)]
+        slopes.append(UncertainTerm(unit_row(j, len(t)), column_, Fraction(0), Fraction(1), -1))
     measured = Matrix([[x * unit] for x, unit in zip(core.measured, t, strict=True)])
     N, boxes, late = similar(t, core.vertices[-1]), boxes + scale.boxes, [0]
     where = (core.index, core.fed, core.picks, core.power)
@@ -393,7 +394,7 @@ def _means(context: Context, observer: Observer) -> Matrix:
 
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
-) -> tuple[list[Slope], int]:
+) -> tuple[list[UncertainTerm], int]:
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
@@ -404,8 +405,8 @@ def _moving(
         low, high, finding = enclosed(context, range_, *wanted_gain(context, place))
         boxes += finding.boxes
         chain, level = place
-        onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(columns)]
-        slopes.append(Slope(unit_row(at, len(columns)), onto, low, high, -1, realised=False))
+        direction = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(columns)]
+        slopes.append(UncertainTerm(unit_row(at, len(columns)), direction, low, high, -1, realised=False))
     return slopes, boxes
 
 
@@ -418,7 +419,7 @@ def bounded_slopes(
     index: list[int],
     picks: list[int],
     least: int = 0,
-) -> tuple[list[Slope], int]:
+) -> tuple[list[UncertainTerm], int]:
     """Return an uncertain term for each partial derivative S_i db_i/dz_j/S_j that is not 0, S = diag(`scale`), with a
     range that contains 0, and the number of boxes; the ranges of the evidence are proved. Raises: `Unproved`.
 
@@ -426,10 +427,10 @@ def bounded_slopes(
     whether an observer state estimates a state of the form, and which one; `picks` (n): the observer state at which b
     is evaluated.
     """
-    form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
+    form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[UncertainTerm]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
-    continuous(form.b, context.z, where)
+    demand_continuous(form.b, context.z, where)
     for i, row in enumerate(form.b):
         for j, z in enumerate(context.z):
             if z not in row.names:
@@ -438,13 +439,13 @@ def bounded_slopes(
                 raise Unproved(f"it does not bound the slope of b_{i + 1} in {z}")
             low, high, tree = listed.pop((i, j))
             boxes += covered(where, tree, in_ranges(form.b, context.z, {(i, j): (low, high)}, scale))
-            onto = [Fraction(int(feeds and at == i)) for feeds, at in zip(fed, index, strict=True)]
+            direction = [Fraction(int(feeds and at == i)) for feeds, at in zip(fed, index, strict=True)]
             degree = powers[i] - powers[j]
             if degree < least:
                 raise Unproved(f"b_{i + 1} reads {z}, of a higher power of theta")
-            reads, way = unit_row(picks[j], len(onto)), (high == math.inf) - (low == -math.inf)
+            reads, way = unit_row(picks[j], len(direction)), (high == math.inf) - (low == -math.inf)
             known = [Fraction(end) for end in (min(low, Fraction(0)), max(high, Fraction(0))) if math.isfinite(end)]
-            slopes.append(Slope(reads, onto, known[0], known[-1], degree, one_sided=way))
+            slopes.append(UncertainTerm(reads, direction, known[0], known[-1], degree, one_sided=way))
     if listed:
         raise Unproved("it bounds slopes that are none of b")
     return slopes, boxes

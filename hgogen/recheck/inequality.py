@@ -20,7 +20,7 @@ and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) moves it to the diago
 A quadratic form decays for all slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
 
 M is affine in each |d_j| <= 1, so without multipliers the corners suffice. A slope that is unbounded on one side enters
-M by its finite end; the excess, -onto d reads e, d >= 0, decreases V' if P onto = lambda reads', lambda >= 0.
+M by its finite end; the excess, -a d r'e, d >= 0, decreases V' if P a = lambda r, lambda >= 0.
 """
 
 import math
@@ -81,7 +81,7 @@ Weights = tuple[Matrix, Matrix, Fraction]  # phi_1, phi_2, and a bound of the er
 
 
 @dataclass(frozen=True)
-class Change:
+class StepMaps:
     """A step of length h of the error dynamics as linear maps of v = (e, p_1, .., p_s, inputs): e+ = e + h `D` v, and
     X_i = `stages`[i] v at stage i. `off`: entrywise bounds of the errors of D and of the last stage, empty if they are
     exact."""
@@ -92,7 +92,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Parts:
+class ErrorMatrices:
     """The matrices of the error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v), for all |d_j| <= 1: M (N,
     N), G (N, m), H (m, N); B, R (N, p) and E (m, p) multiply the errors v of the samples. L (N, N) is the part of M
     without b, B belongs to L and R to b; `moving`: whether L varies.
@@ -117,13 +117,13 @@ class Method:
     """A discretisation of the error dynamics. `nodes` (s): the times of its stages, from 0 to 1 in a step; `degree`:
     the degree in h of the quadratic form of a step, 0 if it is no polynomial.
 
-    `changes`(parts, h, e, p, v): the step as a `Change`, from the matrices that express e (N, size), p_i (m, size) and
+    `changes`(parts, h, e, p, v): the step as `StepMaps`, from the matrices that express e (N, size), p_i (m, size) and
     the errors v_i (p, size) of the samples at each stage.
     """
 
     nodes: list[Fraction]
     degree: int
-    changes: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Change]
+    changes: Callable[[ErrorMatrices, Fraction, Matrix, list[Matrix], list[Matrix]], StepMaps]
 
 
 @dataclass(frozen=True)
@@ -175,13 +175,13 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
 def _explicit(tableau: Tableau) -> Method:
     rows, weights = tableau.rows, tableau.weights
 
-    def changes(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Change:
+    def changes(parts: ErrorMatrices, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> StepMaps:
         rates, stages = list[Matrix](), list[Matrix]()
         for row, p_i, v_i in zip(rows, p, v, strict=True):
             stages.append(sum((h * a * w for a, w in zip(row, rates, strict=True)), start=e))
             rates.append(parts.M @ stages[-1] + parts.G @ p_i + (parts.B + parts.R) @ v_i)
         whole = (b * w for b, w in zip(weights, rates, strict=True))
-        return Change(sum(whole, start=zeros(len(e), e.width)), stages)
+        return StepMaps(sum(whole, start=zeros(len(e), e.width)), stages)
 
     return Method(tableau.nodes, 2 * len(weights) - 1, changes)
 
@@ -190,8 +190,8 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 
 
 def _realised(
-    weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
-) -> Change:
+    weights: Callable[[Matrix], Weights], parts: ErrorMatrices, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
+) -> StepMaps:
     """Return a step of an exponential integrator on e' = L e + r as linear maps: X_2 = e + h phi_1 (L e + r_1), e+ =
     X_2 + h phi_2 (r_2 - r_1). `weights`(h L): phi_1, phi_2 and a bound of the error of phi_2's entries."""
     if parts.moving:
@@ -206,12 +206,12 @@ def _realised(
     change = nonlinear @ after + parts.G @ p[1] + parts.R @ v[1] - first
     D = ahead + phi_2 @ change
     if not width:
-        return Change(D, [e, after])
+        return StepMaps(D, [e, after])
     any_of_it = Matrix([[width] * len(X) for _ in X])
     off = any_of_it @ (abs(X) @ abs(driven) + abs(later))  # of `ahead`
     spread = abs(nonlinear) @ (h * off)
     off_D = off + any_of_it @ (abs(change) + spread) + abs(phi_2) @ spread
-    return Change(D, [e, after], (off_D, h * off))
+    return StepMaps(D, [e, after], (off_D, h * off))
 
 
 def _bilinear(X: Matrix) -> Weights:
@@ -247,7 +247,7 @@ class Input:
         return Input(size * self.stages, [size * x for x in self.rate])
 
 
-def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
+def ends(method: Method, parts: ErrorMatrices, output: int) -> tuple[Input, Input]:
     """Return the errors of an output's sample at the beginning and at the end of a step as two inputs; between the
     samples the error is interpolated linearly. `output`: its index."""
     row, still = unit_row(output, parts.B.width), [Fraction(0)] * len(parts.M)
@@ -255,7 +255,7 @@ def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
 
 
 def form_of(
-    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
+    parts: ErrorMatrices, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> Matrix:
     """Return the matrix of the quadratic form 2 e'P D v + h |D v|_P^2 + sum_i Q_i'S_i Q_i - p_i'S_i p_i - sum_k
     lambda_k u_k^2 in v = (e, p_1, .., p_s, u), e+ = e + h D v, Q_i = H X_i + E v_i, for a step of length h. The
@@ -313,7 +313,7 @@ def _slack(
 
 
 def demand_falls(
-    parts: Parts,
+    parts: ErrorMatrices,
     method: Method,
     h: Fraction,
     alpha: Fraction,
@@ -329,7 +329,7 @@ def demand_falls(
 
 
 def demand_kept(
-    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
+    parts: ErrorMatrices, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
     """Demand that {|e|_P <= 1} is invariant under steps of length h while all inputs |u_k| <= 1, with the P, S and
     alpha of the evidence and sum_k lambda_k <= alpha. Raises: `Unproved`."""
@@ -340,7 +340,7 @@ def demand_kept(
 
 
 def demand_l2(
-    parts: Parts,
+    parts: ErrorMatrices,
     evidence: Mapping[str, Any],
     inputs: Sequence[Input],
     counted: Iterable[tuple[int, Fraction]],
@@ -395,13 +395,13 @@ Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
 WORK = 2**16  # corners times fields^3
 
 
-def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
+def demand_decays(parts: ErrorMatrices, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
     """Demand V' <= -alpha V, V = e'P e, for e' = (M + G diag(d) H) e with all |d_j| <= 1: with the P and the
     multipliers S of the evidence, or without S at all corners d_j = +-1. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
-    for onto, reads in parts.one_sided:  # P onto = share reads, share >= 0: the slope decreases V' at any size
-        pushed = P.T.applied(onto)
+    for a, reads in parts.one_sided:  # P a = share reads, share >= 0: the slope decreases V' at any size
+        pushed = P.T.applied(a)
         share = dot(pushed, reads) / dot(reads, reads)
         if share < 0 or pushed != [share * x for x in reads]:
             raise Unproved("a slope without an end is not shown to take from V")
@@ -415,7 +415,7 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
         demand_negative("its inequality", lyapunov(P, corner) + alpha * P)
 
 
-def corners_of(parts: Parts) -> Iterator[Matrix]:
+def corners_of(parts: ErrorMatrices) -> Iterator[Matrix]:
     """Yield M + G diag(d) H (N, N) at each of the 2^m corners d_j = +-1."""
     for d in product((-1, 1), repeat=len(parts.H)):
         yield parts.M + parts.G @ parts.H.weighed(d)

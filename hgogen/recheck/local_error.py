@@ -49,11 +49,11 @@ from itertools import chain, pairwise
 from typing import Any
 
 from .arithmetic import Undefined, Unproved
-from .box import Attempt, Box, covered, narrowed, no_steeper
+from .box import Attempt, Box, covered, demand_jacobian, narrowed
 from .context import Context, numbers
 from .file import column, entries, matrix, part, scalar, whole
 from .inclusion import ErrorInclusion
-from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, Parts, Tableau, Weights
+from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, ErrorMatrices, Tableau, Weights
 from .interval import Interval, point
 from .matrix import Matrix, column_matrix, core_integral, demand_enough, dot, unit, zeros
 from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
@@ -124,9 +124,9 @@ class Remainder:
         names = (*context.z, *context.file.inputs)
         for j, (head, slope) in self.motion.observed.items():
             bounds = Matrix([[x / abs(slope) for x in self.slopes[j]]])
-            boxes += no_steeper((context.rates[head],), names, bounds, [Fraction(1)] * len(names), box)
+            boxes += demand_jacobian((context.rates[head],), names, bounds, [Fraction(1)] * len(names), box)
         if self.steepness:
-            boxes += no_steeper(context.rates, names, self.steepness, [Fraction(1)] * len(names), box)
+            boxes += demand_jacobian(context.rates, names, self.steepness, [Fraction(1)] * len(names), box)
         if not (any(self.orders) or any(self.lines)):
             return boxes
         return boxes + covered(narrowed(box, self.motion.read), self.tree, self._within, _MORE)
@@ -270,7 +270,7 @@ class CoreStep:
     the first on.
     """
 
-    parts: Parts
+    parts: ErrorMatrices
     h: Fraction
     weights: Weights
     lifted: Matrix
@@ -370,7 +370,7 @@ def _by_steepness(
 
     def demanded() -> int:
         pairs, ones = zip(both, steep, strict=True), [Fraction(1)] * len(names)
-        return sum(no_steeper(rows, names, most, ones, context.form.box) for rows, most in pairs)
+        return sum(demand_jacobian(rows, names, most, ones, context.form.box) for rows, most in pairs)
 
     return (
         stand_in(realisation.flow, flow),
@@ -379,7 +379,7 @@ def _by_steepness(
     )
 
 
-def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:
+def _demand_chain(context: Context, parts: ErrorMatrices, lifted: Matrix, injected: Matrix) -> None:
     """Demand L s + B C = s A, s = `lifted`, B C = `injected`, so that X = s z obeys the linear part of the observer.
     Raises: `Unproved`."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)

@@ -27,8 +27,8 @@ from math import factorial
 from typing import Any
 
 from .arithmetic import Dual, Unproved, dual, evaluate
-from .box import Box, End, covered, narrowed, no_steeper, on_faces, ranged, seeded_sides, sides
-from .context import Context, only, printed
+from .box import Box, End, covered, demand_jacobian, narrowed, on_faces, ranged, seeded_sides, sides
+from .context import Context, demand_only, printed
 from .file import column, matrix, part
 from .inequality import Tableau
 from .interval import Interval, Taylor, begin, between, intersection, point, taylor
@@ -53,7 +53,7 @@ class PlantMotion:
         an input; return the number of boxes. Raises: `Unproved`."""
         context = self.context
         for j in self.observed:
-            only(context.form.output[j].names & set(context.file.inputs), (), "an output")
+            demand_only(context.form.output[j].names & set(context.file.inputs), (), "an output")
         for u, rate in zip(context.file.inputs, self.rates, strict=True):
             if rate < 0 or (rate and u not in self.read):
                 raise Unproved("one of its rates is negative, or of an input that the plant does not read")
@@ -262,7 +262,7 @@ _FAST = 20  # largest norm of h J
 Shares = Mapping[str, Mapping[str, Any]]
 
 
-def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
+def demand_declared_sizes(context: Context, h: Fraction, shares: Shares) -> int:
     """Demand that the sizes stated in the shares (evidence by kind: noise, rounded or late samples, disturbances,
     wrong parameters) are at least what follows from the user's declarations; return the number of boxes. Raises:
     `Unproved`."""
@@ -276,7 +276,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
             rows, sizes, observed = _ROWS[name](context, follows)
             each = rows.applied(sizes)
             J = matrix(follows, "steepness", n, n)
-            boxes += observed + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
+            boxes += observed + demand_jacobian(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
             demand_enough(name, column(share, "beside", n), _accumulated(h, J, each))
             drift = [x + y for x, y in zip(drift, each, strict=True)]
         elif keys:
@@ -309,7 +309,7 @@ def _late(
             continue
         context.demand_observed(j)
         slope = context.output_slope(j)
-        only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
+        demand_only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
         i = context.z.index(context.observed[j])
         most, row = speed / abs(slope), context.rates[i]
         boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most))
@@ -321,7 +321,7 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
-    return rows, sizes, no_steeper(T, names, rows, sizes, context.plant.box)
+    return rows, sizes, demand_jacobian(T, names, rows, sizes, context.plant.box)
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
@@ -329,10 +329,10 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
     sizes = _signless(follows, "sizes", len(names))
     wrong = {name: size for name, size in zip(names, sizes, strict=True) if size}
     for text in (*form.to_form, *form.from_form, *form.output):
-        only(text.names & set(wrong), (), "a coordinate or an output")
+        demand_only(text.names & set(wrong), (), "a coordinate or an output")
     rows = matrix(follows, "rows", len(context.z), len(names))
     box = {**form.box, **{name: (form.box[name][0] - size, form.box[name][1] + size) for name, size in wrong.items()}}
-    return rows, sizes, no_steeper(context.rates, names, rows, sizes, box)
+    return rows, sizes, demand_jacobian(context.rates, names, rows, sizes, box)
 
 
 def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:

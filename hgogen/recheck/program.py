@@ -397,9 +397,9 @@ class Equation:
         v = self._missed(algebra, {**names, **nothing}, y)
         rates = [a + b for a, b in zip(applied(algebra, error.N, e), applied(algebra, error.measured, v), strict=True)]
         for slope in (slope for slope in error.slopes if slope.degree == -1):  # effect of a saturation
-            k, onto = slope.reads.index(Fraction(1)), slope.onto
+            k, direction = slope.reads.index(Fraction(1)), slope.direction
             injection = number(self.units[k]) * (x[k] - self._saturated(algebra, x[k], k))
-            rates = [rate + number(share) * injection for rate, share in zip(rates, onto, strict=True)]
+            rates = [rate + number(share) * injection for rate, share in zip(rates, direction, strict=True)]
         reads = [number(1 / self.scales[k]) * e[k] for k in error.picks]
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 

@@ -52,17 +52,17 @@ from hgogen.rigor.box import (
     Point,
     Sides,
     exact,
-    kind,
     largest_exponent,
-    put,
     sides,
+    sign_at,
+    substituted,
 )
 from hgogen.rigor.definite import number
 from hgogen.rigor.enclosure import enclose as enclosures
 from hgogen.rigor.factors import factors
 from hgogen.rigor.lookup import Axis, Cells, Ends, Stepped, Table, replaced
 from hgogen.rigor.outward import Array, Pair
-from hgogen.rigor.search import Cover, Goal, Inner, Tree, is_defined, one_sign, regular, search, tight
+from hgogen.rigor.search import AttainedValues, Bisection, Goal, Tree, is_defined, one_sign, regular, search, tight
 from hgogen.rigor.series import ends as of_ball
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, NoTape, Tape, jump, tape
@@ -101,7 +101,7 @@ def _error(e: sp.Expr, around: Sides) -> float:
         branches = [part for part, _ in e.args]
         ranges = [_range(part, around) for part in branches]
         width = max(high for _, high in ranges) - min(low for low, _ in ranges)
-        return _sure(width + max(_error(part, around) for part in branches))
+        return _inf_if_nan(width + max(_error(part, around) for part in branches))
     if not all(isinstance(part, sp.Expr) for part in e.args):
         return math.inf
     errors = [_error(part, around) for part in e.args]
@@ -110,7 +110,7 @@ def _error(e: sp.Expr, around: Sides) -> float:
         whole = [size + error for size, error in zip(sizes, errors, strict=True)]
         inherited = sum(errors) if isinstance(e, sp.Add) else math.prod(whole) - math.prod(sizes)
         total = sum(whole) if isinstance(e, sp.Add) else math.prod(whole)
-        return _sure(inherited + len(whole) * UNIT * total + _TINY)
+        return _inf_if_nan(inherited + len(whole) * UNIT * total + _TINY)
     return _function_error(e, errors, around)
 
 
@@ -129,7 +129,7 @@ def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float
     least, most = float(there.value[0][0]), float(there.value[1][0])
     steep = np.maximum(np.abs(there.slope[0]), np.abs(there.slope[1]))[:, 0].tolist()
     inherited = sum(slope * error for slope, (_, error) in zip(steep, varying, strict=True))
-    return min(_sure(inherited), _sure(most - least)) + UNIT * max(abs(least), abs(most)) + _TINY
+    return min(_inf_if_nan(inherited), _inf_if_nan(most - least)) + UNIT * max(abs(least), abs(most)) + _TINY
 
 
 def _largest_size(e: sp.Expr, around: Sides) -> float:
@@ -146,7 +146,7 @@ def _range(e: sp.Expr, around: Sides) -> tuple[float, float]:
     return float(there.value[0][0]), float(there.value[1][0])
 
 
-def _sure(number: float) -> float:
+def _inf_if_nan(number: float) -> float:
     return math.inf if math.isnan(number) else number
 
 
@@ -396,7 +396,7 @@ def special_point(
         doubtful = doubtful | ((first.value[0] <= 0) & (first.value[1] >= 0))
     for index in np.nonzero(doubtful)[0][:_EXACT]:
         point = candidates[int(index)]
-        value = kind(expression, _rational(point))
+        value = sign_at(expression, _rational(point))
         if value in kinds:
             return value, point
     return None
@@ -422,7 +422,7 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
     simplest = {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
     for point in filter(sides.contains, (simplest, centre)):
         at = _rational(point)
-        if kind(expression, at) == "= 0" or jump(expression, at) is not None:
+        if sign_at(expression, at) == "= 0" or jump(expression, at) is not None:
             return point
     return below
 
@@ -478,13 +478,13 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
 def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
-        constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
+        constant = None if slope == 0 or slope.has(symbol) else substituted(expression, {symbol: sp.S.Zero})
         if constant is None:
             continue
         others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
         for point in islice(_points(sides, others), 8):
             at = _rational(point)
-            steep, start = put(slope, at), put(constant, at)
+            steep, start = substituted(slope, at), substituted(constant, at)
             if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
             solution = point | {symbol: Fraction(-start / steep)}
@@ -648,7 +648,7 @@ class Problem:
     sides: Sides
     program: Tape
 
-    def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
+    def search(self, goal: Goal, boxes: int, begun: Bisection | None = None) -> Bisection:
         """Return a bisection of the box until the `goal` is reached or there are so many `boxes`; `begun`: an earlier
         bisection to continue."""
         return search(self.program, self.sides, goal, boxes, begun)
@@ -663,7 +663,7 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
     return Problem(fixed, around, tape(variants(fixed), around.symbols))
 
 
-def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
+def range_of(problem: Problem, outcome: Bisection, relative: float) -> Range:
     """Return the `Range` that the bisection `outcome` of the problem's box proves. `relative`: the tolerance of the
     search, quoted in the note."""
     boxes = counted(outcome.boxes)
@@ -677,7 +677,7 @@ def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
     return Range(*ends, outcome.defined, *extremes, outcome.boxes, note, problem.sides.symbols, outcome.tree)
 
 
-def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
+def attained(problem: Problem, inner: AttainedValues) -> tuple[Attained | None, Attained | None]:
     """Return the smallest and the largest value that a search evaluated, as `Attained`. None where no point was
     evaluated, or where a derivative of a table jumps at the point: its value may be that of a side outside the box."""
 
@@ -687,7 +687,7 @@ def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained 
         if place is None:
             return None
         point = problem.sides.point(place.tolist())
-        there = put(problem.expression, _rational(point)) if problem.expression.has(Stepped) else sp.S.Zero
+        there = substituted(problem.expression, _rational(point)) if problem.expression.has(Stepped) else sp.S.Zero
         return None if there is None or there.has(Stepped) else Attained(value, point)
 
     return at(inner.least, inner.at_least), at(inner.most, inner.at_most)
@@ -787,7 +787,7 @@ def _nonzero(
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 
-def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sign:
+def _proof(problem: Problem, cover: Bisection, exact: Interval | None = None) -> Sign:
     (low, high), extent, reason = exact or (cover.low, cover.high), range_of(problem, cover, 0.0), counted(cover.boxes)
     if exact:
         extent = replace(extent, low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
@@ -818,7 +818,7 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
     return never, max(low, product[0]), min(high, product[1])
 
 
-def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
+def _refutation(problem: Problem, outcome: Bisection, boxes: int) -> tuple[Cause, Reason, Point] | None:
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -843,7 +843,7 @@ def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Re
     return None
 
 
-def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
+def _crossed(problem: Problem, outcome: Bisection, boxes: int) -> Point | None:
     least, most = attained(problem, outcome.inner)
     if least is None or most is None or not least.value < 0 < most.value:
         return None

@@ -71,7 +71,7 @@ def largest_exponent(expression: sp.Expr) -> int:
     return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
-def kind(expression: sp.Expr, point: RationalPoint) -> str:
+def sign_at(expression: sp.Expr, point: RationalPoint) -> str:
     """Return the sign of an expression at a point: "> 0", "< 0", "= 0", "undefined", or "?" where it is not decided. It
     is decided by exact zero tests and by guaranteed digits; powers too large for exact numbers are not."""
     if largest_exponent(expression) > STEEP:
@@ -135,7 +135,7 @@ def _near_an_edge(node: sp.Expr) -> bool:
     return any(_is_noise(part) for e in edges(node) for part in e.evalf(15).as_real_imag())
 
 
-def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
+def substituted(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
     """Return the expression with the `values` substituted for symbols; None where SymPy would have to compare complex
     numbers."""
     try:
@@ -144,7 +144,7 @@ def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
         return None
 
 
-def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
+def substituted_where_real(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
     """Return the expression with the `values` substituted for symbols, except for symbols of a root, inverse or
     logarithm that would not be a finite real number: SymPy would continue with complex values, and |log(-1)| would be
     pi."""
@@ -156,7 +156,7 @@ def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.
 def _is_real_at(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
     if node.is_Pow and node.exp.is_Integer and node.exp > 0:
         return True
-    value = put(node, values)
+    value = substituted(node, values)
     if value is None:
         return False
     return bool(value.is_real) if value.is_number else not value.has(*STRANGE)
@@ -289,7 +289,7 @@ def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
             raise EmptyBox(symbol.name, low, high)
         ends[symbol] = low, high
     points = {s: sp.Rational(Fraction(low)) for s, (low, high) in ends.items() if low == high and not steep}
-    fixed = settled(expression, points) if points else expression
+    fixed = substituted_where_real(expression, points) if points else expression
     remaining = {s: side for s, side in ends.items() if s not in points or s in fixed.free_symbols}
     return fixed, Sides(tuple(remaining), tuple(remaining.values()))
 

@@ -39,7 +39,7 @@ import sympy as sp
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from hgogen.errors import HgogenError
-from hgogen.rigor.box import exact, put, settled
+from hgogen.rigor.box import exact, substituted, substituted_where_real
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, NoTape, tape
 from hgogen.sentence import Reason, because
@@ -543,8 +543,8 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
 def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> bool | None:
     """Return whether the value of the expression depends on the symbol, None where unknown; terms that cancel do not
     count. `box`: closed ranges of symbols, of which those with equal ends are numbers."""
-    sure, maybe = dependence(expression, (symbol,), box)
-    return True if sure else None if maybe else False
+    proved, unknown = dependence(expression, (symbol,), box)
+    return True if proved else None if unknown else False
 
 
 def dependence(
@@ -558,8 +558,8 @@ def dependence(
     expression = _settled(expression, box)
     present = [s for s in symbols if s in expression.free_symbols]
     changing = _changing(expression, present, box) if present else set()
-    sure: list[sp.Symbol] = []
-    maybe: list[sp.Symbol] = []
+    proved: list[sp.Symbol] = []
+    unknown: list[sp.Symbol] = []
     for s in present:
         answer: bool | None = False
         if s not in changing:
@@ -567,8 +567,8 @@ def dependence(
             wider = {**(box or {}), **({t: box[s]} if box and s in box else {})}
             answer = is_zero(expression - expression.xreplace({s: t}), wider)
         if not answer:
-            (sure if answer is False else maybe).append(s)
-    return tuple(sure), tuple(maybe)
+            (proved if answer is False else unknown).append(s)
+    return tuple(proved), tuple(unknown)
 
 
 def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
@@ -583,7 +583,7 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
     proved not to depend."""
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
-        plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
+        plain = substituted(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
         if plain is not None and not plain.has(*_INFINITE) and is_zero(expression - plain, box):
             return plain
     return expression
@@ -591,7 +591,7 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
     point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
-    return exact(settled(expression, point) if point else sp.sympify(expression))
+    return exact(substituted_where_real(expression, point) if point else sp.sympify(expression))
 
 
 def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:

@@ -15,11 +15,11 @@ import flint
 import sympy as sp
 
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.box import Box, put
+from hgogen.rigor.box import Box, substituted
 from hgogen.rigor.factors import factors as factored
 from hgogen.rigor.field import Exp, Half, TooLarge, Writer, vanishes
 from hgogen.rigor.lookup import Table
-from hgogen.rigor.rank import Model, NowhereDefined, Places, somewhere
+from hgogen.rigor.rank import Model, NowhereDefined, Places, at_random_point
 from hgogen.rigor.series import Arithmetic, Point, Undecided, values
 from hgogen.rigor.singular import Resolved, resolved
 from hgogen.rigor.tape import NoTape
@@ -52,7 +52,7 @@ def divided(expression: sp.Expr, constraints: Sequence[sp.Expr]) -> Division:
     for c, x in ((row, symbol) for row in constraints for symbol in sorted(row.free_symbols, key=str)):
         steep = sp.diff(c, x)
         if not (expression.has(*_JUMPS) or c.has(*_JUMPS) or steep.has(x)):
-            there = put(expression, {x: sp.expand((steep * x - c) / steep)})
+            there = substituted(expression, {x: sp.expand((steep * x - c) / steep)})
             if there is not None and not there.has(*_INFINITE) and vanishes(there):
                 return Division((sp.diff(expression, x) / steep,), sp.S.Zero)
     return _divided(expression, constraints) or Division((), expression)
@@ -107,7 +107,7 @@ def finite_on(
             raise Undecided
 
         try:
-            return somewhere(plant, finite)
+            return at_random_point(plant, finite)
         except NowhereDefined:
             return False
 

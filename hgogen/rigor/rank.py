@@ -14,8 +14,8 @@ under d/dt once it is stationary, so the test is final. A rational model is eval
 rank there is at most the generic rank for certain, and smaller with a probability of the order of 1e-15. With exp, sin,
 roots or real powers the numbers are balls. A pivot is an entry whose ball excludes zero, so the rank is at least the
 number of pivots, for certain at this point. A residual counts as zero when its ball contains zero and is tiny, at 1024
-bits; a ball that contains zero and is not tiny raises `Blurred`, since more bits may decide. Source: A. Sedoglavic, J.
-Symbolic Computation 33 (2002).
+bits; a ball that contains zero and is not tiny raises `TooImprecise`, since more bits may decide. Source: A.
+Sedoglavic, J. Symbolic Computation 33 (2002).
 """
 
 import random
@@ -36,15 +36,15 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import Boolean
 
 from hgogen.errors import HgogenError
-from hgogen.rigor.box import put
+from hgogen.rigor.box import substituted
 from hgogen.rigor.definite import number
 from hgogen.rigor.lookup import Table, polynomial_value
 from hgogen.rigor.series import (
     BRANCHING,
     OPERATIONS,
     Arithmetic,
-    Balls,
-    Modular,
+    BallSeries,
+    ModularSeries,
     Plant,
     Point,
     Undecided,
@@ -86,7 +86,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Reached:
+class SampledBranches:
     """The `branches` of piecewise expressions that a number of sample `points` of a box reach; `more`: how many further
     branches they reach. There is none if no sample point gives all expressions a value."""
 
@@ -100,7 +100,7 @@ class Reached:
         return len(self.branches) + self.more > 1
 
 
-def reached(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = None) -> Reached:
+def sampled_branches(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = None) -> SampledBranches:
     """Return the branches of piecewise expressions that sample points of the box reach. `sides`: the range of each
     symbol; an unbounded side is sampled at sizes from 1/100 to 100. `project`: a function from a point to a nearby
     point of a set (or None), if only points of that set count. Raises: `NoTape` for a function without a rule."""
@@ -125,7 +125,7 @@ def reached(rows: Sequence[sp.Expr], sides: Sides, project: Project | None = Non
     kinds = {id(branch) for branch in first.values()}
     various = sorted(branches.values(), key=lambda branch: id(branch) not in kinds)
     more = len(keys[4 * BRANCHES :]) + len(various[BRANCHES:])
-    return Reached(tuple(various[:BRANCHES]), search.counts.total(), more)
+    return SampledBranches(tuple(various[:BRANCHES]), search.counts.total(), more)
 
 
 # --- points
@@ -394,20 +394,21 @@ class _Walk:
 
 Row = Sequence[Any]
 
-SURE_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as zero
+ZERO_BITS = 1024  # precision at which a tiny number, below 2^-341, counts as zero
 
 
-class Blurred(ArithmeticError):
+class TooImprecise(ArithmeticError):
     """The error that the precision of a ball does not decide whether an entry of a matrix is zero."""
 
 
-def believe_zeros(modulus: int) -> None:
-    """Raise `Blurred` for balls (`modulus` 0) at a precision too low to take an entry that is nearly zero for zero."""
-    if not modulus and flint.ctx.prec < SURE_BITS:
-        raise Blurred
+def demand_precise_zeros(modulus: int) -> None:
+    """Raise `TooImprecise` for balls (`modulus` 0) at a precision too low to take an entry that is nearly zero for
+    zero."""
+    if not modulus and flint.ctx.prec < ZERO_BITS:
+        raise TooImprecise
 
 
-def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
+def independent_rows(rows: Sequence[Row], modulus: int) -> list[int]:
     """Return the indices of the rows that are linearly independent of the rows before them; `modulus`: a prime, or 0
     for balls."""
     if not rows or not rows[0]:
@@ -419,9 +420,9 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
     return [next(j for j in range(len(rows)) if reduced[i, j] != 0) for i in range(rank)]  # the pivots
 
 
-def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
+def nullspace_basis(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
     """Return a basis v_1, v_2, .. of the vectors v (width) with row . v = 0 for all rows; entries taken for zero are 0.
-    `modulus`: a prime, or 0 for balls. Raises: `Blurred`."""
+    `modulus`: a prime, or 0 for balls. Raises: `TooImprecise`."""
     if not rows:
         return [[int(i == j) for i in range(width)] for j in range(width)]
     if modulus:
@@ -454,20 +455,20 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
             if not factor.is_zero():
                 residual = [a - factor * b for a, b in zip(residual, pivot, strict=True)]
                 residual[column] = flint.arb(0)
-        sure = [j for j, entry in enumerate(residual) if not _counts_as_zero(entry)]
-        if sure:
-            best = max(sure, key=lambda j: abs(float(residual[j].mid())))
+        nonzero = [j for j, entry in enumerate(residual) if not _counts_as_zero(entry)]
+        if nonzero:
+            best = max(nonzero, key=lambda j: abs(float(residual[j].mid())))
             reduced.append((i, best, [entry / residual[best] for entry in residual]))
     return reduced
 
 
 def _counts_as_zero(entry: Any) -> bool:
-    """Return False for a ball that excludes zero, True for a tiny ball around zero. Raises: `Blurred` for a larger
+    """Return False for a ball that excludes zero, True for a tiny ball around zero. Raises: `TooImprecise` for a larger
     one."""
     if not entry.contains(0):
         return False
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
-        raise Blurred
+        raise TooImprecise
     return True
 
 
@@ -506,7 +507,7 @@ class NowhereDefined(HgogenError):
 def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:
     """Return the rows with numbers in place of symbols. Raises: `NowhereDefined` where a comparison has no real
     operands."""
-    put_in = tuple(put(sp.sympify(row), values) for row in rows)
+    put_in = tuple(substituted(sp.sympify(row), values) for row in rows)
     defined = tuple(row for row in put_in if row is not None)
     if len(defined) < len(put_in):
         raise NowhereDefined(1)
@@ -598,9 +599,9 @@ def observability(model: Model, *, limit: int | None = None, sides: Sides | None
     """
     plant = model.plant
     if exact_numbers(plant) or model.places or not (sides or branches(plant)):
-        return somewhere(plant, lambda numbers, point: _ranks(plant, model.unknowns, numbers, point, limit))
+        return at_random_point(plant, lambda numbers, point: _ranks(plant, model.unknowns, numbers, point, limit))
     around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
-    on_box = reached((*model.flow, *model.output), around)
+    on_box = sampled_branches((*model.flow, *model.output), around)
     n, each = len(model.flow), dict[tuple[sp.Expr, ...], Ranks]()
     for branch in on_box.branches:
         flow, output = branch.rows[:n], branch.rows[n:]
@@ -638,7 +639,7 @@ def exact_numbers(plant: Plant) -> bool:
     return len(constants) < 2 and rational and plant.constraints is None
 
 
-def somewhere(
+def at_random_point(
     plant: Plant, answer: Callable[[Arithmetic, Point], _Answer], *, first: int = 0, power: int = 1, balls: bool = False
 ) -> _Answer:
     """Return `answer(arithmetic, point)` at the first random point at which the plant is defined; the precision of
@@ -654,9 +655,9 @@ def somewhere(
             if exact_numbers(plant) and not balls:
                 primes = PRIMES if power == 1 else SMALL_PRIMES
                 prime = primes[seed % len(primes)]
-                numbers = Modular(prime**power, prime, seed)
+                numbers = ModularSeries(prime**power, prime, seed)
                 return answer(numbers, random_point(plant, numbers))
-            return _with_balls(plant, Balls(seed), answer)
+            return _with_balls(plant, BallSeries(seed), answer)
         except (ZeroDivisionError, Undecided):
             continue
     raise NowhereDefined(TRIES)
@@ -664,17 +665,17 @@ def somewhere(
 
 def modulus(numbers: Arithmetic) -> int:
     """Return the prime of a modular arithmetic; 0 for balls."""
-    return numbers.prime if isinstance(numbers, Modular) else 0
+    return numbers.prime if isinstance(numbers, ModularSeries) else 0
 
 
-def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Answer]) -> _Answer:
+def _with_balls(plant: Plant, numbers: BallSeries, answer: Callable[[Arithmetic, Point], _Answer]) -> _Answer:
     cap, bits = flint.ctx.cap, flint.ctx.prec
     flint.ctx.cap, flint.ctx.prec = _CAP, FEW_BITS + BITS_EACH * plant.wide
     try:
         while True:
             try:
                 return answer(numbers, on_constraints(plant, numbers, random_point(plant, numbers)))
-            except Blurred:
+            except TooImprecise:
                 if flint.ctx.prec >= MANY_BITS:
                     raise Undecided from None
                 flint.ctx.prec *= 2
@@ -682,7 +683,7 @@ def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Poin
         flint.ctx.cap, flint.ctx.prec = cap, bits
 
 
-def on_constraints(plant: Plant, numbers: Balls, point: Point) -> Point:
+def on_constraints(plant: Plant, numbers: BallSeries, point: Point) -> Point:
     """Return the nearby point at which the plant's constraints are 0; only its states differ."""
     if plant.constraints is None:
         return point
@@ -712,7 +713,7 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
         if widths == done.keys():
             break
     if any(rank.unobservable for rank in done.values()):
-        believe_zeros(prime)
+        demand_precise_zeros(prime)
     method = f"modulo the prime {prime}" if prime else f"balls of {flint.ctx.prec} bits"
     return Ranks(done[plant.n], done[plant.wide], method, branches(plant))
 
@@ -736,7 +737,7 @@ def _rank(
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]
-    levels = [i // p for i in new_rows(cut, prime)]  # the order of derivative of each new row
+    levels = [i // p for i in independent_rows(cut, prime)]  # the order of derivative of each new row
     constant = next((k for k in range(orders) if k not in levels), None)
     gap = constant if not plant.discrete else width if orders > width else None
     final = len(levels) == width or gap is not None
@@ -744,7 +745,7 @@ def _rank(
         return None
     below_gap = [k for k in levels if gap is None or k < gap]
     order = max(below_gap, default=0)
-    basis = kernel(cut[: (order + 1) * p], width, prime)
+    basis = nullspace_basis(cut[: (order + 1) * p], width, prime)
     hidden = [any(vector[i] != 0 for vector in basis) for i in range(width)]
     observable = tuple(s for s, h in zip(symbols, hidden, strict=True) if not h)
     unobservable = tuple(s for s, h in zip(symbols, hidden, strict=True) if h)

@@ -31,7 +31,7 @@ _UNSURE = 2  # further roundings between a certificate's constant and its value 
 _WHOLE = 2**24  # whole numbers up to it are exact in every precision
 
 
-class Unsure(ArithmeticError):
+class NoRoundingBound(ArithmeticError):
     """The error that no bound of a value's rounding error is known; `args[0]` is the reason."""
 
 
@@ -113,7 +113,7 @@ class Rounding:
 
     def apply(self, op: int, values: list[Computed]) -> Computed:
         """Return the result of the operation with CasADi's code `op`, with a bound of its rounding error. Raises:
-        `Unsure`."""
+        `NoRoundingBound`."""
         if op in _EXACT:
             return _EXACT[op](*values)
         same = _unchanged(op, values)
@@ -127,7 +127,7 @@ class Rounding:
             return self._rounded(function(x.value), abs(slope(x.around)) * x.error, 2 * _ULPS * arb(ulps))
         if op in (ca.OP_POW, ca.OP_CONSTPOW):
             return self._power(*values)
-        raise Unsure("an operation whose rounding is not known")
+        raise NoRoundingBound("an operation whose rounding is not known")
 
     def _power(self, x: Computed, y: Computed) -> Computed:
         value = x.value**y.value
@@ -142,7 +142,9 @@ class Rounding:
         unit, inherited = self.unit * units, inherited.abs_upper()
         error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
         if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
-            raise Unsure("a division by what may be 0, a value that may overflow, or an argument without a value")
+            raise NoRoundingBound(
+                "a division by what may be 0, a value that may overflow, or an argument without a value"
+            )
         return Computed(value, error)
 
 
@@ -160,11 +162,11 @@ def _larger(a: Any, b: Any) -> Any:
 
 def _below(equal: bool, a: Computed, b: Computed) -> Computed:
     gap, error = b.value - a.value, a.error + b.error
-    sure = bool(error.is_zero())
-    holds = bool(gap > error or (equal and sure and gap >= 0))
+    alike = bool(error.is_zero())
+    holds = bool(gap > error or (equal and alike and gap >= 0))
     if holds or gap < -error:
         return exactly(int(holds))
-    return Computed(_NOTHING.union(_ONE), _NOTHING if sure else _ONE)
+    return Computed(_NOTHING.union(_ONE), _NOTHING if alike else _ONE)
 
 
 def _all(least: int, a: Computed, b: Computed) -> Computed:

@@ -92,7 +92,7 @@ Tree = tuple[object, ...] | str
 
 
 @dataclass(frozen=True)
-class Known:
+class LeafBounds:
     """Proved bounds bottom <= value <= top of an expression on n boxes low <= x <= high (m x n), and flags whether it
     is `defined` and `continuous` on them; `node`: the index of each box in the tree of the bisection; `cut`: the
     variable to bisect next, or -1."""
@@ -106,18 +106,18 @@ class Known:
     defined: Flags
     continuous: Flags
 
-    def only(self, rows: Indices | Flags) -> "Known":
+    def only(self, rows: Indices | Flags) -> "LeafBounds":
         """Return the bounds and flags of some boxes, by their indices or flags."""
-        return Known(*(getattr(self, each.name)[..., rows] for each in fields(self)))
+        return LeafBounds(*(getattr(self, each.name)[..., rows] for each in fields(self)))
 
-    def with_more(self, other: "Known") -> "Known":
+    def with_more(self, other: "LeafBounds") -> "LeafBounds":
         """Return the bounds and flags of these boxes, then of the boxes of `other`."""
         pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
-        return Known(*(np.concatenate(pair, axis=-1) for pair in pairs))
+        return LeafBounds(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)
-class Inner:
+class AttainedValues:
     """The smallest and the largest value that was evaluated on a box: a value at the point `at_least` (m) is at most
     `least`, a value at `at_most` at least `most`; inf and -inf before a point was evaluated."""
 
@@ -128,16 +128,16 @@ class Inner:
 
 
 @dataclass(frozen=True)
-class Cover:
+class Bisection:
     """A bisection of a box: the bounds on its `leaves`, the attained values `inner`, and the `splits` (node, variable)
     in order; `finished`: whether the goal is reached; `before`: the state from which a search with more boxes
     continues."""
 
-    leaves: Known
-    inner: Inner
+    leaves: LeafBounds
+    inner: AttainedValues
     splits: list[tuple[int, int]]
     finished: bool = False
-    before: "Cover | None" = None
+    before: "Bisection | None" = None
 
     @property
     def boxes(self) -> int:
@@ -176,38 +176,38 @@ class Cover:
 
 
 # The distance of each leaf from the goal: 0 where it is reached, larger for worse leaves.
-Goal = Callable[[Known, Inner], Array]
+Goal = Callable[[LeafBounds, AttainedValues], Array]
 # The facts on boxes (m x k ends) with given indices in the tree, and bounds from inside.
-Look = Callable[[Array, Array, Indices, Inner], tuple[Known, Inner]]
+BoundBoxes = Callable[[Array, Array, Indices, AttainedValues], tuple[LeafBounds, AttainedValues]]
 ROOT: Indices = np.zeros(1, dtype=np.int64)  # the index of the whole box
 
 
-def bisected(cover: Cover, look: Look, goal: Goal, limit: int, batch: int) -> Cover:
+def bisected(cover: Bisection, bounds_on: BoundBoxes, goal: Goal, limit: int, batch: int) -> Bisection:
     """Return the bisection after more cuts: the worst leaves, up to `batch` at a time, until `goal(leaves, inner)`, the
-    priority of each leaf, is 0 for all of them, or the `limit` of boxes is reached. `look`: the function that bounds
-    the expression on new boxes."""
+    priority of each leaf, is 0 for all of them, or the `limit` of boxes is reached. `bounds_on`: the function that
+    returns the bounds on new boxes."""
     while True:
         todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
         rows = np.nonzero(todo > 0.0)[0]
         rows = rows[np.argsort(-todo[rows], kind="stable")][:batch]
         room = (limit - cover.boxes) // 2
-        last = _cut(cover, rows[:room], look) if len(rows) and room > 0 else cover
+        last = _cut(cover, rows[:room], bounds_on) if len(rows) and room > 0 else cover
         if len(rows) == 0 or room < len(rows):  # a higher limit cuts the whole batch: it continues from before
             return replace(last, finished=not (goal(last.leaves, last.inner) > 0.0).any(), before=cover)
         cover = last
 
 
-def _cut(cover: Cover, rows: Indices, look: Look) -> Cover:
+def _cut(cover: Bisection, rows: Indices, bounds_on: BoundBoxes) -> Bisection:
     parents, columns = cover.leaves.only(rows), np.arange(len(rows))
     centre = middle(parents.low, parents.high)[parents.cut, columns]
     low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
     high[parents.cut, 2 * columns] = centre
     low[parents.cut, 2 * columns + 1] = centre
-    children, inner = look(low, high, cover.boxes + np.arange(2 * len(rows), dtype=np.int64), cover.inner)
+    children, inner = bounds_on(low, high, cover.boxes + np.arange(2 * len(rows), dtype=np.int64), cover.inner)
     uncut = np.ones(len(cover.leaves.node), dtype=bool)
     uncut[rows] = False
     splits = [*cover.splits, *zip(parents.node.tolist(), parents.cut.tolist(), strict=True)]
-    return Cover(cover.leaves.only(uncut).with_more(children), inner, splits)
+    return Bisection(cover.leaves.only(uncut).with_more(children), inner, splits)
 
 
 def best_cuts(low: Array, high: Array, weight: Array, known: Flags, share: Array, possible: Flags) -> Indices:
@@ -235,7 +235,7 @@ def tight(relative: float) -> Goal:
     """Return the goal of a search for a range: bounds within `relative`, as a share of the range's width, of attained
     values."""
 
-    def excess(leaves: Known, inner: Inner) -> Array:
+    def excess(leaves: LeafBounds, inner: AttainedValues) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
         tolerance = relative / 2.0 * max(width, 0.0)
         tolerance = max(tolerance, 1e-13 * max(abs(v) for v in (inner.least, inner.most, 0.0) if math.isfinite(v)))
@@ -246,7 +246,7 @@ def tight(relative: float) -> Goal:
     return excess
 
 
-def one_sign(leaves: Known, inner: Inner) -> Array:
+def one_sign(leaves: LeafBounds, inner: AttainedValues) -> Array:
     """Return the goal of a search for a sign: the priority of each leaf until the expression is proved defined and of
     one sign; 0 for all once an attained value refutes this."""
     if inner.least <= 0.0 <= inner.most:
@@ -256,7 +256,7 @@ def one_sign(leaves: Known, inner: Inner) -> Array:
     return np.where(~leaves.defined, np.inf, np.where(undecided, np.where(worst > 0, worst, 5e-324), 0.0))
 
 
-def everywhere(leaves: Known, inner: Inner) -> Array:
+def everywhere(leaves: LeafBounds, inner: AttainedValues) -> Array:
     """Return the goal of a proof that the expression is defined: inf for each leaf where this is not yet proved, else
     0."""
     return np.where(leaves.defined, 0.0, np.inf)
@@ -274,24 +274,24 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
     return search(program, around, everywhere, _GLANCE).defined
 
 
-def regular(leaves: Known, inner: Inner) -> Array:
+def regular(leaves: LeafBounds, inner: AttainedValues) -> Array:
     """Return the goal of a proof that the expression is defined and continuous: inf for each leaf where this is not yet
     proved, else 0."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
-def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Cover | None = None) -> Cover:
+def search(program: Tape, around: Sides, goal: Goal, limit: int, begun: Bisection | None = None) -> Bisection:
     """Return a bisection of the box `around` with bounds of an expression, whose equal forms are the outputs of the
     tape `program`, until the goal is reached or there are `limit` boxes. `begun`: a bisection with a lower limit to
     continue."""
-    look = partial(_ranges, program, around)
+    bounds_on = partial(_ranges, program, around)
     with np.errstate(all="ignore"):
         if begun is None:
             # goals about definedness need no values
-            inner = Inner() if goal in (everywhere, regular) else _explore(program, around)
+            inner = AttainedValues() if goal in (everywhere, regular) else _explore(program, around)
             low, high = around.outer
-            begun = Cover(*look(low[:, None], high[:, None], ROOT, inner), [])
-        return bisected(begun, look, goal, limit, _BATCH)
+            begun = Bisection(*bounds_on(low[:, None], high[:, None], ROOT, inner), [])
+        return bisected(begun, bounds_on, goal, limit, _BATCH)
 
 
 def _points(around: Sides, x: Array) -> Pair:
@@ -304,7 +304,9 @@ def _points(around: Sides, x: Array) -> Pair:
 # --- one batch of boxes
 
 
-def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
+def _ranges(
+    program: Tape, around: Sides, low: Array, high: Array, node: Indices, inner: AttainedValues
+) -> tuple[LeafBounds, AttainedValues]:
     k = low.shape[1]
     parts = enclose(program, low, high, slopes=True)
     first = parts[0]
@@ -328,7 +330,7 @@ def _ranges(program: Tape, around: Sides, low: Array, high: Array, node: Indices
             value, (np.where(defined[least], bottom[least], -np.inf), np.where(defined[most], top[most], np.inf))
         )
     cut = _cuts(around.outer, low, high, slope, sound)
-    return Known(low, high, node, cut, *value, first.defined, first.continuous), inner
+    return LeafBounds(low, high, node, cut, *value, first.defined, first.continuous), inner
 
 
 Values = tuple[Pair, Flags]  # ranges on boxes, and where the values are defined
@@ -408,7 +410,7 @@ def _cuts(root: Pair, low: Array, high: Array, slope: Pair, sound: Flags) -> Ind
 # --- attained values
 
 
-def _better(inner: Inner, x: Array, at: Values) -> Inner:
+def _better(inner: AttainedValues, x: Array, at: Values) -> AttainedValues:
     value, known = at
     least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
     most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
@@ -420,13 +422,13 @@ def _better(inner: Inner, x: Array, at: Values) -> Inner:
     return inner
 
 
-def _explore(program: Tape, around: Sides) -> Inner:
+def _explore(program: Tape, around: Sides) -> AttainedValues:
     low, high = around.outer
     m = len(low)
     if m == 0:
-        return Inner()
+        return AttainedValues()
     x = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
-    inner = _better(Inner(), x, _values(program, *_points(around, x)))
+    inner = _better(AttainedValues(), x, _values(program, *_points(around, x)))
     width = high - low
     for round in range(_ROUNDS if m > 1 else 0):
         clusters = []

@@ -62,7 +62,7 @@ def draws(seed: int, name: str) -> random.Random:
 
 
 @dataclass(frozen=True)
-class Balls:
+class BallSeries:
     """The arithmetic of power series in t whose coefficients are balls, in the precision of `flint.ctx`; `seed`:
     selects the range of random numbers and their sequence."""
 
@@ -433,7 +433,7 @@ OPERATIONS = frozenset({"symbol", "number", "constant", "add", "mul", "power"})
 
 
 @dataclass(frozen=True)
-class Modular:
+class ModularSeries:
     """The arithmetic of power series in t whose coefficients are integers modulo `modulus`, a power of `prime`.
 
     A division by zero modulo the prime raises `ZeroDivisionError`: another point may succeed. A constant, pi or e, is a
@@ -508,7 +508,7 @@ class Modular:
 
 # --- the plant
 
-Arithmetic = Modular | Balls
+Arithmetic = ModularSeries | BallSeries
 Gradient = Mapping[int, Any]
 
 
@@ -557,7 +557,7 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     """Return a random initial point with random input derivatives; for balls it is near one of the plant's `places`, if
     any."""
     source = draws(numbers.seed, "point")
-    if isinstance(numbers, Balls) and plant.places:
+    if isinstance(numbers, BallSeries) and plant.places:
         # near each value, by less than a millionth of it
         place = source.choice(plant.places)
         point = [number(v) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER)) for v in place]
@@ -677,7 +677,7 @@ def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_or
 
 
 def _several(method: str) -> Callable[..., Any]:
-    def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+    def rule(numbers: BallSeries, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
         result, *rates = getattr(numbers, method)(*(value or ()), *(numbers.cut(a, order) for a, _ in parts))
         terms = (_scaled(numbers, slopes, rate, slope_order) for (_, slopes), rate in zip(parts, rates, strict=True))
         return result, reduce(_sum, terms)
@@ -685,7 +685,7 @@ def _several(method: str) -> Callable[..., Any]:
     return rule
 
 
-def _piecewise(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+def _piecewise(numbers: BallSeries, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
     for result, (condition, _) in zip(parts[::2], parts[1::2], strict=True):
         if condition:
             return result

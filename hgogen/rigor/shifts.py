@@ -64,7 +64,9 @@ def hidden_shifts(
         return none
     turns = [row for row, turn in zip(sp.eye(len(own)).tolist(), own, strict=True) if turn is not None]
     basis, free = _dual(len(own), A, scaled, F, turns)
-    wide, loose = _dual(len(own), A, [row for row, need in zip(scaled, periodic, strict=True) if need.sure], F, turns)
+    wide, loose = _dual(
+        len(own), A, [row for row, need in zip(scaled, periodic, strict=True) if need.necessary], F, turns
+    )
     extra = [row for row in wide if _echelon([*basis, row]) != basis]
     unknown = (loose | {j for row in extra for j, e in enumerate(row) if e}) - free
     single, joint = _in_turns(tuple(periods), own, units, basis)
@@ -87,12 +89,12 @@ def _in_turns(
 
 @dataclass(frozen=True)
 class _Need:
-    """The condition on a shift s that slopes . s is 0, or, with a `period`, a whole number of periods; `sure`: whether
-    the condition is necessary."""
+    """The condition on a shift s that slopes . s is 0, or, with a `period`, a whole number of periods. `necessary`:
+    whether a shift that changes nothing must satisfy it."""
 
     slopes: _Slopes
     period: sp.Expr | None
-    sure: bool
+    necessary: bool
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,11 @@ class _Conditions:
     states: tuple[sp.Symbol, ...]
     needs: list[_Need] = field(default_factory=list)
     known: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
-    sure: bool = True
+    necessary: bool = True
 
-    def need(self, slopes: _Slopes, period: sp.Expr | None = None, sure: bool = True) -> None:
+    def need(self, slopes: _Slopes, period: sp.Expr | None = None, necessary: bool = True) -> None:
         if any(slopes):
-            self.needs.append(_Need(slopes, period, period is None or (self.sure and sure)))
+            self.needs.append(_Need(slopes, period, period is None or (self.necessary and necessary)))
 
     def change(self, row: sp.Expr) -> _Slopes:
         """Return the slopes c in row(x + s) - row(x) = c s, and add the conditions on s under which this holds."""
@@ -170,7 +172,7 @@ class _Conditions:
         `once`: whether the function takes each value once, so that these conditions are necessary."""
         if e not in self.known:
             self.known[e] = sp.Dummy()
-            inner = replace(self, sure=self.sure and once)
+            inner = replace(self, necessary=self.necessary and once)
             for argument in arguments if e.has(*self.states) else ():
                 inner.need(inner.change(argument))
         return self.known[e]

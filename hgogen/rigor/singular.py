@@ -1,6 +1,6 @@
 """Singularities of an expression on a box: where it may be undefined or not smooth, and removable singularities.
 
-SymPy simplifies x/x to 1, which has a value where x/x has none: `lost` finds such parts of an expression that a
+SymPy simplifies x/x to 1, which has a value where x/x has none: `lost_part` finds such parts of an expression that a
 simplified one lacks. A Piecewise reads no branch of a false condition, and a Heaviside its value at 0 only there: the
 expressions in them demand no value by themselves, and each of the two is one part.
 
@@ -19,7 +19,7 @@ both forms and their derivatives lose the least to cancellation, the forms at mo
 max(e, 0)^p with p < 1 is computed as e^p where e > 0 and 0 elsewhere, so that its slope is 0 where e < 0.
 
 The derivative of e^p, 0 < p < 1, has no bound at e = 0, as that of sign(q) |q|^(1/2) for the flow through an orifice.
-The power is computed as it is written, while its derivative is that of `limited`: the slope of the chord,
+The power is computed as it is written, while its derivative is that of `with_limited_slopes`: the slope of the chord,
 
     e max(e, f)^(p - 1),   f = 2^-10 of the largest e on the box
 
@@ -144,7 +144,7 @@ def off_origin(angle: sp.atan2) -> Condition:
 _CHOOSING = (sp.Piecewise, sp.Heaviside)
 
 
-def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
+def lost_part(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
     """Return a power or function of the expressions `before` that is not proved to be a finite real number on the box
     and is missing in `after`, as after a simplification; None if there is none.
 
@@ -167,7 +167,7 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
     return next((part for part in read if not (shares(sides(exact(part), box)[0]) or is_defined(part, box))), None)
 
 
-def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
+def possibly_undefined(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
     """Return the powers and functions in the expressions that are not proved to be finite real numbers on the whole
     box."""
     every = tuple(dict.fromkeys(part for e in expressions for part in parts(e)))
@@ -178,7 +178,7 @@ def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
 def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
     """Return the conditions, such as u != 0 for 1/u, under which the expressions are finite real numbers on the box."""
     necessary = set[Condition]()
-    for part in doubtful(expressions, box):
+    for part in possibly_undefined(expressions, box):
         needs = [] if isinstance(part, _CHOOSING) else [*singular((part,), box).values()]
         needs = [off_origin(part)] if isinstance(part, sp.atan2) else needs  # it has a value on its cut
         necessary.update(needs or (Condition("{of} has a value", part),))
@@ -196,7 +196,7 @@ def parts(e: sp.Expr) -> Iterator[sp.Expr]:
             walk.skip()
 
 
-def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
+def mapped_parts(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
     """Yield put(part) for each power and function in the expressions. SymPy may simplify a substitution in the whole
     expression: (a - b)/(2 a - 2 b) becomes 1/2 for a = b + w. For a Piecewise, put(part) of its inner parts follows
     where put(Piecewise) has lost them."""
@@ -614,10 +614,10 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
         return _extreme(type(node), args, box)
     built = node if args == list(node.args) else node.func(*args)
     simplified = _plain(built, box)
-    return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
+    return node if simplified != node and lost_part(args, (simplified,), box) is not None else simplified
 
 
-def limited(expression: sp.Expr, box: Box, share: sp.Rational = CHORD, tiny: sp.Rational = TINY) -> sp.Expr:
+def with_limited_slopes(expression: sp.Expr, box: Box, share: sp.Rational = CHORD, tiny: sp.Rational = TINY) -> sp.Expr:
     """Return the expression that programs differentiate in place of `expression`, so that derivatives are finite on the
     box: near e = 0 the chord replaces each power e^p, p not whole, that may be 0 there. E the largest e on the box, the
     chord ends at `share` E for p < 1 and at `tiny` E for p > 1."""
@@ -664,7 +664,7 @@ def _is_size(e: sp.Expr) -> bool:
     return isinstance(e, (sp.Abs, Norm)) or (isinstance(e, sp.Max) and 0 in e.args) or squares(e) is not None
 
 
-def computed(expression: sp.Expr, box: Box) -> sp.Expr:
+def as_computed(expression: sp.Expr, box: Box) -> sp.Expr:
     """Return the expression as programs compute it, with arguments clamped to the box: kinks of which only one side
     occurs on the box are removed, so that a slope at an end of the box is the one inside; a table is not clamped where
     only rounding leaves its breakpoints; kinks at one place share a norm; and norms have a slope at 0."""

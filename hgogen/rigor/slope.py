@@ -35,16 +35,16 @@ import sympy as sp
 from hgogen.check import Verdict
 from hgogen.rigor import outward
 from hgogen.rigor.bounds import Proof, Sign, as_programmed, ends, nonzero, special_point
-from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, edges, exact, kind, put, sides
+from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, edges, exact, sides, sign_at, substituted
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Kinked, Stepped, Table
 from hgogen.rigor.outward import Array, Flags, Pair, add, meet, negate, scale, up, where_known
 from hgogen.rigor.search import (
     ROOT,
-    Cover,
+    AttainedValues,
+    Bisection,
     Indices,
-    Inner,
-    Known,
+    LeafBounds,
     Tree,
     best_cuts,
     bisected,
@@ -79,30 +79,32 @@ class Field:
     places: tuple[tuple[int, int], ...]
 
 
-def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Cover:
+def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Bisection | None = None) -> Bisection:
     """Return a bisection of the box `root` with bounds of |J|, the spectral norm of the field's Jacobian, on its
     leaves. It ends once the upper bound exceeds an attained value by at most the share `relative`, or at `limit` boxes.
     `begun`: a bisection with a lower limit to continue."""
 
-    def look(low: Array, high: Array, node: Indices, inner: Inner, points: Array | None = None) -> tuple[Known, Inner]:
+    def bounds_on(
+        low: Array, high: Array, node: Indices, inner: AttainedValues, points: Array | None = None
+    ) -> tuple[LeafBounds, AttainedValues]:
         at = middle(low, high) if points is None else points
         # one walk of the tape costs little more for twice the columns
-        matrices, sure, continuous = _slopes(field, np.hstack((low, at)), np.hstack((high, at)))
+        matrices, valid, continuous = _slopes(field, np.hstack((low, at)), np.hstack((high, at)))
         k = low.shape[1]
-        matrix, smooth = matrices[..., :k], sure[:k]
+        matrix, smooth = matrices[..., :k], valid[:k]
         weight = _sharpen(field, low, high, matrix, smooth & continuous[:k])
         norm = np.where(smooth, _norm(matrix), np.inf)
-        known = Known(low, high, node, _cuts(root, low, high, weight), np.zeros(k), norm, smooth, smooth)
-        return known, Inner(most=max(inner.most, _attained(matrices[..., k:], sure[k:])))
+        known = LeafBounds(low, high, node, _cuts(root, low, high, weight), np.zeros(k), norm, smooth, smooth)
+        return known, AttainedValues(most=max(inner.most, _attained(matrices[..., k:], valid[k:])))
 
-    def goal(leaves: Known, inner: Inner) -> Array:
+    def goal(leaves: LeafBounds, inner: AttainedValues) -> Array:
         return np.where((leaves.top > (1.0 + relative) * inner.most) | ~leaves.defined, leaves.top, 0.0)
 
     with np.errstate(all="ignore"):
         if begun is None:
             points = corners(*root)[:, : limit + 1]
-            begun = Cover(*look(root[0][:, None], root[1][:, None], ROOT, Inner(), points), [])
-        return bisected(begun, look, goal, limit, _BATCH)
+            begun = Bisection(*bounds_on(root[0][:, None], root[1][:, None], ROOT, AttainedValues(), points), [])
+        return bisected(begun, bounds_on, goal, limit, _BATCH)
 
 
 def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
@@ -386,7 +388,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
     for target in islice(around.spread(), 6):  # exponents are constant: powers to long fractions are expensive
         step = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
-        along = put(slope, {s: sp.Rational(value) + t * sp.Rational(step[s]) for s, value in point.items()})
+        along = substituted(slope, {s: sp.Rational(value) + t * sp.Rational(step[s]) for s, value in point.items()})
         along = along and along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
         if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
@@ -414,7 +416,7 @@ def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
 
 
 def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr | None:
-    if kind(expression, at) not in ("> 0", "< 0"):
+    if sign_at(expression, at) not in ("> 0", "< 0"):
         return None
     return abs(expression.xreplace(dict(at)).evalf(20))
 
@@ -649,9 +651,9 @@ class _Sampled:
             points = np.concatenate((corners(low, high), placed(low, high, spread(len(low), _FEW))), axis=1)
         entries = [entry.value for entry in enclose(tape(list(matrix), around.symbols), points, points)]
         matrices = np.array([least / 2 + most / 2 for least, most in entries]).T.reshape(-1, n, n)
-        good = np.isfinite(matrices).all(axis=(1, 2))
-        matrices = np.where(good[:, None, None], matrices, 0.0)
-        return cls(around, points, matrices, np.where(good[:, None], np.linalg.eigvalsh(matrices), -np.inf))
+        finite = np.isfinite(matrices).all(axis=(1, 2))
+        matrices = np.where(finite[:, None, None], matrices, 0.0)
+        return cls(around, points, matrices, np.where(finite[:, None], np.linalg.eigvalsh(matrices), -np.inf))
 
     @property
     def least(self) -> float:

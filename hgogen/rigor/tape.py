@@ -35,7 +35,7 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import Boolean
 
 from hgogen.errors import HgogenError
-from hgogen.rigor.box import exact, put
+from hgogen.rigor.box import exact, substituted
 from hgogen.rigor.functions import MEANING, refusal
 from hgogen.rigor.lookup import Table
 from hgogen.sentence import Reason, because
@@ -308,7 +308,7 @@ def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
 def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
     """Return the two values of an expression at a point on both sides of a kink |e|, if it is the only kink there and
     the values have opposite signs; else None."""
-    there = put(expression, point)
+    there = substituted(expression, point)
     kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
     if there is None or len(kinks) != 1 or there.free_symbols:
         return None

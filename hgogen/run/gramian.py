@@ -42,7 +42,7 @@ from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.given import Misfit, real, requires_plant
 from hgogen.rigor.box import box
 from hgogen.rigor.rank import Model, NowhereDefined, observability
-from hgogen.rigor.singular import limited
+from hgogen.rigor.singular import with_limited_slopes
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Encoded
 from hgogen.signal import plural
@@ -133,7 +133,7 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
     u = to_casadi([sp.sympify(course[s.name]) for s in plant.inputs], {t: begin + share})
     symbols = dict(zip(plant.states, ca.vertsplit(state), strict=True)) | dict(zip(plant.inputs, u, strict=True))
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
-    rows = ([limited(row, plant.box) for row in part] for part in (plant.flow, plant.output))
+    rows = ([with_limited_slopes(row, plant.box) for row in part] for part in (plant.flow, plant.output))
     flow, output = (ca.vertcat(*to_casadi(part, symbols)) for part in rows)
     sensitivity = ca.jacobian(output, state) @ Phi
     rates = ca.vertcat(flow, ca.vec(ca.jacobian(flow, state) @ Phi), ca.vec(sensitivity.T @ sensitivity))

@@ -60,18 +60,26 @@ from math import prod
 from typing import Any
 
 from ..arithmetic import Unproved
-from ..box import continuous
-from ..context import Context, Finding, Rule, chains_rule, constants, enclosed, inner, observer_of, only, printed
+from ..box import demand_continuous
+from ..context import Context, Finding, Rule, chains_rule, constants, demand_only, enclosed, inner, observer_of, printed
 from ..file import Claim, Observer, ObserverKeys, above_zero, column, entries, fields, matrix, part, scalar
-from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, one_sided_inclusion
+from ..inclusion import (
+    ERROR,
+    INJECTED,
+    ErrorInclusion,
+    UncertainTerm,
+    bounded_slopes,
+    error_inclusion,
+    one_sided_inclusion,
+)
 from ..inequality import (
     BOUND,
     FLOW,
     NORM,
     NOW,
     Decay,
+    ErrorMatrices,
     Input,
-    Parts,
     clamped,
     corners_of,
     decays,
@@ -188,7 +196,9 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
     return Finding(f"in continuous time, {phrase}, the error of {', '.join(bounds)}", error.boxes)
 
 
-def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
+def _error_and_inputs(
+    context: Context, claim: Claim
+) -> tuple[ErrorInclusion, ErrorMatrices, list[Fraction], list[Input], str]:
     observer, evidence = observer_of(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
@@ -219,7 +229,7 @@ def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], le
     _ = context.equations
     observer, n = observer_of(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
-    only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
+    demand_only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
     _ = context.first_gain(0)
     scale, every = constants(context, entries(ranges, "scale", n)), [*range(n)]
     if [context.value(text).number for text in scale] != [prod(s[:i], start=Fraction(1)) for i in every]:
@@ -262,13 +272,13 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
         low, high, finding = enclosed(context, range_, one / context.slope(rate, z), rate, read)
         if low <= 0 <= high:
             raise Unproved("the bounds of a slope do not keep clear of zero")
-        continuous((rate,), (z,), context.form.box)
+        demand_continuous((rate,), (z,), context.form.box)
         shares.append((min(number * low, number * high), max(number * low, number * high)))
         boxes += finding.boxes
     return shares, boxes
 
 
-def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
+def _inclusion(n: int, slopes: list[UncertainTerm]) -> ErrorInclusion:
     every, shift = [*range(n)], Matrix([unit_row(k + 1, n) for k in range(n)])
     return ErrorInclusion(shift, slopes, 0, Matrix([]), every, [True] * n, every, every, [], [])
 
@@ -278,15 +288,15 @@ def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
     return [k * prod(q[:i], start=Fraction(1)) for i, k in enumerate(K)]
 
 
-def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
+def _of_products(K: list[Fraction], shares: Shares) -> Iterator[UncertainTerm]:
     """Yield for each i the uncertain term of the gain K_i q_1 .. q_(i-1), the q_k in their ranges `shares`."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
-        yield Slope(unit_row(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
+        yield UncertainTerm(unit_row(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
 
 
-def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
+def _corners(parts: ErrorMatrices, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[ErrorMatrices]:
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
@@ -323,7 +333,7 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
         for entry, number in zip(texts, row, strict=True):
             context.same(entry, algebra.number(number), "A is not that of the form")
     for nonlinear in form.b:
-        only(nonlinear.names & set(context.z), (), "b")
+        demand_only(nonlinear.names & set(context.z), (), "b")
     letters = algebra.names
     still = {**letters, **dict.fromkeys(context.z, algebra.zero)}
     for output, row in zip(form.output, C, strict=True):

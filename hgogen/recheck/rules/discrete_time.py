@@ -26,9 +26,9 @@ from ..inclusion import ERROR, INJECTED, ErrorInclusion, error_inclusion
 from ..inequality import (
     BOUND,
     NORM,
+    ErrorMatrices,
     Input,
     Method,
-    Parts,
     demand_falls,
     demand_kept,
     demand_negative,
@@ -41,7 +41,7 @@ from ..inequality import (
 )
 from ..local_error import demand_core_error, demand_remainder
 from ..matrix import Matrix, inverse, outer, unit_row, zeros
-from ..plant_motion import demand_followed
+from ..plant_motion import demand_declared_sizes
 from ..program import demand_rounding, equation_of
 from ..text import number
 
@@ -62,7 +62,7 @@ class _Running:
     evidence: Mapping[str, Any]
 
     @cached_property
-    def parts(self) -> Parts:
+    def parts(self) -> ErrorMatrices:
         """The matrices of the error dynamics e' = M e + G p + (B + R) v at theta."""
         return self.error.at(self.theta)
 
@@ -245,7 +245,7 @@ def _kind(share: Any, known: Shares) -> str:
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
     context, evidence, method, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not method and share is not rounding}
-    boxes, sizes = demand_followed(context, run.h, others), list[str]()
+    boxes, sizes = demand_declared_sizes(context, run.h, others), list[str]()
     for kind, share in others.items():
         stated = [printed(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
         sizes.append(f"{kind} of {', '.join(stated)}")

@@ -59,7 +59,7 @@ from ..box import (
     sides,
     unbounded,
 )
-from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, printed
+from ..context import Context, Finding, Rule, algebra_of, demand_finite, inner, inside, numbers, on, printed
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
 from ..matrix import Matrix, demand_nonnegative, outer, unit_row
@@ -93,7 +93,7 @@ def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSyste
     columns = len(texts[0]) if isinstance(texts[0], list) else 0
     gain = matrix_of(description, "gain", n, p, plant.box)
     G1, G2 = (matrix_of(description, key, rows, columns, plant.box) for key, rows in (("G1", n), ("G2", p)))
-    smooth((*plant.flow, *plant.output, *flat(gain)))
+    demand_smooth((*plant.flow, *plant.output, *flat(gain)))
 
     def behind(at: Mapping[str, Any]) -> dict[str, Any]:
         return {**at, **{x: at[x] - at[e] for x, e in zip(plant.states, around, strict=True)}}
@@ -138,7 +138,7 @@ def around_of(context: Context, description: Mapping[str, Any]) -> Box:
     return around
 
 
-def smooth(texts: Iterable[Expression]) -> None:
+def demand_smooth(texts: Iterable[Expression]) -> None:
     """Demand that the expressions have no kinks or jumps. Raises: `Unproved`."""
     for text in texts:
         if text.kinked:
@@ -198,7 +198,7 @@ def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSy
     set_ = {name: expression(value, fixed) for name, value in sorted(along.items())}
     rates = _expressions(description, "flow", n, {**free, **around})
     pushed = matrix_of(description, "noise", n, len(unknown), {**free, **around})
-    smooth(rates)
+    demand_smooth(rates)
     rows = f"xhat' = {cut(text_of(tuple((row,) for row in observer)))} of xhat and y"
     on = "".join(f", on {x} = {cut(value.text)}" for x, value in set_.items())
     system = ErrorSystem(
@@ -235,7 +235,7 @@ def _demand_same(
     f = [algebra.read(row, at) for row in plant.flow]
     speeds = dict(zip(plant.states, f, strict=True))
     for name, value in along.items():  # x_k = a_k(x) is invariant: a_k is continuous, and x_k' its derivative
-        finite(value, plant.box)
+        demand_finite(value, plant.box)
         if not algebra.is_zero(speeds[name] - algebra.speed(value, speeds, at)):
             raise Unproved(f"the plant is not shown to keep to {name} = {cut(value.text)}")
     y = {name: algebra.read(row, at) for name, row in zip(outputs, plant.output, strict=True)}
@@ -395,7 +395,7 @@ def _vanishing(claimed: ClaimedGain) -> None:
     finite on the whole box."""
     algebra = algebra_of(claimed.around)
     still = dict.fromkeys(claimed.errors, algebra.zero)
-    smooth((claimed.V,))
+    demand_smooth((claimed.V,))
     if not algebra.is_zero(algebra.read(claimed.V, still)):
         raise Unproved(f"{cut(claimed.V.text)} is not shown to vanish at e = 0")
     (slopes,) = jacobian((claimed.V,), still, claimed.errors, algebra.arithmetic)

@@ -23,7 +23,7 @@ from typing import Any
 
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Unproved, determinant
-from ..box import Box, continuous, covered, differentiable, narrowed, ranged, regular, witnessed
+from ..box import Box, covered, demand_continuous, demand_differentiable, narrowed, ranged, regular, witnessed
 from ..context import (
     POINT,
     RANGE,
@@ -36,10 +36,10 @@ from ..context import (
     applied,
     claimed,
     declared_box,
+    demand_finite,
+    demand_only,
     enclosed,
-    finite,
     jacobian_bound,
-    only,
     place_of,
     printed,
     ranges_kept,
@@ -84,7 +84,7 @@ def _offset(context: Context, claim: Claim) -> Finding:
         context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.algebra.names[head]
     )
     text = expression(part(claim.evidence, "expression", str), context.form.box)
-    only(text.names & set(context.z), (), "the offset")
+    demand_only(text.names & set(context.z), (), "the offset")
     return enclosed(context, claim.evidence, offset_, text)[2]
 
 
@@ -107,7 +107,7 @@ def _affine(context: Context, claim: Claim) -> Finding:
         measured += read_states if len(read_states) == 1 and slopes[read_states[0]].number is not None else []
     for i, (entries, nonlinear) in enumerate(zip(context.form.A, context.form.b, strict=True), 1):
         for row in (*entries, nonlinear):
-            only(row.names & set(z), measured, f"row {i} of A or b")
+            demand_only(row.names & set(z), measured, f"row {i} of A or b")
     ranges_kept(context)
     return Finding(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
 
@@ -120,10 +120,10 @@ def _uniform(context: Context, claim: Claim) -> Finding:
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
-        only(row.names & set(z), z[: i + 2], f"F_{i + 1}")
+        demand_only(row.names & set(z), z[: i + 2], f"F_{i + 1}")
     if len(context.form.output) != 1:
         raise Unproved("the uniform form has one output")
-    only(context.form.output[0].names & set(z), z[:1], "the output")
+    demand_only(context.form.output[0].names & set(z), z[:1], "the output")
     ranges_kept(context)
     return Finding(f"{' -> '.join(('y', *z))}, and the form's equations are the plant's")
 
@@ -134,7 +134,7 @@ def _slope(context: Context, claim: Claim) -> Finding:
     low, high, finding = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
         raise Unproved("its bounds do not keep clear of zero")
-    continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)
+    demand_continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)
     return Finding(f"{claim.what}: {finding.sentence}", finding.boxes)
 
 
@@ -147,13 +147,13 @@ def _no_slope(context: Context, claim: Claim) -> Finding:
     keys = [key for key in ("witness", "other") if key in claim.evidence]
     signs = [witnessed(read, witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
-        differentiable((rate, text), witness(claim, context.form.box, text.names | rate.names))
+        demand_differentiable((rate, text), witness(claim, context.form.box, text.names | rate.names))
         return Finding(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
         raise Unproved(f"{text.text} is not shown to be zero, or to change its sign")
     if any(step.op == "sign" or jumps(step.op) for step in rate.instructions):
         raise Unproved(f"{rate.text} is not shown to be continuous")
-    boxes = finite(text, context.form.box) + finite(rate, context.form.box)
+    boxes = demand_finite(text, context.form.box) + demand_finite(rate, context.form.box)
     return Finding(f"{text.text} changes its sign", boxes)
 
 
@@ -214,7 +214,7 @@ def phases(context: Context, claim: Claim) -> Finding:
     if len(plant.output) != 1 or len(Phi) != len(states):
         raise Unproved("it is not one output with n - 1 derivatives")
     for row in (*plant.flow, *plant.output):
-        finite(row, plant.box)
+        demand_finite(row, plant.box)
     algebra = algebra_of(box)
     speeds = {name: algebra.read(row) for name, row in zip(states, plant.flow, strict=True)}
     speeds |= {name: algebra.names[rate] for name, rate in rates.items()}

@@ -39,7 +39,7 @@ from typing import Any, TypeVar
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
 from ..box import Attempt, Box, covered, cut, narrowed, ranged
-from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, printed
+from ..context import CHAINS, Context, Finding, Rule, algebra_of, demand_only, printed
 from ..file import Claim, above_zero, column, part, whole
 from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
 from ..matrix import Matrix, demand_nonnegative, unit
@@ -52,29 +52,29 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Balls:
+class BallMatrix:
     """A matrix of balls: the midpoints `mid` and the radii `off` of the entries, as integers in units of 2^-192."""
 
     mid: list[list[int]]
     off: list[list[int]]
 
-    def __add__(self, other: "Balls") -> "Balls":
-        return Balls(_sum(self.mid, other.mid), _sum(self.off, other.off))
+    def __add__(self, other: "BallMatrix") -> "BallMatrix":
+        return BallMatrix(_sum(self.mid, other.mid), _sum(self.off, other.off))
 
-    def __matmul__(self, other: "Balls") -> "Balls":
+    def __matmul__(self, other: "BallMatrix") -> "BallMatrix":
         columns = list(zip(zip(*other.mid, strict=True), zip(*other.off, strict=True), strict=True))
         pairs = [[_dot(m, r, *column) for column in columns] for m, r in zip(self.mid, self.off, strict=True)]
-        return Balls([[m for m, _ in row] for row in pairs], [[r for _, r in row] for row in pairs])
+        return BallMatrix([[m for m, _ in row] for row in pairs], [[r for _, r in row] for row in pairs])
 
     @property
-    def transposed(self) -> "Balls":
+    def transposed(self) -> "BallMatrix":
         """The transpose."""
-        return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
+        return BallMatrix(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
-    def times(self, share: Fraction) -> "Balls":
+    def times(self, share: Fraction) -> "BallMatrix":
         """Return the matrix multiplied by a number `share` > 0, rounded outward."""
         p, q = share.numerator, share.denominator
-        return Balls(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
+        return BallMatrix(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
 
     @property
     def norm(self) -> int:
@@ -104,11 +104,11 @@ def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int])
     return middle >> _BITS, (away >> _BITS) + 2
 
 
-def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
+def ball_matrix(rows: Sequence[Sequence[Interval]]) -> BallMatrix:
     """Return a matrix of intervals as a matrix of balls. Raises: `Unproved` if an interval is not finite."""
     ends = [[_whole(x) for x in row] for row in rows]
     mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
-    return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
+    return BallMatrix(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
 
 
 def _whole(x: Interval) -> tuple[int, int]:
@@ -123,15 +123,15 @@ class Window:
     """The transition matrix Phi of x' = A x over a window of time, and the observability Gramian W = integral Phi' C' C
     Phi of y = C x."""
 
-    Phi: Balls
-    W: Balls
+    Phi: BallMatrix
+    W: BallMatrix
 
     def then(self, after: "Window") -> "Window":
         """Return the window that joins this one and the next one, `after`."""
         return Window(after.Phi @ self.Phi, self.W + self.Phi.transposed @ after.W @ self.Phi)
 
 
-Series = Sequence[Balls]
+Series = Sequence[BallMatrix]
 
 
 def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
@@ -140,7 +140,7 @@ def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction)
     whole piece and bound the remainder."""
     n, p = len(A[0].mid), len(C[0].mid)
     unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
-    Phi = [Balls(unit, [[0] * n for _ in range(n)])]
+    Phi = [BallMatrix(unit, [[0] * n for _ in range(n)])]
     for k in range(ORDER):
         Phi.append(_coefficient(A, Phi, k).times(Fraction(1, k + 1)))
     V = [_coefficient(C, Phi, k) for k in range(ORDER + 1)]
@@ -175,18 +175,18 @@ def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
-def _coefficient(a: Series, b: Series, k: int) -> Balls:
+def _coefficient(a: Series, b: Series, k: int) -> BallMatrix:
     first, last = a[: k + 1], b[k::-1]
     wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
-    return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
+    return BallMatrix(*wide) @ BallMatrix(*([*chain(*each)] for each in _parts(last)))
 
 
 def _parts(series: Series) -> Iterator[tuple[list[list[int]], ...]]:
     return zip(*((one.mid, one.off) for one in series), strict=True)
 
 
-def _off(n: int, size: int) -> Balls:
-    return Balls([[0] * n for _ in range(n)], [[size] * n for _ in range(n)])
+def _off(n: int, size: int) -> BallMatrix:
+    return BallMatrix([[0] * n for _ in range(n)], [[size] * n for _ in range(n)])
 
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
@@ -204,8 +204,8 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
     read = {name for row in form.A for entry in row for name in entry.names}
     read |= {name for output in form.output for name in output.names} - set(context.z)
-    only(inputs, context.file.inputs, "the claim's input")
-    only(read, (*inputs, *context.file.parameters), "A or C")
+    demand_only(inputs, context.file.inputs, "the claim's input")
+    demand_only(read, (*inputs, *context.file.parameters), "A or C")
     return inputs, read
 
 
@@ -222,14 +222,14 @@ def persistent(context: Context, claim: Claim) -> Finding:
     moving = [text for text in inputs.values() if text.names]
     if moving:
         period = expression(part(evidence, "period", str), {})
-        periodic(moving, period)
+        demand_period(moving, period)
         length = _value(period)
         if length.sign <= 0 or not length.at_most(Fraction(10**9)):
             raise Unproved(f"the period {cut(period.text)} is not shown to be positive, or is too long")
         turn: Box = {"t": (Fraction(0), next(Fraction(2**k) for k in range(1, 64) if length.at_most(Fraction(2**k))))}
         for text in moving:
             covered(turn, ".", ranged(text, -math.inf, math.inf))
-    inside(context, inputs, at)
+    demand_inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
     full = f"shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}"
@@ -244,7 +244,7 @@ def _value(text: Expression) -> Any:
     return evaluate(text, {}, intervals)
 
 
-def periodic(texts: Sequence[Expression], period: Expression) -> None:
+def demand_period(texts: Sequence[Expression], period: Expression) -> None:
     """Demand that the time t occurs in the expressions only as sin or cos of c t + d, where c times the period is a
     multiple of 2 pi. Raises: `Unproved`."""
     algebra = algebra_of(TIME)
@@ -267,7 +267,7 @@ def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
     return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
 
 
-def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
+def demand_inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
     """Demand that each input is inside its range at the time `at`; strictly inside if it varies. Raises: `Unproved`."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
@@ -344,7 +344,7 @@ def least(context: Context, claim: Claim) -> Finding:
     level, starts = (whole(evidence, name, 0, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
     _demand_period([text for text in inputs.values() if text.names], evidence, length, starts)
-    inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
+    demand_inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
     span: Box = {"t": (Fraction(0), length * (starts + 2**level))}
     for name, text in inputs.items():
         if text.names:
@@ -371,7 +371,7 @@ def _demand_period(moving: Sequence[Expression], evidence: Mapping[str, Any], le
         raise Unproved("its course moves without a period, or has one and is still")
     if moving:
         period = expression(part(evidence, "period", str), {})
-        periodic(moving, period)
+        demand_period(moving, period)
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
             raise Unproved("its pieces do not cover the period")
 
@@ -430,7 +430,7 @@ class _Course:
 
 def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order: int) -> Series:
     pairs = [list(zip(row, map(point, share), strict=True)) for row, share in zip(rows, shares, strict=True)]
-    return [balls([[x.coefficients[k] * share for x, share in row] for row in pairs]) for k in range(order)]
+    return [ball_matrix([[x.coefficients[k] * share for x, share in row] for row in pairs]) for k in range(order)]
 
 
 def _demand(window: Window, bound: Fraction) -> None:
