@@ -12,7 +12,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics, with_fallback
 from hgogen.analysis.linearised import evaluated
-from hgogen.analysis.manifold import onto
+from hgogen.analysis.manifold import projected_points
 from hgogen.analysis.maps import without_rates
 from hgogen.analysis.scaling import exponents
 from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict, demand
@@ -441,7 +441,7 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
             raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
         start[signal] = float(signal.turned(value))
     plant = form.system.declared
-    projected = onto(plant.invariants, states, plant.nominal, np.array([list(start.values())]))
+    projected = projected_points(plant.invariants, states, plant.nominal, np.array([list(start.values())]))
     start = dict(zip(states, map(float, projected[0]), strict=True)) if len(projected) else start
     if origin is None:
         return start, now

@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.analysis.manifold import fault
+from hgogen.analysis.manifold import invariant_fault
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
 from hgogen.reading import files
@@ -462,7 +462,9 @@ def _validate_invariants(system: System) -> None:
         for symbol in sorted(row.free_symbols - {*system.states, *system.parameters}, key=str):
             raise BadSystem(system.name, f"invariant {k} uses the input {symbol}; write it in states and parameters")
     around = tuple(system.nominal.items())
-    if system.invariants and (reason := fault(system.invariants, system.states, system.inputs, around, system.flow)):
+    if system.invariants and (
+        reason := invariant_fault(system.invariants, system.states, system.inputs, around, system.flow)
+    ):
         raise BadSystem(system.name, reason)
 
 

@@ -38,7 +38,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.linearised import NoLinearisation, pace
-from hgogen.analysis.manifold import attracted, onto
+from hgogen.analysis.manifold import attracted_flow, projected_points
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
@@ -291,7 +291,7 @@ class Plant:
         flow = (
             with_limited_slopes(row, plant.box, TINY) for row in plant.flow
         )  # its slopes have to be finite, at powers of 0 too
-        ode = attracted(ca.vertcat(*to_casadi(flow, symbols)), plant.constraints, plant.states, symbols, 1 / dt)
+        ode = attracted_flow(ca.vertcat(*to_casadi(flow, symbols)), plant.constraints, plant.states, symbols, 1 / dt)
         self.graph: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ode}
         self._map: Any = ca.Function("map", [x, time, p], [ca.densify(self.graph["ode"])])
         self.measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
@@ -513,7 +513,7 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
         if not low <= jump.value <= high:
             yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
     point = np.array([[trial.start[name] for name in states]], dtype=float)
-    projected = onto(plant.invariants, plant.states, plant.nominal, point)
+    projected = projected_points(plant.invariants, plant.states, plant.nominal, point)
     if not (len(projected) and np.allclose(projected, point, rtol=1e-6, atol=1e-9)):
         listed = ", ".join(f"{name} = {value:.6g}" for name, value in zip(states, projected.ravel(), strict=False))
         yield f"start is not on the plant's invariants; take {listed or 'a point on them'}"
@@ -773,7 +773,7 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
     names = [x.name for x in plant.states]
 
     def state(values: list[float]) -> dict[str, float]:
-        points = onto(plant.invariants, plant.states, plant.nominal, np.array([values]))
+        points = projected_points(plant.invariants, plant.states, plant.nominal, np.array([values]))
         return dict(zip(names, points[0].tolist(), strict=True)) if len(points) else {}
 
     middle = state([_middle(x) for x in plant.states])

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.analysis.manifold import onto
+from hgogen.analysis.manifold import projected_points
 from hgogen.analysis.singularity import of_plant
 from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.given import BadGain
@@ -249,12 +249,12 @@ def test_a_recast_plant_and_one_with_other_values_keep_them() -> None:
 def test_points_come_onto_the_invariants_and_0_becomes_a_unit() -> None:
     plant = attitude(bias=False)
     drawn = np.random.default_rng(0).normal(size=(50, 4))
-    points = onto(plant.invariants, plant.states, plant.nominal, np.vstack([np.zeros(4), drawn]))
+    points = projected_points(plant.invariants, plant.states, plant.nominal, np.vstack([np.zeros(4), drawn]))
     assert np.linalg.norm(points, axis=1) == pytest.approx(np.ones(51), abs=1e-12)
     assert points[0] == pytest.approx([1, 0, 0, 0])
     lengths = np.linalg.norm(drawn, axis=1, keepdims=True)
     assert points[1:] == pytest.approx(drawn / lengths, abs=1e-9)
-    assert onto((), plant.states, {}, drawn) is drawn
+    assert projected_points((), plant.states, {}, drawn) is drawn
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen import forms
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.hypotheses import apart, positive
+from hgogen.analysis.hypotheses import nonzero_slope, positive
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
 from hgogen.emit.pygraph import evaluated
@@ -189,7 +189,7 @@ def test_forms_and_the_singular_set_know_the_same_zeros(factor: Any) -> None:
     made = plant(lambda _, x2, u: factor(u) * x2)
     (u,) = made.inputs
     assert positive(ClaimId("form", "a", 2), "a_2", sp.sign(factor(0)) * factor(u), made).verdict is Verdict.PROVED
-    assert apart(ClaimId("form", "slope", 2), "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
+    assert nonzero_slope(ClaimId("form", "slope", 2), "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
     assert hg.singularity(made).open_factors == ()
     sign = nonzero(factor(u), {u: ONE})
     number = factor(u).subs(u, 1).evalf(1000)

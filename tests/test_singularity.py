@@ -10,7 +10,7 @@ from plants import model
 
 import hgogen as hg
 from hgogen.analysis.determinant import determinant, independent
-from hgogen.analysis.maps import along, derivatives, input_derivatives, rates
+from hgogen.analysis.maps import derivatives, input_derivatives, rates, time_derivative
 from hgogen.analysis.singularity import singular_set, singularity
 from hgogen.check import Verdict
 from hgogen.model import load
@@ -48,7 +48,7 @@ def test_the_time_derivative_moves_inputs_too() -> None:
     assert chain[1] == plant.flow[0]
     assert sp.expand(chain[2].diff(u.derivative(1)) + x2) == 0
     assert input_derivatives(chain, plant, 2) == (u.derivative(1),)
-    assert along(sp.Integer(3), flow) == 0
+    assert time_derivative(sp.Integer(3), flow) == 0
 
 
 # --- the neuron, as its paper has it ------------------------------------------------------------------------

@@ -18,12 +18,12 @@ from hgogen.analysis.determinant import Weights, determinant, minor, subsets, un
 from hgogen.analysis.evidence import Evidence, enclosure
 from hgogen.analysis.hypotheses import lipschitz
 from hgogen.analysis.maps import (
+    cancel_factors,
     derivatives,
     input_derivatives,
     inverse,
     rates,
     size,
-    tidy,
     without_derivative,
     without_rates,
 )
@@ -48,7 +48,7 @@ _POLES = 200  # b is large, and often has poles in the box of z: more boxes do n
 
 
 @dataclass(frozen=True)
-class Carried:
+class TransformedPlant:
     """A plant transformed to a chain of integrators by z = Phi(x, u, u', ..): z_i' = z_(i+1) + b_i, y = z_1 + offset.
 
     `Phi` (n) and `rows`, the b_i (n), are expressions of the states and inputs of `plant`, and of the inputs'
@@ -119,7 +119,9 @@ class Carried:
             states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high, period=period))
         rename = dict(zip(self.images, states, strict=True))
         psi = {x: all_clamped(e.xreplace(rename)) for x, e in back.items()}
-        b = tuple(min((e := all_clamped(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
+        b = tuple(
+            min((e := all_clamped(row).xreplace(psi), cancel_factors(e)), key=lambda e: size([e])) for row in self.rows
+        )
         around = plant.box_with(states)
         direct = not recovered and all(row.is_number or _defined(row, around, _POLES) for row in b)
         return Form(
@@ -157,7 +159,7 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
     return Check(id, claim, Verdict.PROVED, because("by construction"))
 
 
-def on_image(
+def lipschitz_on_image(
     maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, obstacle: Reason, reason: Reason
 ) -> Check:
     """Return the check `MAKER.lipschitz`, that functions of z = Phi(x) are Lipschitz on the image of the plant's box,
@@ -194,7 +196,7 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 # ---------------------------------------------------------------- full rank, and one to one
 
 
-def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
+def full_rank(whole: TransformedPlant, det: sp.Expr, readable_det: sp.Expr) -> Check:
     """Return the check `KIND.rank`, that `det`, the determinant of dPhi/dx, has no zero on the box. The verdict is
     generic where it is not identically 0 but may have zeros. `readable_det`: the determinant as it is printed."""
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
@@ -225,14 +227,14 @@ def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
     return unknown
 
 
-def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
+def _written(whole: TransformedPlant, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
     """Return whether `det` = det dPhi/dx is undefined at the
     point although all entries of dPhi/dx have values."""
     at = {s: sp.Rational(value) for s, value in point.items()}
     return sign_at(det, at) == "undefined" and all(sign_at(entry, at) != "undefined" for entry in whole.jacobian)
 
 
-def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
+def one_to_one(whole: TransformedPlant, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
     """Return the check `KIND.inverse`, that Phi is one to one on the box. It is proved by `back`, the inverse by state,
     if this is defined on the image; without an inverse by components Phi_i that each depend on one more state, with a
     partial derivative of one sign, or by positive principal minors of dPhi/dx. `rank`: the check of full rank."""
@@ -243,7 +245,7 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
     powers = [p for e in back.values() for p in e.atoms(sp.Pow)]
     divisors = {p.base for p in powers if not (p.exp.is_nonnegative or p.base.is_number)}
     images = whole.images
-    parts = {tidy(base.xreplace(images)) for base in divisors}
+    parts = {cancel_factors(base.xreplace(images)) for base in divisors}
     signs = {part: nonzero(part, whole.plant.box, boxes=BOXES).verdict for part in sorted(parts, key=str)}
     undecided = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
     # roots and functions may leave the inverse undefined as well: each is tested by itself
@@ -264,7 +266,7 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
     return Check(id, claim, Verdict.PROVED, because("{inverse}, by exact substitution", inverse=inverse))
 
 
-def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
+def _by_minors(whole: TransformedPlant, rank: Check, id: ClaimId, claim: str) -> Check:
     """Return the check that Phi is one to one, proved if all principal minors of L dPhi/dx are
     positive for a constant matrix L. With a proved check `rank` the inverse of Phi is smooth."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
@@ -280,7 +282,7 @@ def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
     return Check(id, claim, Verdict.PROVED, because(pattern, rows=rows), proofs=(OneToOne(known),))
 
 
-def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
+def _by_rows(whole: TransformedPlant, rank: Check, id: ClaimId, claim: str) -> Check | None:
     visited: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - visited

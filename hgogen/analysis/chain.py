@@ -21,7 +21,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.evidence import ByForm
-from hgogen.analysis.hypotheses import apart
+from hgogen.analysis.hypotheses import nonzero_slope
 from hgogen.analysis.undefined import on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.graph import Graph
@@ -220,7 +220,7 @@ def levelwise(rows: Rows) -> Chains:
                 certain = certain and (bool(sure) or single)
                 links[j] = link(name, row, (*sure, *maybe), rows)
         no_row = NONE if links else because("no row brings in {states}", states=remaining)
-        if end := twice(links.values()) or no_row:
+        if end := shared_state(links.values()) or no_row:
             return broken(end)
         for j, new in links.items():
             chains[j].append(new)
@@ -289,7 +289,7 @@ def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
     return sp.nan if at_value is None else at_value
 
 
-def twice(links: Iterable[Link]) -> Reason:
+def shared_state(links: Iterable[Link]) -> Reason:
     """Return a reason that names two links to the same state, the first such pair; `NONE` if all differ."""
     by_state: dict[sp.Symbol, Link] = {}
     for later in links:
@@ -343,7 +343,7 @@ def _heads(rows: Rows) -> list[Link] | Chains:
         if not sure:
             return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
         heads.append(link(name, row, (*sure, *maybe), rows))
-    both = twice(heads)
+    both = shared_state(heads)
     return Chains((), both) if both else heads
 
 
@@ -462,7 +462,7 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
     return Check(ClaimId(maker, "structure"), claim, verdict, why, fix="" if is_so else fix, proofs=proofs)
 
 
-def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
+def affecting_states(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
     """Return the states that affect an output, directly or through rates and constraints, or for which this is not
     decided; with `sure` only those proved to do so."""
 
@@ -492,10 +492,10 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
     return Check(id, claim, Verdict.REFUTED, because("no output ever shows {states}", states=hidden), fix=fix)
 
 
-def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
+def cut_off_check(maker: str, plant: System) -> tuple[Check, ...]:
     """Return the refuted check `MAKER.connected`, as the only entry, for a plant with states that affect no output; ()
     for any other."""
-    visible = reached(of_plant(plant))
+    visible = affecting_states(of_plant(plant))
     hidden = [x for x in plant.states if x not in visible]
     return (connected(maker, hidden),) if hidden else ()
 
@@ -560,12 +560,12 @@ def measurements(plant: System) -> tuple[Measurement, ...]:
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
         read = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
-        if line.answer and len(read) == 1 and apart(_GAIN, "c", read[0][1], plant).verdict is Verdict.PROVED:
+        if line.answer and len(read) == 1 and nonzero_slope(_GAIN, "c", read[0][1], plant).verdict is Verdict.PROVED:
             by_state.setdefault(read[0][0], Measurement(read[0][0], j, read[0][1], line.offset))
     return tuple(by_state.values())
 
 
-def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
+def with_measured_states(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
     """Return a function (z, u, y, valid) -> z of SX columns (n), (m), (p), (p) that replaces the estimates of measured
     states by the values computed from valid outputs. The form of `dynamics` has the plant's own coordinates."""
     measured = measurements(dynamics.form.system)

@@ -17,7 +17,7 @@ import sympy as sp
 
 from hgogen.analysis.chain import Chains, Link, Shape
 from hgogen.analysis.dynamics import linear_terms
-from hgogen.analysis.hypotheses import defined, lipschitz, positive, sign
+from hgogen.analysis.hypotheses import finite_offset, lipschitz, positive, sign
 from hgogen.check import Check, ClaimId
 from hgogen.form import Form
 from hgogen.rigor.box import STRANGE, exact, points
@@ -153,7 +153,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     further fields of `Form`.
     """
     maker, several = structure.id.maker, "blocks" in more
-    every = [[settled(link, shape, plant, links[0].state) for link in links] for links in chains.links]
+    every = [[with_chord_gain(link, shape, plant, links[0].state) for link in links] for links in chains.links]
     signs = [signs_of(links, plant) for links in every]
     z = coordinates(plant, chains.order, [t for each in signs for t in each])
     A, b, output, head = sp.zeros(len(z.states), len(z.states)), [*z.flow], [*z.output], 0
@@ -171,7 +171,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
         c = links[0].offset if links else sp.S.Zero
         if c != 0 and c.free_symbols.isdisjoint(plant.states):
             id = ClaimId(maker, "offset", i + 1) if several else ClaimId(maker, "offset")
-            offsets.append(defined(id, f"c_{i + 1}" if several else "c", c, plant))
+            offsets.append(finite_offset(id, f"c_{i + 1}" if several else "c", c, plant))
         head += len(links)
     parts = sp.ImmutableDenseMatrix(A), tuple(b), tuple(output)
     form = form_in(z, maker, (structure, *gains, *offsets), reference, parts=parts, **more)
@@ -180,7 +180,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     return replace(form, checks=(*form.checks, steep))
 
 
-def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
+def with_chord_gain(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
     """Return the link row = gain * state + offset; where the row is not proved to have the `shape`, with a difference
     quotient as the gain and an offset that contains the remainder. `measured`: the state z_1, which the gain may vary
     with."""

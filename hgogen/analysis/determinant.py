@@ -88,7 +88,7 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
         product = _product(domain, matrix, limit)
     except ZeroDivisionError:
         return Determinant(sp.S.Zero, (sp.S.Zero,))
-    if not alive(domain, product):
+    if not surely_nonzero(domain, product):
         raise TooLarge("what the functions of a matrix have to do with each other")
     number, parts = powers(domain, product)
     if sum(len(one.polynomial) for one in parts) > _TERMS:
@@ -96,7 +96,7 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     return Determinant(number * _value(domain, parts), zero_set(domain, split_roots(domain, parts)))
 
 
-def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
+def readable_determinant(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
     """Return the determinant `det` of the `rows` rewritten for a reader: its value and factors with the hyperbolic
     functions of the rows in place of exponentials. It is `det` itself for rows without such functions, or where it is
     shorter."""
@@ -199,7 +199,7 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
 # ---------------------------------------------------------------- zero sets
 
 
-def alive(field: Field, product: Product) -> bool:
+def surely_nonzero(field: Field, product: Product) -> bool:
     """Return whether it is certain that no polynomial of the product is identically 0. A polynomial in symbols alone is
     not identically 0; a polynomial that contains functions is evaluated at a random point, where its ball excludes 0,
     or tested by `is_zero`."""
@@ -314,7 +314,7 @@ def weighted(L: Weights, jacobian: sp.Matrix) -> sp.Matrix:
 def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
     """Return the principal minor of a matrix on the rows and columns with the indices `places`. Raises: `TooLarge`."""
     rows = matrix.extract(list(places), list(places)).tolist()
-    return as_written(rows, determinant(rows)).value
+    return readable_determinant(rows, determinant(rows)).value
 
 
 def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:

@@ -153,13 +153,13 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
     return value if high == INF else binary(ca.OP_FMIN, value, high)
 
 
-def into(value: Graph, ends: Range, period: float | None) -> Graph:
+def into_range(value: Graph, ends: Range, period: float | None) -> Graph:
     """Return the SX `value` clamped to the range `ends`; an angle with a `period` is first shifted by whole turns into
     the range. The clamp acts on an angle only if it is off by more turns than are counted exactly."""
     return clamp(value if period is None else turned(value, ends[0], period), *ends)
 
 
-def near(signal: Signal, value: Graph, other: Graph) -> Graph:
+def at_nearest_turn(signal: Signal, value: Graph, other: Graph) -> Graph:
     """Return the SX `value` of a signal; of an angle, shifted by whole turns so that it is nearest to `other`."""
     return value if signal.period is None else other + wrapped(value - other, signal.period)
 
@@ -179,7 +179,7 @@ def widened(low: float, high: float, share: float) -> tuple[float, float]:
     return low - more, high + more
 
 
-def either(test: Graph, yes: Graph, no: Graph) -> Graph:
+def choose(test: Graph, yes: Graph, no: Graph) -> Graph:
     """Return the SX matrix that is `yes` where the SX `test` is 1, else `no`; an entry equal in both has no
     conditional."""
     result = ca.densify(yes)
@@ -269,7 +269,7 @@ class Dynamics:
         if not self.fallback.rates:
             return whole
         A, valid = ca.densify(self.fallback.valid_gains(self._without_fallback(z, u)[0])), self.rate_slopes_valid(z, u)
-        rows = (either(valid[i], whole[i, :], A[i, :]) if i in valid else whole[i, :] for i in range(self.n))
+        rows = (choose(valid[i], whole[i, :], A[i, :]) if i in valid else whole[i, :] for i in range(self.n))
         return ca.vertcat(*rows)
 
     def input_jacobian(self, z: Graph, u: Graph) -> Graph:
@@ -332,7 +332,7 @@ class Dynamics:
     @staticmethod
     def _zero_invalid(slopes: Graph, valid: Mapping[int, Graph]) -> Graph:
         none = ca.SX.zeros(1, slopes.shape[1])
-        rows = (either(valid[j], slopes[j, :], none) if j in valid else slopes[j, :] for j in range(slopes.shape[0]))
+        rows = (choose(valid[j], slopes[j, :], none) if j in valid else slopes[j, :] for j in range(slopes.shape[0]))
         return ca.vertcat(*rows) if valid else slopes
 
     def output_slopes_valid(self, z: Graph, u: Graph) -> dict[int, Graph]:

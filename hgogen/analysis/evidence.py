@@ -30,15 +30,15 @@ def text(form: Form, expression: sp.Expr) -> str:
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
         names |= {s.name for s in form.system.origin.plant.signals}
-    return spelled(expression, names)
+    return text_with_names(expression, names)
 
 
-def spelled(expression: sp.Expr, names: set[str]) -> str:
+def text_with_names(expression: sp.Expr, names: set[str]) -> str:
     """Return an expression as the text that a certificate writes; `names`: the names of its symbols."""
     return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
 
 
-def exactly(form: Form, value: Any) -> Any:
+def exact_texts(form: Form, value: Any) -> Any:
     """Return a value as a certificate writes it: numbers and expressions as exact texts, also inside lists, mappings
     and proofs; texts and None unchanged."""
     if value is None or isinstance(value, str):
@@ -46,11 +46,11 @@ def exactly(form: Form, value: Any) -> Any:
     if isinstance(value, Mapping) or is_dataclass(value):
         return texts(form, value)
     if isinstance(value, Iterable):
-        return [exactly(form, each) for each in value]
+        return [exact_texts(form, each) for each in value]
     return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
 
 
-def end(value: Fraction | float) -> str | None:
+def end_text(value: Fraction | float) -> str | None:
     """Return the end of a range as the text that a certificate writes, None for an infinite end."""
     return None if abs(value) == math.inf else str(Fraction(value))
 
@@ -64,7 +64,7 @@ def outward(value: float | Fraction, way: int) -> Fraction:
     return step * (math.ceil(steps) if way > 0 else math.floor(steps))
 
 
-def tree(bisection: Range | Proof, form: Form | None = None) -> str:
+def bisection_text(bisection: Range | Proof, form: Form | None = None) -> str:
     """Return a proof by bisection of a box as the text that a certificate writes, in prefix order: the name of the
     state that is bisected, then both halves; "." for a part that is not divided. The names are those of the form's
     states with a `form`, else those of the plant's."""
@@ -162,7 +162,7 @@ def texts(form: Form, value: Any) -> dict[str, Any] | None:
         return None
     entries: dict[str, Any] = {}
     for name, part in parts.items():
-        inner = texts(form, part) if is_dataclass(part) else {name: exactly(form, part)}
+        inner = texts(form, part) if is_dataclass(part) else {name: exact_texts(form, part)}
         if inner is None:
             return None
         entries |= inner
@@ -187,18 +187,18 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
         "box": _sides(sides(form, expression.free_symbols) if where is None else where),
         "low": outward(low, -1) if number is None else number,
         "high": outward(high, 1) if number is None else number,
-        "tree": tree(bounds, form if where is None else None),
+        "tree": bisection_text(bounds, form if where is None else None),
     }
 
 
-def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
+def lipschitz_evidence(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
     """Return the evidence of a bound of the spectral norm of dr/dx, r = `rows` as expressions of the form's states;
     None where the `proof` has no bound. `wider`: the relative excess of the certificate's bound over the proved one."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
     bound = outward(float(proof.high) * (1 + wider), 1)
-    return {"box": _sides(sides(form, names)), "bound": bound, "tree": tree(proof, form)}
+    return {"box": _sides(sides(form, names)), "bound": bound, "tree": bisection_text(proof, form)}
 
 
 def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
@@ -213,7 +213,7 @@ def point(place: Mapping[sp.Symbol, Fraction], names: Iterable[sp.Symbol]) -> Ma
 
 
 def _sides(where: Sides) -> dict[str, list[str | None]]:
-    return {s.name: [end(low), end(high)] for s, (low, high) in where.items()}
+    return {s.name: [end_text(low), end_text(high)] for s, (low, high) in where.items()}
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class Slopes:
         """Return the evidence of the bound of |db/dz|, b as expressions of the form's states z, under the keys of a
         certificate."""
         back = dict(zip(form.system.states, form.from_form, strict=True))
-        return steep(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
+        return lipschitz_evidence(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
 
 
 @dataclass(frozen=True)
@@ -242,5 +242,5 @@ class Steep:
 
     def evidence(self, form: Form) -> Evidence | None:
         """Return the evidence of the bound of |S dc/dw S^-1|, under the keys of a certificate."""
-        slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
+        slope = lipschitz_evidence(form, (*form.b, *self.scale), self.proof, self.wider)
         return slope and {"units": self.units, "scale": self.scale, **slope}

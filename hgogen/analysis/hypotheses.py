@@ -1,7 +1,7 @@
 """The hypotheses of forms on the closed box of states, inputs and parameters, as checks with their proofs.
 
-    positive   0 < a_m <= a <= a_M         apart     0 < m <= |slope|
-    defined    c is a finite real number   bounded   |a_1 .. a_i b_i| <= mu
+    positive       0 < a_m <= a <= a_M         nonzero_slope         0 < m <= |slope|
+    finite_offset  c is a finite real number   bounded_nonlinearity  |a_1 .. a_i b_i| <= mu
 
 They are proved by outward-rounded intervals and bisection, and refuted by a point. A parameter without a range is at
 its value.
@@ -13,7 +13,7 @@ because an observer does not clamp it.
 
 An observer evaluates b with its argument clamped to the box of z. z = Phi(x) maps the plant's box to a part of that
 box. A proof on this image says nothing about the remainder of the box of z, through which the estimate may pass. A
-clamp of each component is Lipschitz, so that b after the clamp is Lipschitz if b is on the box (`clamped`).
+clamp of each component is Lipschitz, so that b after the clamp is Lipschitz if b is on the box (`clamped_lipschitz`).
 """
 
 import math
@@ -209,7 +209,7 @@ class Vanishing(Slope):
         return {"expression": dF, "witness": point(sign.witness, where)} if sign.cause is Cause.ZERO else None
 
 
-def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
+def nonzero_slope(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
     """Return the check `id` that 0 < m <= |slope| on the box, for a partial derivative `slope` called `name` in
     reports; a parameter without a range has its value.
 
@@ -250,7 +250,7 @@ class Offset:
         return enclosure(form, c, bound(c, sides(form, c.free_symbols)))
 
 
-def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
+def finite_offset(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
     """Return the check `id` that `c`, an expression of inputs and parameters called `name` in reports, is finite and
     real on the box.
 
@@ -280,7 +280,7 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
     return replace(check, reason=holds if poles else extent.note, fix=fix)
 
 
-def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
+def bounded_nonlinearity(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
     """Return the check `id` that the nonlinear parts of the chain of integrators are bounded, |c_i| = |a_1 .. a_i b_i|
     <= mu on the box: proved with the bound mu, or unknown. `products` (n): a_1 .. a_i.
 
@@ -403,7 +403,7 @@ def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[
     return {"verdict": Verdict.WHERE, "reason": holds, "fix": _NARROW}
 
 
-def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
+def clamped_lipschitz(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
     """Return the check `OBSERVER.lipschitz`, that b(sat(z), u) is Lipschitz on the box of z, for a form whose z are
     more than the plant's states in some order and with signs. () for b = 0, and where z are these states: there the
     form's own check covers the box. `boxes`: the most boxes of a bisection."""

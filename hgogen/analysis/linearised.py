@@ -17,7 +17,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.manifold import onto, tangents
+from hgogen.analysis.manifold import projected_points, tangents
 from hgogen.analysis.undefined import FIX, MAKER, undefined_slopes
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument, HgogenError
@@ -124,7 +124,9 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
     points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
     lows, highs = np.array([*map(spread, signals)]).T
     points = lows + points * (highs - lows)
-    z = onto(dynamics.invariants, dynamics.form.states, dynamics.form.system.nominal, points[:, : dynamics.n])
+    z = projected_points(
+        dynamics.invariants, dynamics.form.states, dynamics.form.system.nominal, points[:, : dynamics.n]
+    )
     return np.hstack((z, points[: len(z), dynamics.n :]))
 
 
@@ -214,7 +216,7 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
-    x = onto(plant.invariants, plant.states, plant.nominal, points[:, : len(plant.states)])
+    x = projected_points(plant.invariants, plant.states, plant.nominal, points[:, : len(plant.states)])
     u = points[: len(x), len(plant.states) :]
     points = np.hstack((x, u))
     with np.errstate(all="ignore"):

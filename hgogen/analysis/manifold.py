@@ -66,7 +66,7 @@ def _zeros(evaluate: ca.Function, half: np.ndarray, point: np.ndarray, values: S
             at = at - half * (np.linalg.pinv(scaled) @ value).ravel()
 
 
-def onto(
+def projected_points(
     constraints: Sequence[sp.Expr], states: Sequence[Signal], values: Mapping[Any, Any], points: np.ndarray
 ) -> np.ndarray:
     """Return projections (k, n) of `points` (N, n) onto the set c(x) = 0, k <= N: those for which the search converges.
@@ -78,7 +78,7 @@ def onto(
     return np.array(reached).reshape(-1, len(states))
 
 
-def attracted(
+def attracted_flow(
     flow: Graph, constraints: Sequence[sp.Expr], states: Sequence[Signal], symbols: Mapping[Any, Graph], rate: float
 ) -> Graph:
     """Return the flow (n) with a term that attracts to the set c(x) = 0: f - rate V C' (C V C')^-1 c, C = dc/dx, V a
@@ -96,7 +96,7 @@ def attracted(
 
 
 @lru_cache(maxsize=64)
-def fault(
+def invariant_fault(
     invariants: tuple[sp.Expr, ...],
     states: tuple[Signal, ...],
     inputs: tuple[Signal, ...],
@@ -119,7 +119,7 @@ def fault(
             return f"{name} = 0, {changes}; correct the flow, or leave it out"
     low, high = np.array([*map(spread, states)]).T
     shares = np.vstack((np.full(len(states), 0.5), np.random.default_rng(1).uniform(size=(_STARTS, len(states)))))
-    points = onto(constraints, states, values, low + shares * (high - low))
+    points = projected_points(constraints, states, values, low + shares * (high - low))
     if not len(points):
         return "no state is found on its invariants; correct them, or declare ranges around some"
     fixed = {s: Fraction(float(v)) for s, v in (*values.items(), *((u, sum(spread(u)) / 2) for u in inputs))}

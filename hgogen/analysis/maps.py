@@ -96,13 +96,13 @@ def inverse(
         if not new:
             return None
         solved |= new
-        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(remaining)}
+        rows = {z: cancel_factors(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(remaining)}
     back = {dummy: signal for signal, dummy in plain.items()}
     candidate = {x: solved[plain[x]].xreplace(back) for x in states}
     return candidate if _holds(candidate, images, (*states, *known), fixed) else None
 
 
-def tidy(expression: sp.Expr) -> sp.Expr:
+def cancel_factors(expression: sp.Expr) -> sp.Expr:
     """Return the expression with common factors of numerator and denominator cancelled; functions and roots count as
     symbols."""
     nodes, roots = size([expression]), {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
@@ -133,9 +133,9 @@ def _linear(
         matrix, right = sp.linear_eq_to_matrix(numerators, remaining)
     except (NonlinearError, ValueError):
         return {}
-    if matrix.rows != matrix.cols or tidy(matrix.det()) == 0:
+    if matrix.rows != matrix.cols or cancel_factors(matrix.det()) == 0:
         return {}
-    solution = dict(zip(remaining, map(tidy, matrix.LUsolve(right)), strict=True))
+    solution = dict(zip(remaining, map(cancel_factors, matrix.LUsolve(right)), strict=True))
     return solution if all(_undoes(e, x, forward) for x, e in solution.items()) else {}
 
 
@@ -151,7 +151,7 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
             yield from (root, -root)
         elif len(coefficients) == 3:
             a, b, c = coefficients
-            root = sp.sqrt(tidy(b**2 - 4 * a * c))
+            root = sp.sqrt(cancel_factors(b**2 - 4 * a * c))
             yield from ((-b + root) / (2 * a), (-b - root) / (2 * a))
         return
     functions = numerator.atoms(sp.Function, sp.Pow)
@@ -177,7 +177,7 @@ def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
 
 
 def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    error = tidy(candidate.xreplace(dict(forward)) - x)
+    error = cancel_factors(candidate.xreplace(dict(forward)) - x)
     if error == 0 or size([error]) > _LIMIT:
         return bool(error == 0)
     signed = [s for s in error.free_symbols if s.is_nonnegative or s.is_nonpositive]
@@ -226,7 +226,7 @@ def sided(form: Form) -> Sided:
     around, ranges, images = form.box, plant.box, dict(zip(form.states, form.to_form, strict=True))
     denominators = sorted({d for row in form.from_form for d in _denominators(row)}, key=sp.default_sort_key)
     poles = [d for d in denominators if not _least(d, around)]
-    leasts = {d: _least(tidy(d.xreplace(images)), ranges) for d in poles}
+    leasts = {d: _least(cancel_factors(d.xreplace(images)), ranges) for d in poles}
     leasts = {d: least for d, least in leasts.items() if least}
     doubtful = {d for d in poles if d not in leasts}
     finite = []  # a state with a sign, or a rational function of bounded signals without a denominator that may be 0
@@ -273,7 +273,7 @@ def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
     return changes | dict.fromkeys(plant.times, sp.S.One)
 
 
-def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+def time_derivative(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
     """Return the time derivative of an expression along the plant; `rates`: those of its symbols, others are constant.
     Polynomials are expanded."""
     moving = sorted(expression.free_symbols & rates.keys(), key=str)
@@ -286,7 +286,7 @@ def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: 
     symbols."""
     chain = [expression]
     while len(chain) < count:
-        chain.append(along(chain[-1], rates))
+        chain.append(time_derivative(chain[-1], rates))
     return tuple(chain[:count])
 
 

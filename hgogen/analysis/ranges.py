@@ -47,10 +47,10 @@ VARYING = 8  # a_i of a chain that may vary: their ends have 2^8 combinations
 
 def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
     """Return the gains a_(i,1), .., a_(i,n_i) of each output's chain, with exact numbers for constants."""
-    return tuple(tuple(exact(sp.sympify(a).xreplace(fixed(form))) for a in chain) for chain in form.gains)
+    return tuple(tuple(exact(sp.sympify(a).xreplace(fixed_parameters(form))) for a in chain) for chain in form.gains)
 
 
-def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
+def fixed_parameters(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
     """Return the values of the parameters without a range, by symbol."""
     return form.system.constants
 
@@ -174,7 +174,7 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
     return (low, high) if sign > 0 else (-high, -low)
 
 
-def cut(form: Form) -> Reason:
+def cut_reason(form: Form) -> Reason:
     """Return the reason why the b of an observer is not proved to equal b(sat(z), u) on the box, such as limits that
     cut its values; `NONE` where it is."""
     if not form.clamped:
@@ -191,7 +191,7 @@ def cut(form: Form) -> Reason:
     return NONE
 
 
-def described(form: Form) -> tuple[str, ...]:
+def limit_lines(form: Form) -> tuple[str, ...]:
     """Return lines of text with the limits of b_i, for the equations of an observer; () without limits."""
     if not form.limits:
         return ()

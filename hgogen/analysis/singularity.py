@@ -31,8 +31,15 @@ from typing import Any
 import sympy as sp
 from sympy.combinatorics import Permutation
 
-from hgogen.analysis.determinant import Determinant, alive, as_written, determinant, independent, zero_set
-from hgogen.analysis.maps import along, length, rates, size, without_derivative
+from hgogen.analysis.determinant import (
+    Determinant,
+    determinant,
+    independent,
+    readable_determinant,
+    surely_nonzero,
+    zero_set,
+)
+from hgogen.analysis.maps import length, rates, size, time_derivative, without_derivative
 from hgogen.analysis.undefined import on_box, on_branches, value_conditions, wrapped_angles
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import cached, requires_any_plant
@@ -217,7 +224,7 @@ class _Derived:
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
                 _check_length(chain[-1])
-                chain = (*chain, along(chain[-1], self.flow))
+                chain = (*chain, time_derivative(chain[-1], self.flow))
                 self._small(chain)
             self.chains[j] = chain
             for i, derivative in enumerate(chain[: k + 1]):
@@ -270,7 +277,7 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
             det = determinant(square)
             parts = (*(e for row in gradients if row in chosen for e in gradients[row]), *derived.behind(chosen))
             factors = (det.value,) if det.factors is None else det.factors
-            return Jet(where, chosen, det.value, factors, order, parts, as_written(square, det))
+            return Jet(where, chosen, det.value, factors, order, parts, readable_determinant(square, det))
     return Jet(where, (), sp.S.Zero, None, last)
 
 
@@ -296,7 +303,7 @@ def _triangle(plant: System) -> Jet | None:
     sign = Permutation([plant.states.index(x) for x in order]).signature()
     each = [determinant([[slope]]) for slope in slopes]
     det = _powers(each, sign)
-    readable = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
+    readable = _powers([readable_determinant([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
     factors = (det.value,) if det.factors is None else det.factors
     return Jet((), tuple((0, k) for k in range(n)), det.value, factors, n - 1, (*rows, *slopes), readable)
 
@@ -369,7 +376,7 @@ def singular_set(
         zero_sets = set()
         for rows in {frozenset(rows): rows for rows in choices}.values():  # each set of rows once
             factors = codistribution_product(plant, rows, limit)
-            if not alive(plant.field, factors):
+            if not surely_nonzero(plant.field, factors):
                 return None
             zero_sets.add(zero_set(plant.field, split_roots(plant.field, powers(plant.field, factors)[1])))
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):

@@ -257,7 +257,7 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
 # ---------------------------------------------------------------- written
 
 
-def written(plant: System) -> tuple[sp.Expr, ...]:
+def equations_as_written(plant: System) -> tuple[sp.Expr, ...]:
     """Return the plant's equations as the user has written them; for a plant in new coordinates also each part of the
     original equations, in the new states.
 
@@ -268,27 +268,27 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
         return rows
     before = plant.origin.plant
     back = dict(zip(before.states, plant.origin.backward, strict=True))
-    return (*rows, *mapped_parts(written(before), lambda part: part.xreplace(back)))
+    return (*rows, *mapped_parts(equations_as_written(before), lambda part: part.xreplace(back)))
 
 
 @lru_cache(maxsize=16)
-def valueless(plant: System) -> sp.Expr | None:
+def part_without_value(plant: System) -> sp.Expr | None:
     """Return a part of the plant's equations, as written, that may be infinite or not real on the declared ranges; None
     where there is none."""
-    return next(iter(possibly_undefined(written(plant), plant.box)), None)
+    return next(iter(possibly_undefined(equations_as_written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
 def value_conditions(plant: System) -> tuple[Condition, ...]:
     """Return the conditions under which the plant as written has a value, without those that are proved on the whole
     box."""
-    return conditions(written(plant), plant.box)
+    return conditions(equations_as_written(plant), plant.box)
 
 
 def if_valued(check: Check, plant: System) -> Check:
     """Return the `check` of a claim about values on the declared ranges, with the verdict unknown instead of proved
     where the plant may have no value somewhere."""
-    part = valueless(plant) if check.verdict is Verdict.PROVED else None
+    part = part_without_value(plant) if check.verdict is Verdict.PROVED else None
     if part is None:
         return check
     reason = because("{part} of the plant is not shown to have a value on the box", part=part)

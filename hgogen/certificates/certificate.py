@@ -51,7 +51,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.analysis.evidence import Grounds, end, exactly, text, texts
+from hgogen.analysis.evidence import Grounds, end_text, exact_texts, text, texts
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
@@ -201,11 +201,14 @@ def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] 
     if sorted(grounds.numbers.keys() - {*OBSERVERS[name].optional}) != wanted:
         row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
         raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
-    return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}
+    return {"name": name, **{key: exact_texts(form, value) for key, value in grounds.numbers.items()}}
 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
-    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
+    return [
+        {"name": s.name, "low": end_text(low), "high": end_text(high)}
+        for s, (low, high) in box(signals, nominal).items()
+    ]
 
 
 def _periods(signals: Iterable[Signal]) -> dict[str, dict[str, str]]:

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.ranges import fixed
+from hgogen.analysis.ranges import fixed_parameters
 from hgogen.analysis.scaling import heads, sizes_of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check, ClaimId, Verdict
@@ -249,7 +249,7 @@ def _disturbance_rows(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction
     for x, size in zip(states, sizes, strict=True):
         if not size:
             continue
-        rows = [exact(sp.sympify(sp.diff(z, x)).xreplace(fixed(form))) for z in form.entry]
+        rows = [exact(sp.sympify(sp.diff(z, x)).xreplace(fixed_parameters(form))) for z in form.entry]
         if not all(row.is_Rational for row in rows):
             return because("{x}' enters the form's rows by slopes that are no numbers", x=str(x))
         columns.append(tuple(Fraction(row.p, row.q) * size for row in rows))

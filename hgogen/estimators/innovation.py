@@ -24,7 +24,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE, Dynamics, inside, into
+from hgogen.analysis.dynamics import HUGE, Dynamics, inside, into_range
 from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance, routine
@@ -140,7 +140,7 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
     initial value. Elements whose index is in `still` are constant in the model and not clamped."""
     elements = []
     for i, (end, period) in enumerate(zip(field.box_within(HUGE), field.turns, strict=True)):
-        inside = into(value[i], end, period)
+        inside = into_range(value[i], end, period)
         kept_in = ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i])
         elements.append(value[i] if i in still else kept_in)
     return ca.vertcat(*elements)

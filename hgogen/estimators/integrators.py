@@ -23,8 +23,8 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.hypotheses import clamped
-from hgogen.analysis.ranges import described, fixed, span
+from hgogen.analysis.hypotheses import clamped_lipschitz
+from hgogen.analysis.ranges import fixed_parameters, limit_lines, span
 from hgogen.analysis.scaling import mean
 from hgogen.check import Check
 from hgogen.estimators.gains import ScaledGain, coefficients
@@ -87,7 +87,7 @@ class Integrators:
         are not finite."""
         ends = []
         for product, nominal in zip(self.products, self.nominal, strict=True):
-            exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
+            exactly = exact(sp.sympify(product).xreplace(fixed_parameters(self.form)))
             extent = None if exactly.is_number else span(exactly, self.form)
             finite = extent if extent and extent.defined and extent.finite else None
             ends.append((finite.low, finite.high) if finite else (nominal, nominal))
@@ -163,10 +163,10 @@ def observer_on(
         gains=gains,
         z=chain.z(w),
         dynamics=chain.dynamics,
-        claims=lambda: (*form.checks, *clamped(name, form), *claims()),
+        claims=lambda: (*form.checks, *clamped_lipschitz(name, form), *claims()),
         accepted=accepted,
         theorem=theorem,
-        equations=(*equations, *described(form), _PLANT if form.free else _CLAMPED),
+        equations=(*equations, *limit_lines(form), _PLANT if form.free else _CLAMPED),
         reference=reference,
         practical=practical,
         traces=traces,

@@ -43,8 +43,8 @@ import flint
 import sympy as sp
 
 from hgogen.analysis.determinant import determinant
-from hgogen.analysis.evidence import Evidence, spelled
-from hgogen.analysis.undefined import if_valued, written
+from hgogen.analysis.evidence import Evidence, text_with_names
+from hgogen.analysis.undefined import equations_as_written, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.reading.expression import BadExpression, parse
@@ -82,9 +82,9 @@ class Persistent:
     def evidence(self, form: Form) -> Evidence:
         """Return the evidence for a certificate: the inputs as texts of functions of t, and the time at which the rank
         is n."""
-        period = {} if self.period is None else {"period": spelled(self.period, set())}
-        inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
-        return {"inputs": inputs, "at": spelled(self.at, set()), **period}
+        period = {} if self.period is None else {"period": text_with_names(self.period, set())}
+        inputs = {name: text_with_names(e, {"t"}) for name, e in self.inputs.items()}
+        return {"inputs": inputs, "at": text_with_names(self.at, set()), **period}
 
 
 def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
@@ -224,7 +224,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.supplied}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = possibly_undefined(map(exact, written(system)), around)
+    parts = possibly_undefined(map(exact, equations_as_written(system)), around)
     return next((part for part in parts if not _finite(exact(part.xreplace(values)), around)), None)
 
 
@@ -431,8 +431,8 @@ class GramianBound:
 
     def evidence(self, form: Form) -> Evidence:
         """Return all fields as numbers and texts for a certificate, from which a checker computes W again."""
-        period = {} if self.period is None else {"period": spelled(self.period, set())}
-        inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
+        period = {} if self.period is None else {"period": text_with_names(self.period, set())}
+        inputs = {name: text_with_names(e, {"t"}) for name, e in self.inputs.items()}
         pieces = {"piece": self.piece, "level": Fraction(self.level), "starts": Fraction(self.starts)}
         return {"inputs": inputs, **period, **pieces, "R": self.R, "weights": self.weights, "bound": self.bound}
 

@@ -56,7 +56,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import HUGE, near
+from hgogen.analysis.dynamics import HUGE, at_nearest_turn
 from hgogen.estimators.factored import Unrolled, Writes, decorrelated, largest, used_block, whitened
 from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, solve, unpack_lower
 from hgogen.graph import Graph
@@ -292,7 +292,7 @@ class Unscented(SquareRoot):
     def nearest_value(self, middle: Graph, point: Graph, output: int) -> Graph:
         """Return the value (scalar) of an output at a sigma point; for a periodic output the whole turn nearest to the
         value `middle` at the estimate."""
-        return near(self.part.dynamics.form.system.outputs[output], self.output(point, output), middle)
+        return at_nearest_turn(self.part.dynamics.form.system.outputs[output], self.output(point, output), middle)
 
     def prediction(self) -> Program:
         """Return the statements that advance each sigma point by a model step, then compute z and S from all points."""

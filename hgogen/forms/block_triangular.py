@@ -22,7 +22,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from hgogen.analysis.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
+from hgogen.analysis.chain import (
+    Chains,
+    Rows,
+    Shape,
+    cascade,
+    cut_off_check,
+    end_aligned,
+    levelwise,
+    of_plant,
+    structure,
+)
 from hgogen.analysis.coordinates import coordinates, form_in, triangle
 from hgogen.errors import HgogenError
 from hgogen.form import Form, SurveySettings
@@ -74,7 +84,7 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     claim = f"each row brings in the next state of its chain, linearly, and {reads}"
     check = structure("block_triangular", claim, (answer, why), "Try another alignment.")
     if chains.broken or answer is False:
-        refused = (check, *cut_off("block_triangular", plant))
+        refused = (check, *cut_off_check("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
     return triangle(check, _REFERENCE, plant, chains, Shape.CONSTANT, blocks=chains.blocks, alignment=name)
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from hgogen.analysis.chain import Rows, connected, of_plant, reached
+from hgogen.analysis.chain import Rows, affecting_states, connected, of_plant
 from hgogen.analysis.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.analysis.hypotheses import lipschitz, with_chords
 from hgogen.check import Check, ClaimId, Verdict
@@ -55,7 +55,7 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     Raises: `BadOrder`; `BadGain` for an order that is no sequence of names.
     """
     rows = of_plant(plant)
-    sure, every = reached(rows, sure=True), reached(rows)
+    sure, every = affecting_states(rows, sure=True), affecting_states(rows)
     hidden = [x for x in plant.states if x not in every]
     doubtful = [x for x in every if x not in sure]
     along = (*every, *hidden)

@@ -16,15 +16,15 @@ import sympy as sp
 
 from hgogen.analysis.carried import (
     ROUGH,
-    Carried,
     Derivatives,
+    TransformedPlant,
     by_construction,
     full_rank,
-    on_image,
+    lipschitz_on_image,
     one_to_one,
 )
-from hgogen.analysis.determinant import as_written, determinant
-from hgogen.analysis.maps import along, rates, size, without_derivative
+from hgogen.analysis.determinant import determinant, readable_determinant
+from hgogen.analysis.maps import rates, size, time_derivative, without_derivative
 from hgogen.analysis.undefined import if_valued, on_box
 from hgogen.check import ClaimId, Verdict
 from hgogen.form import Form, NoForm, SurveySettings, one_output
@@ -67,7 +67,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
         det = determinant(J)
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    regular = full_rank(carried, det.value, as_written(J, det).value)
+    regular = full_rank(carried, det.value, readable_determinant(J, det).value)
     # only where the plant is defined: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
     by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", carried.Phi[:-1])
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
@@ -80,14 +80,14 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     missing = [c.id for c in (rank, inverse) if c.verdict is not Verdict.PROVED]
     obstacle = because("in z it needs {checks: and }", checks=missing) if missing else NONE
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
-    steep = on_image("phase", claim, [phi], carried.plant, "phi", obstacle, reason)
+    steep = lipschitz_on_image("phase", claim, [phi], carried.plant, "phi", obstacle, reason)
     checks = (chain, inputs, rank, inverse, steep)
     if original or back is None or regular.verdict is not Verdict.PROVED:
         return carried.in_x(checks)
     return carried.in_z(back, checks, recovered)
 
 
-def _map(plant: System) -> Carried:
+def _map(plant: System) -> TransformedPlant:
     """Return the plant in z = (y, y', .., y^(n-1)): z' = A
     z + b, where only the last entry phi of b is not 0."""
     n = len(plant.states)
@@ -95,11 +95,11 @@ def _map(plant: System) -> Carried:
     plain = on_box(plant)
     flow, chain = rates(plain, n + 1), [exact(plain.output[0])]
     while len(chain) <= n:
-        chain.append(along(chain[-1], flow))
+        chain.append(time_derivative(chain[-1], flow))
         if size(chain) > LIMIT:
             reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use the form original"
             raise NoPhase(plant.name, reason)
-    carried = Carried("phase", _REFERENCE, plant, (*chain[:n],), (*(sp.S.Zero,) * (n - 1), chain[n]), n)
+    carried = TransformedPlant("phase", _REFERENCE, plant, (*chain[:n],), (*(sp.S.Zero,) * (n - 1), chain[n]), n)
     if any(e.has(*ROUGH) for e in (*chain, *carried.jacobian)):
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.analysis.chain import Affine, affine, cut_off, measurements, of_plant
+from hgogen.analysis.chain import Affine, affine, cut_off_check, measurements, of_plant
 from hgogen.analysis.coordinates import coordinates, form_in, split
 from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.hypotheses import lipschitz
@@ -65,7 +65,7 @@ def state_affine(plant: System) -> Form:
     A += linear
     steep = lipschitz("state_affine", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
-    connected = cut_off("state_affine", plant)
+    connected = cut_off_check("state_affine", plant)
     return form_in(z, "state_affine", (structure, steep, *connected), _REFERENCE, parts=parts)
 
 

@@ -18,7 +18,7 @@ from dataclasses import replace
 
 from hgogen.analysis.chain import Shape, levelwise, of_plant, structure, without_jumps
 from hgogen.analysis.coordinates import coordinates, form_in
-from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, apart, lipschitz
+from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, lipschitz, nonzero_slope
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import ClaimId
 from hgogen.form import Form, SurveySettings, one_output
@@ -47,7 +47,7 @@ def uniform(plant: System) -> Form:
     if ordered:
         for i, link in enumerate(chains.links[0], 1):
             name = f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"
-            alone = apart(ClaimId("uniform", "slope", i), name, link.slope, plant)
+            alone = nonzero_slope(ClaimId("uniform", "slope", i), name, link.slope, plant)
             # the slope does not prove that the row is continuous and that the plant is defined
             check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
             checks.append(without_jumps(check, link))

@@ -14,9 +14,9 @@ Busvelle's slides also have F_2 of z_1, z_2, z_3 in xi_3.
 
 import sympy as sp
 
-from hgogen.analysis.carried import ROUGH, Carried, by_construction, on_image, undefined
+from hgogen.analysis.carried import ROUGH, TransformedPlant, by_construction, lipschitz_on_image, undefined
 from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, without_jumps
-from hgogen.analysis.hypotheses import apart
+from hgogen.analysis.hypotheses import nonzero_slope
 from hgogen.analysis.maps import rates as rates_of
 from hgogen.analysis.maps import size, without_derivative
 from hgogen.analysis.undefined import if_valued
@@ -60,7 +60,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     steep = [c, *(link.slope for link in links[1:])]
     names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
     slopes = [
-        without_jumps(apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant), link)
+        without_jumps(nonzero_slope(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant), link)
         for i, (name, slope, link) in enumerate(zip(names, steep, links, strict=True), 1)
     ]
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
@@ -69,7 +69,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     claim = "b is Lipschitz in xi on the image of the box"
     obstacle = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
-    bounded = on_image(_MAKER, claim, carried.rows, carried.plant, "b", obstacle, reason)
+    bounded = lipschitz_on_image(_MAKER, claim, carried.rows, carried.plant, "b", obstacle, reason)
     loose = "{names} enter, to be supplied, {loose} without one"
     inputs = carried.supplied([u.name for u in carried.known], loose, "Declare rates=((low, high),) of the input.")
     each = (structure, *slopes, smooth, inputs, bounded)
@@ -95,7 +95,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     return chains, c, offset
 
 
-def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
+def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> TransformedPlant:
     """Return xi_1 = c z_1, xi_(i+1) = D_i F_i with b and the Jacobian dxi/dx. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
     changes = rates_of(plant, 1)
@@ -118,13 +118,13 @@ def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
         raise NoUniformChain(plant.name, f"has not the derivatives of these coordinates: {rough or 'something'}")
     if size([*xi, *b]) > LIMIT:
         raise NoUniformChain(plant.name, f"has coordinates of more than {LIMIT} nodes; use the form uniform")
-    return Carried(_MAKER, _REFERENCE, plant, tuple(xi), tuple(b), 1, offset)
+    return TransformedPlant(_MAKER, _REFERENCE, plant, tuple(xi), tuple(b), 1, offset)
 
 
 # ---------------------------------------------------------------- checks
 
 
-def _smooth(carried: Carried) -> Check:
+def _smooth(carried: TransformedPlant) -> Check:
     id, claim = ClaimId(_MAKER, "smooth"), "xi is differentiable, and finite with its slopes, on the box"
     rough = without_derivative((*carried.Phi, *carried.jacobian))
     lost = undefined((*carried.Phi, *carried.jacobian), carried.plant)

@@ -19,7 +19,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.scaling import mean, weighted
 from hgogen.estimators.gains import ScaledGain, columns
 from hgogen.estimators.integrators import injected_chains
@@ -98,7 +98,7 @@ def circle_criterion(
         dynamics=dynamics,
         claims=lambda: (
             *form.checks,
-            *clamped("circle_criterion", form),
+            *clamped_lipschitz("circle_criterion", form),
             *theta_checks("circle_criterion", form, theta, error),
         ),
         accepted=accept,

@@ -18,7 +18,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
@@ -135,7 +135,7 @@ def hamilton_jacobi(
         ),
         z=sym("state", "z", n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *evaluated(form), *clamped("hamilton_jacobi", form), _quadratic(form)),
+        claims=lambda: (*form.checks, *evaluated(form), *clamped_lipschitz("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
         theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
         equations=(*(CURVED if curved else EQUATIONS), *matrix_line("Q", weight, form)),

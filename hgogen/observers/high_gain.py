@@ -22,9 +22,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.linearised import largest_determinant
-from hgogen.analysis.ranges import Limits, described, saturated
+from hgogen.analysis.ranges import Limits, limit_lines, saturated
 from hgogen.analysis.scaling import mean, redundant_outputs, unused, weighted
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import injected_chains
@@ -132,12 +132,12 @@ def high_gain(
         dynamics=dynamics,
         claims=lambda: (
             *form.checks,
-            *clamped("high_gain", form),
+            *clamped_lipschitz("high_gain", form),
             *theta_checks("high_gain", form, theta, chosen.error),
         ),
         accepted=accept,
         theorem=theorem.with_chains() if len(form.blocks) > 1 else theorem,
-        equations=(equation, f"K = {chosen.K}", *_means(form, weights), *described(form)),
+        equations=(equation, f"K = {chosen.K}", *_means(form, weights), *limit_lines(form)),
         reference=REFERENCE,
         notices=notices,
         error=chosen.error,

@@ -41,7 +41,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.chain import known
+from hgogen.analysis.chain import with_measured_states
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.estimators.noise import declares_noise
@@ -167,7 +167,7 @@ def kalman_like(
         limited=LIMITED,
         nominal=(rate * np.diag(noise), np.array(variances)),
         forgetting=gains[0],
-        measured_state=known(dynamics),
+        measured_state=with_measured_states(dynamics),
         period=seconds(period),
     )
     return Observer(

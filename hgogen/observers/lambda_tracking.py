@@ -38,7 +38,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.hypotheses import bounded
+from hgogen.analysis.hypotheses import bounded_nonlinearity
 from hgogen.check import ClaimId, Claims, Verdict
 from hgogen.estimators.integrators import (
     GAIN_LIMITED,
@@ -217,7 +217,7 @@ def lambda_tracking(
             f"p = {listed(p)}, k(0) = {same(least)}, k <= {same(most)}",
         ),
         reference=REFERENCE,
-        claims=lambda: (bounded(ClaimId("lambda_tracking", "phi"), form, declared.products),),
+        claims=lambda: (bounded_nonlinearity(ClaimId("lambda_tracking", "phi"), form, declared.products),),
         accepted=accept,
         traces=("k",),
         practical=not model,

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 from hgogen.analysis.evidence import Grounds
-from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
@@ -106,7 +106,7 @@ def riccati(
         gains=(*filter.gains, *theta.gains),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), convergence),
+        claims=lambda: (*form.checks, *evaluated(form), *clamped_lipschitz("riccati", form), convergence),
         accepted=accept,
         theorem=LINEAR if proved else of_form(theta.theorem, form, rank=noise_rank(filter.part, form.names)),
         equations=(

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.ranges import chains, fixed, several_corners
+from hgogen.analysis.ranges import chains, fixed_parameters, several_corners
 from hgogen.analysis.scaling import error_shares, weighted
 from hgogen.estimators.gains import ScaledGain, as_matrix, coefficients, columns
 from hgogen.estimators.integrators import Integrators, companion, demand_divisor, demand_linear_rows, no_chain
@@ -111,7 +111,7 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
 
 
 def _number(value: Any, form: Form) -> Fraction | None:
-    known = sp.cancel(exact(sp.sympify(value).xreplace(fixed(form))))
+    known = sp.cancel(exact(sp.sympify(value).xreplace(fixed_parameters(form))))
     return Fraction(known.p, known.q) if known.is_Rational else None
 
 

@@ -34,8 +34,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.analysis.evidence import Evidence, end, spelled, tree
-from hgogen.analysis.undefined import written
+from hgogen.analysis.evidence import Evidence, bisection_text, end_text, text_with_names
+from hgogen.analysis.undefined import equations_as_written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
@@ -194,7 +194,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         {s: ends for s, ends in around.items() if s not in fixed},
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
-        lost_part(written(plant), flow, around),
+        lost_part(equations_as_written(plant), flow, around),
         plant.caveat,
     )
 
@@ -302,7 +302,7 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
     others = {s: ends for s, ends in around.items() if s not in {*equations.unknown, *on}}
     pushes = sp.ImmutableDenseMatrix(len(noise), len(equations.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
-    part = lost_part(mapped_parts(written(plant), on_way), (*flow, *pushes), around)
+    part = lost_part(mapped_parts(equations_as_written(plant), on_way), (*flow, *pushes), around)
     return ErrorSystem(
         plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, caveat=plant.caveat
     )
@@ -386,7 +386,7 @@ class Dissipates:
             "share": answer.share,
             "basis": answer.basis.tolist(),
             "slabs": [_slab(proof, -1 if self.lhs is None else 1) for proof in answer.proofs[1:]],
-            **({} if whole else {"left": spelled(self.lhs, self._names)}),
+            **({} if whole else {"left": text_with_names(self.lhs, self._names)}),
         }
 
     @property
@@ -399,16 +399,18 @@ class Dissipates:
             system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
             known = names | {y.name for y in outputs.values()}
             parts: dict[str, Any] = {
-                "observer": [spelled(row.xreplace(outputs), known) for row in origin.observer],
+                "observer": [text_with_names(row.xreplace(outputs), known) for row in origin.observer],
                 "unknown": [w.name for w in origin.unknown],
-                "along": {x.name: spelled(value, names) for x, value in origin.along},
-                "flow": [spelled(row, names) for row in system.flow],
+                "along": {x.name: text_with_names(value, names) for x, value in origin.along},
+                "flow": [text_with_names(row, names) for row in system.flow],
                 "noise": _rows(system.noise, names),
             }
         else:
             parts = {key: _rows(M, names) for key, M in (("gain", origin.gain), ("G1", origin.G1), ("G2", origin.G2))}
-        errors = [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in self.within.items()]
-        return {**parts, "errors": errors, "V": spelled(self.V, names), "mu": str(self.mu)}
+        errors = [
+            {"name": s.name, "low": end_text(low), "high": end_text(high)} for s, (low, high) in self.within.items()
+        ]
+        return {**parts, "errors": errors, "V": text_with_names(self.V, names), "mu": str(self.mu)}
 
 
 @dataclass(frozen=True)
@@ -601,11 +603,11 @@ def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates
 
 
 def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
-    return [[spelled(cell, names) for cell in row] for row in M.tolist()]
+    return [[text_with_names(cell, names) for cell in row] for row in M.tolist()]
 
 
 def _slab(proof: Proof, way: int) -> dict[str, Any]:
     """Return the bisection that proves an expression negative and half of its
     bound, so that a weaker arithmetic can verify it; `way` = -1 for -V < 0."""
     assert proof.high is not None  # it is negative
-    return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}
+    return {"tree": bisection_text(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

@@ -41,9 +41,9 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, enclosure, outward
-from hgogen.analysis.ranges import chains, cut, fixed, span
+from hgogen.analysis.ranges import chains, cut_reason, fixed_parameters, span
 from hgogen.analysis.scaling import ALIGNED, error_shares, exponents, heads, sharing, weighted
-from hgogen.analysis.undefined import valueless
+from hgogen.analysis.undefined import part_without_value
 from hgogen.check import Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators
@@ -90,7 +90,7 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
     on one side."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
-    if limited := cut(form):
+    if limited := cut_reason(form):
         return limited
     if form.jacobian is not None:
         return because("the bound is for an observer in the coordinates of the form, this one stays in the plant's")
@@ -102,7 +102,9 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
     open_ = [check.id for check in others if check.verdict is not Verdict.PROVED]
     if open_:
         return because("the bound rests on {check}, which is not proved", check=open_[0])
-    part = valueless(form.system) if endless else None  # b may jump at a pole of it, without effect on its slope
+    part = (
+        part_without_value(form.system) if endless else None
+    )  # b may jump at a pole of it, without effect on its slope
     if part is not None:
         return because("{part} of the plant is not shown to have a value on the box", part=part)
     return _no_triangle(form)
@@ -130,7 +132,7 @@ def _no_triangle(form: Form) -> Reason:
 def jacobian(form: Form) -> sp.Matrix:
     """Return the Jacobian db/dz (n, n) of the form's nonlinear part as expressions; parameters without a range have
     their values."""
-    b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
+    b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed_parameters(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
@@ -330,7 +332,7 @@ Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
     """Return the partial derivatives dF_k/dz_(k+1), k = 1, .., n - 1, of a form z' = F(z, u); parameters without a
     range have their values."""
-    known, slopes = dict(fixed(form)), []
+    known, slopes = dict(fixed_parameters(form)), []
     for row, z in zip(form.flow, form.states[1:], strict=False):
         each = exact(tape.slope(sp.sympify(row), z).xreplace(known))
         # factors repeat variables less often, for narrower ranges; large expressions are not factored

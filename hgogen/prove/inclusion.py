@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.evidence import Evidence, tree
+from hgogen.analysis.evidence import Evidence, bisection_text
 from hgogen.form import Form
 from hgogen.prove.quadratic import (
     Array,
@@ -211,7 +211,7 @@ class Inclusion:
         """Return the evidence of the error dynamics for a certificate: the factors `scale`, the proved range of each
         db_i/dz_j, and `core_evidence`."""
         slopes = [
-            {"row": i + 1, "column": j + 1, **slope.ends, "tree": tree(slope.range, form)}
+            {"row": i + 1, "column": j + 1, **slope.ends, "tree": bisection_text(slope.range, form)}
             for slope in self.slopes
             if slope.entry is not None and slope.range is not None
             for i, j in [slope.entry]

@@ -70,7 +70,7 @@ import sympy as sp
 from flint import arb, arb_mat, ctx
 
 from hgogen.analysis.evidence import Evidence
-from hgogen.analysis.ranges import fixed
+from hgogen.analysis.ranges import fixed_parameters
 from hgogen.analysis.scaling import heads
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.prove import inequality
@@ -459,7 +459,7 @@ class CoreDeviation:
         form, each = self.plant.form, range(self.plant.form.n)
         for output in heads(form):
             self.plant.demand_no_input(form.output[output])
-        A = form.A.applyfunc(lambda a: exact(sp.sympify(a).xreplace(fixed(form))))
+        A = form.A.applyfunc(lambda a: exact(sp.sympify(a).xreplace(fixed_parameters(form))))
         chain = rational([[Fraction(int(A[i, j].p), int(A[i, j].q)) for j in each] for i in each])
         if (self.L @ self.lifted + self.sample_input != self.lifted @ chain).any():
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))

@@ -26,7 +26,7 @@ import flint
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence
-from hgogen.analysis.ranges import fixed, signals
+from hgogen.analysis.ranges import fixed_parameters, signals
 from hgogen.analysis.scaling import heads
 from hgogen.check import Verdict
 from hgogen.form import Form
@@ -72,7 +72,7 @@ class PlantStep:
         return self._fixed(self.form.b)
 
     def _fixed(self, rows: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-        return tuple(exact(sp.sympify(row).xreplace(fixed(self.form))) for row in rows)
+        return tuple(exact(sp.sympify(row).xreplace(fixed_parameters(self.form))) for row in rows)
 
     @cached_property
     def speeds(self) -> tuple[Fraction, ...]:
@@ -306,7 +306,7 @@ Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place: the place of
 def heads_of(form: Form) -> Heads | None:
     """Return, by the index of each measured output, the pair (index of the first state z_i of its chain, dy/dz_i); None
     where a derivative dy/dz_i contains parameters."""
-    known, slopes = dict(fixed(form)), dict[int, tuple[int, Any]]()
+    known, slopes = dict(fixed_parameters(form)), dict[int, tuple[int, Any]]()
     for j, head in heads(form).items():
         row = exact(sp.sympify(form.output[j]).xreplace(known))
         slopes[j] = head, sp.cancel(sp.diff(row, form.states[head]))

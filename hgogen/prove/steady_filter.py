@@ -35,7 +35,7 @@ from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.linearised import jacobians_at
-from hgogen.analysis.ranges import fixed
+from hgogen.analysis.ranges import fixed_parameters
 from hgogen.analysis.scaling import exponents
 from hgogen.analysis.undefined import undefined_values
 from hgogen.discretisation.stability import FrozenRiccati
@@ -192,7 +192,7 @@ def linear(form: Form) -> Linear | Reason:
         return because("values of b are limited")
     if undefined_values(form.system):
         return because("a rate or an output is not known to have a finite value everywhere")
-    known = dict(fixed(form))
+    known = dict(fixed_parameters(form))
     slopes = sp.Matrix(form.output).jacobian(form.states)
     A, b, h, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, form.output, slopes))
     d = (h - C * sp.Matrix(form.states)).expand()  # the slope of a jump is 0 elsewhere

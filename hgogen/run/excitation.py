@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.chain import known
+from hgogen.analysis.chain import with_measured_states
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.riccati_part import positive_numbers
@@ -100,7 +100,7 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     half way between samples u (N, m), y (N, p), at nominal parameters."""
     m, p = len(dynamics.form.system.inputs), y.shape[1]
     inputs, outputs = ca.SX.sym("u", m), ca.SX.sym("y", p)
-    z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
+    z = with_measured_states(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
     graphs = [ca.densify(dynamics.affine(z, inputs)[0]), ca.densify(dynamics.output_jacobian(z, inputs))]
     plant = [s for s in dynamics.form.system.parameters if s.bounded]
     evaluate = ca.Function("pair", [inputs, outputs, *(sym("plant", s.name) for s in plant)], graphs)

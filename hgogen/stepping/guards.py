@@ -20,7 +20,7 @@ from itertools import compress
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import HUGE, inside, into, last_value, near, widened
+from hgogen.analysis.dynamics import HUGE, at_nearest_turn, inside, into_range, last_value, widened
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, is_outside
@@ -189,7 +189,7 @@ def guard_inputs(observer: Observer, clock: Clock) -> Block:
         raw, (low, high) = sym("input", signal.name), signal.limits
         usable = _within(raw, HUGE if signal.period is None else TURNS * signal.period)
         accepted = ca.if_else(usable, raw, last[i])
-        values.append(into(accepted, signal.interval, signal.period))
+        values.append(into_range(accepted, signal.interval, signal.period))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if low > -INF:
             writes[Place("status", f"CLAMPED_{signal.name}")] = is_outside(accepted, low, high)
@@ -344,9 +344,9 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
         bits |= undefined_bits
         last_valid = ca.logic_and(known[j], plausible(signal, sensors[j], last[j]))  # memory may be corrupted
         # next to the prediction, whose error is below half a turn, however fast the plant turns
-        last_near = near(signal, last[j], predicted[j])
+        last_near = at_nearest_turn(signal, last[j], predicted[j])
         previous = ca.if_else(last_valid, last_near, predicted[j])
-        now.append(ca.if_else(usable, near(signal, raw, previous), predicted[j]))
+        now.append(ca.if_else(usable, at_nearest_turn(signal, raw, previous), predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, last_valid), last_near, now[-1]))
         valid.append(usable)
         status.update(bits)
@@ -427,7 +427,7 @@ def clamp_field(field: Field, each: bool) -> Block:
     """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED if the box is the outer
     box of an estimate. `each`: whether an element that is not a number gets its initial value."""
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
-    values = [into(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
+    values = [into_range(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
     if each:
         values = [ca.if_else(_within(value[i], LOST), v, field.initial[i]) for i, v in enumerate(values)]
     writes = {Place("state", field.name): column(values)}

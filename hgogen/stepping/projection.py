@@ -44,7 +44,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import clamp, into
+from hgogen.analysis.dynamics import clamp, into_range
 from hgogen.estimators.core import nominal, numbers
 from hgogen.graph import Graph
 from hgogen.observer import Observer
@@ -93,7 +93,7 @@ def nearest(
 def in_range_or(value: Graph, end: tuple[float, float], period: float | None, other: Graph) -> Graph:
     """Return a value clamped to a range, or an angle wrapped to its turn; `other` if the value is beyond `LOST`. No
     plausible sample leads there; the test lets a static analyser bound the result."""
-    return ca.if_else(ca.fabs(value) <= LOST, into(value, end, period), other)
+    return ca.if_else(ca.fabs(value) <= LOST, into_range(value, end, period), other)
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:

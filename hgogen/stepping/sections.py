@@ -24,7 +24,7 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE, near
+from hgogen.analysis.dynamics import HUGE, at_nearest_turn
 from hgogen.errors import BadArgument
 from hgogen.graph import turned
 from hgogen.observer import Observer
@@ -545,8 +545,8 @@ def plain_outputs(observer: Observer, clock: Clock) -> Block:
     call."""
     outputs, last = observer.form.system.outputs, sym("state", "y", clock.outputs)
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
-    before = column(near(y, last[j], predicted[j]) for j, y in enumerate(outputs))
-    now = column(near(y, sym("output", y.name), before[j]) for j, y in enumerate(outputs))
+    before = column(at_nearest_turn(y, last[j], predicted[j]) for j, y in enumerate(outputs))
+    now = column(at_nearest_turn(y, sym("output", y.name), before[j]) for j, y in enumerate(outputs))
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): before})
 
 
