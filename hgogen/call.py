@@ -104,7 +104,7 @@ class CallableStep(Step, Displayed):
         self._take_y(y)
         if dt is not None or self.clock.varying:
             self._take_dt(dt)
-        status = self._step()
+        status = self._entries["step"]()
         self._clock[0] += 1
         return Sample(self._legend, self._output_bytes(), status)
 
@@ -426,10 +426,6 @@ class CallableStep(Step, Displayed):
     @cached_property
     def _entries(self) -> Mapping[str, Entry]:
         return self._kept.entries(self.engine or native.engine())
-
-    @cached_property
-    def _step(self) -> Entry:
-        return self._entries["step"]
 
     def _demand_sections(self) -> None:
         if not self.code.separable:

@@ -459,7 +459,10 @@ def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pie
     matrices = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
     matrices |= {"Psi_0": whole.Psi_0[:, nonlinear_rows], "Psi_1": whole.Psi_1[:, nonlinear_rows]}
     matrices = {name: ca.sparsify(matrix) for name, matrix in matrices.items()}
-    used = {name: _stored(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
+    used = {
+        name: ca.SX(matrix.sparsity(), sym("derived", f"{name}{label}", matrix.nnz()))
+        for name, matrix in matrices.items()
+    }
     guess = used["Phi"] @ line.x + used["Psi_0"] @ start[nonlinear_rows, :]
     guess += used["Gamma_0"] @ _source(part, clock, 0.0) + used["Gamma_1"] @ _source(part, clock, 1.0)
     after = guess + used["Psi_1"] @ (residual(guess, 1.0) - start)[nonlinear_rows, :]
@@ -489,10 +492,6 @@ def _source(part: Ode, clock: Clock, c: float) -> Graph:
 def _split(part: Ode, x: Graph) -> dict[str, Graph]:
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
-
-
-def _stored(place: Place, matrix: Graph) -> Graph:
-    return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
 def _named(pattern: Pattern) -> tuple[str, str]:

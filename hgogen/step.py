@@ -404,8 +404,9 @@ def plan(
 def _guarded(observer: Observer, guards: Guards, every: Any) -> Observer:
     """Return the observer, its arguments clamped or not as `guards` requires. Raises: `BadStep`."""
     system, clamped = observer.form.system, guards == "all"
-    if not clamped:
-        _demand_plain(observer, every)
+    if not clamped and (observer.delays or every):
+        late = "samples that come late" if observer.delays else "sensors of different rates"
+        raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
     guarded = observer if observer.form.clamped == clamped else observer.clamping(clamped)
     if clamped:
         dated = [str(y) for y in system.outputs] if every else dict(guarded.delays)
@@ -428,7 +429,8 @@ def _limits_of(dt: Any, substeps: int | None, time: str) -> tuple[float, Varying
     None. Raises: `BadStep`."""
     pair = isinstance(dt, tuple | list)
     ends = tuple(dt) if pair else (dt, dt)
-    if len(ends) != 2 or not all(isinstance(each, int | float) and _positive(each) for each in ends):
+    positive = (isinstance(each, int | float) and float_info.min <= each <= float_info.max for each in ends)
+    if len(ends) != 2 or not all(positive):
         wanted = f"must be a positive time in {plural(time)}"
         raise BadStep(f"dt = {dt!r}", f"{wanted}, or the pair of the shortest and the longest one" if pair else wanted)
     shortest, longest = map(float, ends)
@@ -445,10 +447,6 @@ def _limits_of(dt: Any, substeps: int | None, time: str) -> tuple[float, Varying
     if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
         raise BadStep(f"substeps = {substeps!r}", f"must be a whole number from 1 to {MOST_SUBSTEPS}")
     return longest, Varying(shortest, substeps)
-
-
-def _positive(value: float) -> bool:
-    return float_info.min <= value <= float_info.max
 
 
 def _demand_varying(observer: Observer, periods: Any) -> None:
@@ -493,13 +491,6 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
             f"{_advice(advised.take, time, advised.basis)}{proof}"
         )
         warnings.warn(StepMayFail(text, _floor(advised.take)), stacklevel=4)
-
-
-def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
-    """Raise `BadStep` for late samples or periods, which need the status, in a step without guards."""
-    late = "samples that come late" if observer.delays else "sensors of different rates" if every else ""
-    if late:
-        raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
 
 
 @lru_cache(maxsize=_LAST)

@@ -83,7 +83,8 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
             for at, content in zip(paths, files.values(), strict=True):
                 handle, temporary = _staged(at.parent, opened)
                 staged.append(temporary)
-                _fill(handle, content)
+                with os.fdopen(handle, "wb", closefd=False) as stream:
+                    stream.write(content.encode() if isinstance(content, str) else content)
                 if private or at.exists():
                     os.chmod(temporary, _PRIVATE if private else at.stat().st_mode & 0o777)
             if os.name == "nt":  # it has no locks, and renames no file that is open
@@ -257,8 +258,3 @@ def _failed(error: OSError, path: Path) -> CannotWrite:
     file."""
     known = Path(error.filename) if error.filename else path
     return CannotWrite(str(path if known.name.startswith(_STAGED) else known), error.strerror or str(error))
-
-
-def _fill(handle: int, content: str | bytes) -> None:
-    with os.fdopen(handle, "wb", closefd=False) as stream:
-        stream.write(content.encode() if isinstance(content, str) else content)

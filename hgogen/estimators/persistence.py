@@ -244,7 +244,10 @@ def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mappin
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
-        if u.bounded and not _within(value, *box((u,))[u]):
+        low, high = box((u,))[u]
+        extent = bound(value, {})
+        inside = low <= Fraction(value) <= high if value.is_Rational else low < extent.low and extent.high < high
+        if u.bounded and not inside:
             pattern = "{input} = {value} is not shown to be in the range of {input}, to which the observer clamps it"
             return because(pattern, input=u, value=value)
     around = box(form.system.parameters, form.system.nominal)
@@ -258,13 +261,6 @@ def _finite(e: sp.Expr, around: Box) -> bool:
     except NoTape:
         return False
     return extent.defined and extent.finite
-
-
-def _within(value: sp.Expr, low: Any, high: Any) -> bool:
-    if value.is_Rational:
-        return bool(low <= Fraction(value) <= high)
-    extent = bound(value, {})
-    return bool(low < extent.low and extent.high < high)
 
 
 def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:

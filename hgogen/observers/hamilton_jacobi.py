@@ -32,7 +32,7 @@ from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, matrix_line, names_of, real
 from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
-from hgogen.starting import Gains, Scale, starts
+from hgogen.starting import starts
 from hgogen.stepping.discretise import MinimumEnergy
 from hgogen.theorem import Hypothesis
 
@@ -57,16 +57,11 @@ LIMITED = Bit(
 )
 
 
-def _starting(scale: Scale) -> Gains:
-    """Return starting weights: the inverses of the covariances Q, P0, R that a Kalman filter starts with."""
-    return {"Q": scale.density(-1), "P0": scale.start(-1), "R": scale.variance(-1)}
-
-
-@starts(
+@starts(  # the weights are the inverses of the covariances that a Kalman filter starts with
     "you prefer to choose the weights of a cost function",
     "as `riccati`; the curvature of the output is optional",
     "n(n+3)/2",
-    _starting,
+    lambda scale: {"Q": scale.density(-1), "P0": scale.start(-1), "R": scale.variance(-1)},
 )
 @declares_weights
 def hamilton_jacobi(

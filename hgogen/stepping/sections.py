@@ -427,7 +427,9 @@ class Assembly:
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
         if plant.times:
             yield times.advance_by_period(plant.times, clock)
-        yield from self._remembered
+        names = {"u", *(field.name for field in finite_value_fields(observer))} if clock.guarded else ()
+        for field in (field for field in self.state if field.name in names):  # memory may have been corrupted
+            yield clamp_field(field, each=HUGE in field.high)
         if clock.inputs:
             yield guard_input(observer, clock)
         if self.uses_output:
@@ -471,14 +473,6 @@ class Assembly:
         """Whether the law of recovery, at the last output, always evaluates the bit OUTSIDE_BOX."""
         gated = any(j in self.combined.verdicts for j in self.correcting[-1:])
         return self.still and not self.rated and not gated
-
-    @property
-    def _remembered(self) -> list[Statement]:
-        """The blocks that clamp the last input and the last finite values, in case memory was corrupted: no guard of
-        the state tests these. NaN becomes an end of the range, or the initial value if there is no range."""
-        names = {"u", *(field.name for field in finite_value_fields(self.observer))} if self.clock.guarded else ()
-        last = (field for field in self.state if field.name in names)
-        return [clamp_field(field, each=HUGE in field.high) for field in last]
 
     @property
     def _samples(self) -> dict[int, Sampled]:

@@ -81,7 +81,8 @@ def count_fields(times: tuple[Time, ...], clock: Clock) -> tuple[Field, ...]:
     counts, meanings, labels = [divisor(time, clock) for time in times], [], tuple(map(str, times))
     for time, N in zip(times, counts, strict=True):
         share, exact = ratio(time, clock.longest)
-        drift = "" if exact or clock.varying else f", off by one part in 10^{_size(time, clock.longest, share)}"
+        error = abs(sp.Rational(share) * time.turn / sp.Rational(repr(clock.longest)) - 1)
+        drift = "" if exact or clock.varying else f", off by one part in 10^{int(-log10(float(error.evalf(_DIGITS))))}"
         meanings.append(f"{time} = {time.turn / N} {time.unit} times it{drift}")
     meaning = f"whole numbers that count the time, {'; '.join(meanings)}"
     low, high = (0.0,) * len(times), tuple(float(n - 1) for n in counts)
@@ -97,11 +98,6 @@ def count_fields(times: tuple[Time, ...], clock: Clock) -> tuple[Field, ...]:
         meaning="to add to the count",
     )
     return (count, *([remainder] if clock.varying else []))
-
-
-def _size(time: Time, dt: float, share: Fraction) -> int:
-    off = abs(sp.Rational(share) * time.turn / sp.Rational(repr(dt)) - 1)
-    return int(-log10(float(off.evalf(_DIGITS))))
 
 
 def current_times(times: tuple[Time, ...], clock: Clock) -> list[Graph]:
