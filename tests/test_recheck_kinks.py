@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.recheck.algebra import Algebra
 from hgogen.recheck.arithmetic import Dual, Undefined, Unproved, dual, evaluate, fractions
-from hgogen.recheck.box import Box, covered, demand_continuous, demand_jacobian, in_ranges, steep
+from hgogen.recheck.box import Box, covered, demand_continuous, demand_jacobian, in_ranges, norm_at_most
 from hgogen.recheck.interval import between, intervals, point
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -127,7 +127,7 @@ def test_a_norm_is_shown_through_a_kink(drag: str) -> None:
     for square, true in ((F(258), True), (F(256), False)):
         bound = F(math.isqrt(int(square * 10**8)), 10**4)
         try:
-            assert (covered(BOX, ".", steep(rows, ["z", "v"], bound), 400) > 0) is true
+            assert (covered(BOX, ".", norm_at_most(rows, ["z", "v"], bound), 400) > 0) is true
         except Unproved:
             assert not true
 

@@ -36,7 +36,7 @@ from hgogen.rigor.factors import (
     Elimination,
     Power,
     Product,
-    Work,
+    WorkLimit,
     branches,
     cleared,
     degrees,
@@ -128,7 +128,7 @@ def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) ->
     doubtful = branches(domain)
     if doubtful or domain.relations:
         try:
-            top, bottom = expanded(domain, matrix, Work([limit]))
+            top, bottom = expanded(domain, matrix, WorkLimit([limit]))
         except TooLarge:
             if doubtful:
                 raise
@@ -136,7 +136,7 @@ def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) ->
             if top.is_zero():
                 raise ZeroDivisionError
             return [(top, 1), (bottom, -1)]
-    elimination = Elimination(domain, Work([limit]))
+    elimination = Elimination(domain, WorkLimit([limit]))
     product: Product = []
     for entries in matrix:
         common, (row,) = cleared([entries])

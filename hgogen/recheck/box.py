@@ -161,7 +161,7 @@ def narrowed(box: Box, names: Iterable[str]) -> Box:
     return {name: box[name] for name in sorted(names)}
 
 
-def cut(text: str) -> str:
+def shortened(text: str) -> str:
     """Return a text cut to 60 characters, for a sentence."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -283,7 +283,6 @@ def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
     return {1: "positive", -1: "negative"}.get(value.sign if value else 0, "")
 
 
-_duals = dual(intervals)
 Rows = tuple[Expression, ...]
 Side = tuple[End, End]
 Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
@@ -327,7 +326,7 @@ def demand_differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction
                 each = zip(operands, table_of(op)[0].axes, strict=True)
                 differences = [x - point(place) for x, places in each for place in places]
             if any(x.sign == 0 for x in differences):
-                raise Unproved(f"{cut(text.text)} may have no slope at its witness")
+                raise Unproved(f"{shortened(text.text)} may have no slope at its witness")
 
 
 def demand_continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
@@ -344,10 +343,10 @@ def demand_continuous(texts: Iterable[Expression], names: Iterable[str], box: Bo
             place = [evaluate(replace(text, result=arg), ranges, intervals).exactly for arg in args]
             orders = tuple(m + varies[arg] for m, arg in zip(order, args, strict=True))
             if table.range(orders, place) is None:
-                raise Unproved(f"{cut(text.text)} is not shown to be continuous")
+                raise Unproved(f"{shortened(text.text)} is not shown to be continuous")
 
 
-def steep(
+def norm_at_most(
     rows: Sequence[Expression],
     names: Sequence[str],
     bound: Fraction,

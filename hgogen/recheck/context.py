@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Undefined, Unproved, along, total
-from .box import Box, Norm, covered, cut, demand_continuous, narrowed, ranged, spectral, steep
+from .box import Box, Norm, covered, demand_continuous, narrowed, norm_at_most, ranged, shortened, spectral
 from .file import (
     Certificate,
     Claim,
@@ -124,7 +124,9 @@ class Context:
                 try:
                     demand_finite(text, box)
                 except Unproved as error:
-                    raise Unproved(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
+                    raise Unproved(
+                        f"{shortened(text.text)} of {where} is not shown to be a finite number: {error}"
+                    ) from None
 
     def _flow(self) -> None:
         """Prove dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x."""
@@ -350,7 +352,11 @@ def enclosed(
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += demand_finite(source, context.form.box)
-    return low, high, Finding(f"{printed(low, -1)} <= {cut(text.text)} <= {printed(high, 1)}{on(box)}", boxes)
+    return (
+        low,
+        high,
+        Finding(f"{printed(low, -1)} <= {shortened(text.text)} <= {printed(high, 1)}{on_ranges(box)}", boxes),
+    )
 
 
 def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
@@ -374,7 +380,7 @@ def is_above(value: Fraction, bound: Fraction) -> str:
     raise Unproved(f"{printed(value)} is above {printed(bound)} by less than {_MOST} digits tell")
 
 
-def on(box: Box) -> str:
+def on_ranges(box: Box) -> str:
     """Return the ranges of a box as text, such as " on x in [0, 1], u in [-2, 2]"; sides that are points are
     omitted."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
@@ -617,7 +623,7 @@ def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], n
     words. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
-    return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
+    return Finding(f"|{name}| <= {printed(bound, 1)}{on_ranges(box)}", boxes)
 
 
 def _steepness(
@@ -630,7 +636,7 @@ def _steepness(
     box = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
     bound = signless(evidence, "bound")
     demand_continuous(rows, context.z, box)
-    return bound, box, covered(box, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
+    return bound, box, covered(box, part(evidence, "tree", str), norm_at_most(rows, context.z, bound, scale, norm))
 
 
 Verify = Callable[[Context, Claim], Finding]

@@ -140,7 +140,7 @@ class Certificate:
         return next((claim for claim in self.claims if claim.id == id), None)
 
 
-def words(text: str) -> str:
+def quoted(text: str) -> str:
     """Return a text of the file in quotes, so that it is not mistaken for the verifier's own words, nor controls a
     terminal."""
     return json.dumps(text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
@@ -266,7 +266,7 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
-        raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
+        raise NoCertificate(f"{what} has a part {quoted(strange[0])}, which is unknown here")
 
 
 def _names(values: Iterable[Any]) -> tuple[str, ...]:
@@ -276,7 +276,7 @@ def _names(values: Iterable[Any]) -> tuple[str, ...]:
 def _times(plant: Mapping[str, Any], inputs: Iterable[str]) -> tuple[str, ...]:
     times = _names(part({"times": [], **plant}, "times", list))
     if strange := sorted({*times} - set(inputs)):
-        raise NoCertificate(f"{words(strange[0])} is a time, and no input")
+        raise NoCertificate(f"{quoted(strange[0])} is a time, and no input")
     return times
 
 
@@ -285,7 +285,7 @@ def _periods(holder: Mapping[str, Any], names: Iterable[str]) -> dict[str, Turn]
     `NoCertificate`."""
     known = part({"periods": {}, **holder}, "periods", dict)
     if strange := sorted(known.keys() - set(names)):
-        raise NoCertificate(f"{words(strange[0])} has a period, and is no state, input or output")
+        raise NoCertificate(f"{quoted(strange[0])} has a period, and is no state, input or output")
     try:
         return {name: turn(text) for name, text in known.items()}
     except Unproved as error:
@@ -307,7 +307,7 @@ def _observer(
     parts = dict(part(content, "observer", dict))
     name = part(parts, "name", str)
     if not _NAME.match(name):
-        raise NoCertificate(f"{words(name)} is no name of an observer")
+        raise NoCertificate(f"{quoted(name)} is no name of an observer")
     del parts["name"]
     if not parts:
         return Observer(name, {})
@@ -355,7 +355,7 @@ def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
         _known("a range", entry)
         name = part(entry, "name", str)
         if not _NAME.match(name) or name in ranges:
-            raise NoCertificate(f"{words(name)} in {key!r} is no name, or stands twice")
+            raise NoCertificate(f"{quoted(name)} in {key!r} is no name, or stands twice")
         ranges[name] = ends(entry.get("low"), entry.get("high"), name)
     return ranges
 
@@ -382,7 +382,7 @@ def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
 def _claim(id: str, entry: Mapping[str, Any]) -> Claim:
     named = _ID.match(id)
     if not named:
-        raise NoCertificate(f"{words(id)} is no id of a claim")
+        raise NoCertificate(f"{quoted(id)} is no id of a claim")
     maker, what = named.groups()
     rows = _ROWS.match(what)
     assert rows is not None  # it matches any text

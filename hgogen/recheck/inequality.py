@@ -47,7 +47,7 @@ from .context import (
     jacobian_bound,
     observer_of,
     observer_rule,
-    on,
+    on_ranges,
     printed,
 )
 from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless, whole
@@ -374,7 +374,9 @@ def demand_negative(what: str, form: Matrix) -> None:
         demand_positive({f"{what}, negated,": negated})
 
 
-def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
+def demand_within(
+    one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE
+) -> None:
     """Demand |e_k/s_k| <= `bound` while |e|_P^2 <= V, for the observer state k = `field` and its entry s_k of `scales`:
     bound^2 P >= V c'c with the row c of e_k/s_k = c e. `one`: the evidence with P. Raises: `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
@@ -382,7 +384,7 @@ def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fr
     demand_nonnegative({"bound": Matrix([[bound**2, *(V * x for x in c)], *([V * x, *row] for x, row in rows)])})
 
 
-def place(holder: Mapping[str, Any], key: str, count: int) -> int:
+def index_under(holder: Mapping[str, Any], key: str, count: int) -> int:
     """Return k - 1, an index from 0, for the integer k from 1 to `count` under a key. Raises: `Unproved` for another
     number."""
     return whole(holder, key, 1, count) - 1
@@ -437,7 +439,9 @@ class Decay:
         observer, least = observer_of(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
-        return Finding(f"in continuous time, without noise, {phrase}{context.modulo}{on(context.form.box)}", boxes)
+        return Finding(
+            f"in continuous time, without noise, {phrase}{context.modulo}{on_ranges(context.form.box)}", boxes
+        )
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
         """Return the finding that the observer's gain is above the `least` gain in its claim `convergence`, and that V'

@@ -360,7 +360,7 @@ def _product_of(a: Interval, b: Interval) -> Interval:
     return _ABSENT if a is _ABSENT or b is _ABSENT else a * b
 
 
-def begin(coefficients: Sequence[Interval], order: int) -> Taylor:
+def padded_series(coefficients: Sequence[Interval], order: int) -> Taylor:
     """Return the series below t^order with these first coefficients, then zeros."""
     return Taylor((*coefficients, *[_ABSENT] * order)[:order])
 
@@ -369,7 +369,7 @@ def taylor(order: int) -> Arithmetic:
     """Return the arithmetic of power series below t^order with interval coefficients."""
 
     def number(value: Fraction) -> Taylor:
-        return begin((point(value),), order)
+        return padded_series((point(value),), order)
 
     def power(x: Taylor, exponent: int) -> Taylor:
         result = reduce(Taylor.__mul__, [x] * abs(exponent), number(Fraction(1)))
@@ -378,7 +378,7 @@ def taylor(order: int) -> Arithmetic:
 
     def function(name: str, args: tuple[Taylor, ...]) -> Taylor:
         if not args:
-            return begin((intervals.function(name, ()),), order)
+            return padded_series((intervals.function(name, ()),), order)
         if is_table(name):  # at a breakpoint a derivative may jump, and the series of neither piece is valid
             if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
                 raise Undefined("no series where a table may be at one of its points")
@@ -401,7 +401,7 @@ def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
     x_0."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
-        return begin((value,), len(args[0].coefficients))
+        return padded_series((value,), len(args[0].coefficients))
     d, derivatives = Taylor((_ABSENT, *args[k].coefficients[1:])), [name]
     for _ in range(table_of(name)[0].degree):
         derivatives.append(next_of(derivatives[-1], k))
@@ -508,7 +508,7 @@ _SERIES: Mapping[str, Callable[..., Sequence[Interval]]] = {
     "tanh": _tanh_series,
     "atan2": _angle_series,
     "Abs": lambda a: a if _way(a[0]) > 0 else [-x for x in a],
-    **dict.fromkeys(("sign", "side"), lambda a: begin((point(Fraction(_way(a[0]))),), len(a)).coefficients),
+    **dict.fromkeys(("sign", "side"), lambda a: padded_series((point(Fraction(_way(a[0]))),), len(a)).coefficients),
     "Max": lambda *each: reduce(lambda a, b: _chosen_series(a, b, 1), each),
     "Min": lambda *each: reduce(lambda a, b: _chosen_series(a, b, -1), each),
 }

@@ -55,7 +55,7 @@ from .file import column, entries, matrix, part, scalar, whole
 from .inclusion import ErrorInclusion
 from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, ErrorMatrices, Tableau, Weights
 from .interval import Interval, point
-from .matrix import Matrix, column_matrix, core_integral, demand_enough, dot, unit, zeros
+from .matrix import Matrix, column_matrix, core_integral, demand_at_least, dot, unit, zeros
 from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
 from .text import Expression
 
@@ -195,7 +195,7 @@ def demand_remainder(
     tree = part(follows, "tree", str)
     residual = Remainder(context, tableau, motion, slopes, lines, orders, *rows, steepness, tree)
     stages, deviation = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
-    demand_enough("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
+    demand_at_least("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
     return motion, residual.demand()
 
 
@@ -245,15 +245,12 @@ def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction)
     for here, there in pairwise(jumps):
         value -= jumps[here]
         after = value + (there - here if there <= c else _ZERO)
-        total += _size(value, after) * (there - here)
+        # the mean of |x| as x varies linearly from `value` to `after`
+        alike = value * after >= 0
+        mean = abs(value + after) / 2 if alike else (value**2 + after**2) / (2 * abs(after - value))
+        total += mean * (there - here)
         value = after
     return total
-
-
-def _size(a: Fraction, b: Fraction) -> Fraction:
-    if a * b >= 0:
-        return abs(a + b) / 2
-    return (a * a + b * b) / (2 * abs(b - a))
 
 
 _CORE_KEYS = ("rates", "speeds", "flow", "rest", "steepness")
@@ -334,7 +331,7 @@ def demand_core_error(
             row[head] += by[j] * slope
     _demand_chain(context, parts, lifted, injected)
     step = CoreStep(parts, h, REALISED[name](h * parts.L), lifted, injected, flow, nonlinear)
-    demand_enough("the method", column(share, "fields", len(lifted)), step.total(realisation.alpha(step)))
+    demand_at_least("the method", column(share, "fields", len(lifted)), step.total(realisation.alpha(step)))
     return motion, motion.demand() + demanded()
 
 

@@ -131,7 +131,7 @@ def outer(column: Iterable[Fraction], row: Sequence[Fraction]) -> Matrix:
     return Matrix([[x * y for y in row] for x in column], len(row))
 
 
-def largest_row(M: Matrix) -> Fraction:
+def row_sum_norm(M: Matrix) -> Fraction:
     """Return the norm max_i sum_j |m_ij| of a matrix."""
     return max((sum(map(abs, row), _ZERO) for row in M), default=_ZERO)
 
@@ -205,7 +205,7 @@ def decaying(N: Matrix, P: Matrix) -> Matrix:
     return -1 * unit(len(N)) - lyapunov(P, N)
 
 
-def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
+def demand_at_least(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
     """Demand sizes_i >= least_i for all i; `name`: the subject of the sizes in the error. Raises: `Unproved`."""
     if any(size < few for size, few in zip(sizes, least, strict=True)):
         raise Unproved(f"a size of {name} is less than what it follows from")
@@ -221,7 +221,7 @@ _DOUBLINGS = 40
 def weight(X: Matrix) -> tuple[Matrix, Fraction]:
     """Return an approximation (n, n) of phi_2(X) = 1/2 + X/3! + X^2/4! + .., and a bound of the error of its entries.
     Raises: `Unproved`."""
-    norm, k, n = largest_row(X), 0, len(X)
+    norm, k, n = row_sum_norm(X), 0, len(X)
     while norm > Fraction(1, 2):
         norm, k = norm / 2, k + 1
     if k > _DOUBLINGS:
@@ -272,13 +272,13 @@ def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
 
 
 def _integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    turns = h * largest_row(L)
+    turns = h * row_sum_norm(L)
     count = min(_MANY, max(_FEW, math.ceil(_FINE * turns)))
     if turns > count * _SLOW:
         raise Unproved("its core is too fast for its dt")
     places = [h * Fraction(k, count) for k in range(count + 1)]
     w, values, total = h / count, [_driven(L, s, V) for s in places], zeros(len(V), V.width)
-    LL, wL, q = L @ L, w * abs(L), w * largest_row(L)
+    LL, wL, q = L @ L, w * abs(L), w * row_sum_norm(L)
     for (a, (F, off)), (b, (after, off_after)) in pairwise(zip(places, values, strict=True)):
         middle, first, last = ((h - s) * s / 2 for s in ((a + b) / 2, a, b))
         second = abs(LL @ F) + abs(LL) @ off

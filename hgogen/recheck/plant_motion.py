@@ -31,8 +31,8 @@ from .box import Box, End, covered, demand_jacobian, narrowed, on_faces, ranged,
 from .context import Context, demand_only, printed
 from .file import column, matrix, part
 from .inequality import Tableau
-from .interval import Interval, Taylor, begin, between, intersection, point, taylor
-from .matrix import Matrix, demand_enough, largest_row
+from .interval import Interval, Taylor, between, intersection, padded_series, point, taylor
+from .matrix import Matrix, demand_at_least, row_sum_norm
 from .text import Expression
 
 _ONE = Fraction(1)
@@ -124,13 +124,16 @@ def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, or
 
 
 def _begun(series: Series, count: int) -> Series:
-    cut = {name: {k: begin(slope.coefficients, count) for k, slope in x.slopes.items()} for name, x in series.items()}
-    return {name: Dual(begin(x.value.coefficients, count), cut[name]) for name, x in series.items()}
+    cut = {
+        name: {k: padded_series(slope.coefficients, count) for k, slope in x.slopes.items()}
+        for name, x in series.items()
+    }
+    return {name: Dual(padded_series(x.value.coefficients, count), cut[name]) for name, x in series.items()}
 
 
 def _longer(x: Dual, rate: Dual) -> Dual:
     count = len(x.value.coefficients)
-    share, none = point(Fraction(1, count)), begin((), count)
+    share, none = point(Fraction(1, count)), padded_series((), count)
 
     def longer(x: Taylor, rate: Taylor) -> Taylor:
         return Taylor((*x.coefficients, share * rate.coefficients[-1]))
@@ -155,15 +158,18 @@ class PlantSeries:
     def flow(self, order: int) -> list[list[Interval]]:
         """Return the Taylor coefficients of each state (n) in time, below t^order. Raises: `Undefined`."""
         started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
-        series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
+        series = _flow(
+            self.rows, self.states, {name: Dual(padded_series(x, len(x)), {}) for name, x in started.items()}, order
+        )
         return [[*series[name].value.coefficients] for name in self.states]
 
     def step(self, tableau: Tableau, h: Fraction, order: int) -> list[list[Taylor]]:
         """Return Taylor series of a Runge-Kutta step in its length s <= h, below s^order: of the states (n) at each
         stage (s rows), and last of x+. Raises: `Undefined`."""
         arithmetic, ranges, slopes, stages = taylor(order), sides(self.box), list[list[Taylor]](), list[list[Taylor]]()
-        start = [begin([ranges[name]], order) for name in self.states]
-        length = begin([between(0, h), point(_ONE)], order)
+        constant = {name: padded_series([side], order) for name, side in ranges.items()}
+        start = [constant[name] for name in self.states]
+        length = padded_series([between(0, h), point(_ONE)], order)
         for weights, at in zip((*tableau.rows, tableau.weights), (*tableau.nodes, _ONE), strict=True):
             here = list(start)
             for weight, slope in zip(weights, slopes, strict=True):
@@ -172,7 +178,9 @@ class PlantSeries:
                     here = [x + orders_of * one for x, one in zip(here, slope, strict=True)]
             stages.append(here)
             if len(slopes) < len(tableau.weights):
-                slopes.append(self._rates(here, self._inputs(at, h), order))
+                inputs = {name: padded_series(x, order) for name, x in self._inputs(at, h).items()}
+                values = {**constant, **dict(zip(self.states, here, strict=True)), **inputs}
+                slopes.append([evaluate(row, values, arithmetic) for row in self.rows])
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
@@ -184,12 +192,6 @@ class PlantSeries:
             here = ranges[name] + orders_of * between(0, h)
             known[name] = [intersection(here, between(*self.whole[name])), orders_of]
         return known
-
-    def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
-        values = {name: begin([side], order) for name, side in sides(self.box).items()}
-        values |= zip(self.states, states, strict=True)
-        values |= {name: begin(x, order) for name, x in inputs.items()}
-        return [evaluate(row, values, taylor(order)) for row in self.rows]
 
 
 # --- derivatives in time
@@ -251,7 +253,7 @@ def _derivatives(
 
 
 def _started(*coefficients: Dual) -> Dual:
-    (none,) = begin((), 1).coefficients
+    (none,) = padded_series((), 1).coefficients
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
     return Dual(Taylor(tuple(x.value for x in coefficients)), slopes)
@@ -277,7 +279,7 @@ def demand_declared_sizes(context: Context, h: Fraction, shares: Shares) -> int:
             each = rows.applied(sizes)
             J = matrix(follows, "steepness", n, n)
             boxes += observed + demand_jacobian(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
-            demand_enough(name, column(share, "beside", n), _accumulated(h, J, each))
+            demand_at_least(name, column(share, "beside", n), _accumulated(h, J, each))
             drift = [x + y for x, y in zip(drift, each, strict=True)]
         elif keys:
             others[name] = follows, _signless(follows, "sizes", p)
@@ -286,7 +288,7 @@ def demand_declared_sizes(context: Context, h: Fraction, shares: Shares) -> int:
             sizes, observed = _late(context, follows, sizes, drift)
             boxes += observed
         least = [size / 2 for size in sizes] if name == "rounded" else sizes
-        demand_enough(name, column(shares[name], "samples", p), least)
+        demand_at_least(name, column(shares[name], "samples", p), least)
     return boxes
 
 
@@ -340,7 +342,7 @@ def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Frac
     (n) of z' = F with |dF/dz| <= J (n, n). Raises: `Unproved`."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
-    norm = h * largest_row(J)
+    norm = h * row_sum_norm(J)
     if norm > _FAST:
         raise Unproved("the plant is too fast for its dt")
     term, total = list(drift), list(drift)

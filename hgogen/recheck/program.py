@@ -541,7 +541,6 @@ class _Letters(dict[str, Interval]):
 _ROUNDING_KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")
 _BETWEEN = ("line", "hold")
 _PIECES = 32  # of the ranges of the measured states
-_ZERO = Fraction(0)
 Side = tuple[Fraction, Fraction]
 
 

@@ -25,7 +25,7 @@ from typing import Annotated, Any, ClassVar
 from .arithmetic import Arithmetic, Undefined, Unproved, along, evaluate, total
 from .box import points
 from .context import REFUSALS, Context, algebra_of, inside, printed, reason_of
-from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
+from .file import LARGEST, Certificate, Claim, NoCertificate, part, quoted
 from .file import read as read_file
 from .interval import intervals
 from .rules import FORMS, OBSERVERS, assumed_claims, required, rule_of
@@ -187,7 +187,7 @@ def recheck(text: str) -> Rechecked:
 
 
 def _plain(text: str) -> str:
-    return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
+    return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else quoted(text)
 
 
 def load(path: str | Path) -> str:
@@ -237,7 +237,7 @@ def _row(context: Context, claim: Claim) -> Row:
         if claim.verdict in OPEN:
             _read_only(claim, ("reason",))
             outcome = STATED if claim.verdict == STATED else "open"
-            reason = words(part(claim.evidence, "reason", str))
+            reason = quoted(part(claim.evidence, "reason", str))
             return Row(claim.id, verdict, outcome, f"not verified; in the file's words: {reason}")
         rule = rule_of(kind, claim)
         if rule is None:
@@ -261,7 +261,7 @@ def _narrow(context: Context) -> str:
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
-        raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
+        raise Unproved(f"its evidence has a part {quoted(strange[0])}, which is unknown here")
 
 
 # --- parts that no claim examines
@@ -289,7 +289,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
     proved."""
     form, observer = context.form, context.file.observer
     if form.kind not in FORMS:
-        yield f"no rule knows the form {words(form.kind)}: that the plant is in it"
+        yield f"no rule knows the form {quoted(form.kind)}: that the plant is in it"
     if context.fault and (reason := _unshown(context)):
         yield f"the form's equations: {reason}"
     if _unmodelled(context):

@@ -75,7 +75,7 @@ _COMMON = 1000  # terms of a common denominator
 
 
 @dataclass(frozen=True)
-class Work:
+class WorkLimit:
     """A limit on the work of exact algebra: `remaining` has the number of products of terms that may still be
     formed."""
 
@@ -99,7 +99,7 @@ class Elimination:
     row) in the order of the rows; `work`: the limit on its size."""
 
     field: Field
-    work: Work
+    work: WorkLimit
     pivots: list[tuple[int, list[Any]]] = attribute(default_factory=list)
 
     @property
@@ -163,7 +163,7 @@ def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
 # --- minors
 
 
-def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:
+def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: WorkLimit) -> Quotient:
     """Return the determinant of a matrix (n, n) of quotients without a division, g^q = value applied for each root g of
     the field. The minors M_k of the first k rows follow from M_(k-1):
 
@@ -258,7 +258,7 @@ Row = tuple[int, int]  # (output, order of the derivative), both from 0
 
 
 def _lie_derivative(
-    row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
+    row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: WorkLimit
 ) -> list[Any]:
     """Return the Lie derivative L_f w = f . dw/dx + w df/dx of a row w of polynomials, for `rates`
     (time derivatives of the symbols) and the `jacobian` df/dx, both without denominators."""
@@ -282,7 +282,7 @@ def codistribution_product(tower: Tower, rows: Sequence[Row], limit: int) -> Pro
     `rows`: pairs (output j, order k), one output after the other or by order of derivative, as the reduction needs.
     Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where the determinant is 0.
     """
-    work = Work([limit])
+    work = WorkLimit([limit])
     jacobian = [tower.gradient(f) for f in tower.flow]
     rates = {
         g: reduce(add, (multiply(slope, tower.flow[i]) for (h, i), slope in tower.slopes.items() if h == g))

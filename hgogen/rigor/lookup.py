@@ -390,7 +390,7 @@ class Cells:
             whole[cell]
             if cell in level or all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
             else self._over(pieces[cell], cell, spans, box)
-            for cell in over(spans)
+            for cell in cells_in(spans)
         ]
         sides = [side for side in ends if side is not None]
         if len(sides) < len(ends):
@@ -407,7 +407,7 @@ class Cells:
         return polynomial_range(piece, sides)
 
 
-def over(spans: Spans) -> Iterator[Index]:
+def cells_in(spans: Spans) -> Iterator[Index]:
     """Yield the index of each cell in `spans`, a pair (first, last) for each axis."""
     return product(*(range(first, last + 1) for first, last in spans))
 

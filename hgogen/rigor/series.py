@@ -31,7 +31,7 @@ import flint
 from flint import arb, arb_mat, arb_series, ctx, fmpq
 
 from hgogen.rigor.definite import fraction, number
-from hgogen.rigor.lookup import Cells, Index, next_order, over, polynomial_value
+from hgogen.rigor.lookup import Cells, Index, cells_in, next_order, polynomial_value
 from hgogen.rigor.tape import Tape
 
 # --- series
@@ -56,7 +56,7 @@ def magnitude(ball: Any) -> Fraction:
     return fraction(ball.abs_upper().fmpq())
 
 
-def draws(seed: int, name: str) -> random.Random:
+def random_source(seed: int, name: str) -> random.Random:
     """Return a random number generator for the purpose `name`, reproducible by seed and name."""
     return random.Random(f"{seed} {name}")
 
@@ -358,7 +358,7 @@ def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
     if not all(cells.continuous(spans, order)):
         return _NAN
     values, pieces = [], cells.of_order(order)
-    for cell in over(spans):
+    for cell in cells_in(spans):
         d = [a - _rational(start) for a, start in zip(place, cells.starts(cell), strict=True)]
         values.append(polynomial_value(pieces[cell], d, _rational))
     return reduce(arb.union, values)
@@ -461,7 +461,7 @@ class ModularSeries:
 
     def constant(self, name: str, order: int) -> Any:
         """Return a random constant series in place of pi or e, reproducible by the name."""
-        return self.series([self.draw(draws(self.seed, f"constant {name}"))], order)
+        return self.series([self.draw(random_source(self.seed, f"constant {name}"))], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
         """Return the product a b of series below t^order."""
@@ -556,7 +556,7 @@ class Point:
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     """Return a random initial point with random input derivatives; for balls it is near one of the plant's `places`, if
     any."""
-    source = draws(numbers.seed, "point")
+    source = random_source(numbers.seed, "point")
     if isinstance(numbers, BallSeries) and plant.places:
         # near each value, by less than a millionth of it
         place = source.choice(plant.places)
@@ -568,7 +568,7 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
         forced[j] = forced[plant.times[0]]
 
     def inputs(j: int, order: int) -> list[Any]:
-        source = draws(numbers.seed, f"input {j}")
+        source = random_source(numbers.seed, f"input {j}")
         if j in plant.times:
             return [forced[j], 1, *(0 for _ in range(order - 2))][:order]
         return [forced[j], *(numbers.draw(source) for _ in range(order - 1))]

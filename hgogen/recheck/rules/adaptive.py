@@ -54,7 +54,18 @@ from typing import Any
 
 from ..arithmetic import Unproved
 from ..box import frobenius
-from ..context import STEEP, Context, Finding, chains_rule, integrators, observer_of, observer_rule, on, printed, slope
+from ..context import (
+    STEEP,
+    Context,
+    Finding,
+    chains_rule,
+    integrators,
+    observer_of,
+    observer_rule,
+    on_ranges,
+    printed,
+    slope,
+)
 from ..file import Claim, Observer, ObserverKeys, above_zero, column, matrix, part, scalar, signless
 from ..inclusion import error_inclusion
 from ..inequality import (
@@ -159,7 +170,7 @@ def _by_formula(context: Context, claim: Claim) -> Finding:
 
 
 def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int) -> Finding:
-    where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on(context.form.box)}"
+    where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on_ranges(context.form.box)}"
     gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {printed(mu, 1)}"
     return Finding(f"in continuous time, {gain}, {where}", boxes)
 
@@ -243,7 +254,7 @@ def below_cap(context: Context, claim: Claim) -> Finding:
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
     if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
         raise Unproved(f"Gamma = {printed(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
-    where = f"where Gamma <= {printed(gamma, 1)}{on(context.form.box)}"
+    where = f"where Gamma <= {printed(gamma, 1)}{on_ranges(context.form.box)}"
     return Finding(f"in continuous time, L' < 0 at the cap {printed(cap)}, {where}", boxes)
 
 

@@ -86,7 +86,7 @@ from ..inequality import (
     demand_decays,
     demand_kept,
     demand_l2,
-    within,
+    demand_within,
 )
 from ..interval import intervals, point
 from ..matrix import Matrix, demand_nonnegative, demand_positive, outer, unit_row, zeros
@@ -191,7 +191,7 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
     for z, field, one in zip(context.z, error.picks, each, strict=True):
         bound = above_zero(fields(one, "a bound", BOUND), "bound")
         demand_kept(parts, FLOW, NOW, one, inputs)
-        within(one, field, scales, bound)
+        demand_within(one, field, scales, bound)
         bounds.append(f"{z} comes to at most {printed(bound, 1)}")
     return Finding(f"in continuous time, {phrase}, the error of {', '.join(bounds)}", error.boxes)
 

@@ -32,12 +32,12 @@ from ..inequality import (
     demand_falls,
     demand_kept,
     demand_negative,
+    demand_within,
     ends,
     form_of,
+    index_under,
     method_of,
-    place,
     tableau_of,
-    within,
 )
 from ..local_error import demand_core_error, demand_remainder
 from ..matrix import Matrix, inverse, outer, unit_row, zeros
@@ -139,7 +139,7 @@ def noise(context: Context, claim: Claim) -> Finding:
     run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
         fields(one, "a bound", ("state", "output", *BOUND))
-        state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
+        state, output = index_under(one, "state", len(context.z)), index_under(one, "output", len(context.form.output))
         context.demand_observed(output)
         if (state, output) in phrase:
             raise Unproved("a bound stands twice")
@@ -147,7 +147,7 @@ def noise(context: Context, claim: Claim) -> Finding:
             raise Unproved("its gains are no numbers in these coordinates")
         bound = above_zero(one, "bound")
         demand_kept(run.parts, run.method, run.h, one, ends(run.method, run.parts, output))
-        within(one, run.error.picks[state], run.scales, bound)
+        demand_within(one, run.error.picks[state], run.scales, bound)
         phrase[state, output] = f"{context.z[state]} by at most {printed(bound, 1)} for 1 of output {output + 1}"
     if not phrase:
         raise Unproved("it has no bounds")
@@ -172,11 +172,11 @@ def start(context: Context, claim: Claim) -> Finding:
         begins.append(run.error.largest(scales, first, matrix(one, "P", len(scales), len(scales))))
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, run)
     for k, limit in limits.items():
-        within(clear, k, scales, limit / multiple, begins[0])
+        demand_within(clear, k, scales, limit / multiple, begins[0])
     phrase = []
     for z, field, one, V in zip(context.z, run.error.picks, peaks, begins[1:], strict=True):
         bound = above_zero(one, "bound")
-        within(one, field, scales, bound, V)
+        demand_within(one, field, scales, bound, V)
         phrase.append(f"{z} by at most {printed(bound, 1)}")
     from_ = f"from errors of up to {printed(multiple, -1)} times {', '.join(printed(x) for x in first)}"
     clear_of = ", ".join(printed(limit, 1) for _, limit in sorted(limits.items()))
@@ -188,7 +188,7 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
-        limits[place(one, "field", len(run.error.N))] = above_zero(one, "limit")
+        limits[index_under(one, "field", len(run.error.N))] = above_zero(one, "limit")
     if limits.keys() != run.estimating:
         raise Unproved("its limits are not those of the fields that estimate")
     return limits
@@ -224,7 +224,7 @@ def error(context: Context, claim: Claim) -> Finding:
         for one in bounds:
             k, bound = _field(one, len(scales)), above_zero(one, "bound")
             demand_kept(parts, run.method, run.h, one, inputs)
-            within(one, k, scales, bound / size)
+            demand_within(one, k, scales, bound / size)
             totals[k] += bound
     sizes, under, boxes = _followed(run, by_kind)
     states = zip(context.z, run.error.picks, strict=True)
@@ -281,7 +281,7 @@ def _root(value: Fraction) -> Fraction:
 
 
 def _field(one: Any, count: int) -> int:
-    return place(fields(one, "a bound", ("field", *BOUND)), "field", count)
+    return index_under(fields(one, "a bound", ("field", *BOUND)), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:

@@ -51,15 +51,15 @@ from ..box import (
     all_finite,
     by_mean_value,
     covered,
-    cut,
     narrowed,
     points,
     positive,
     ranged,
+    shortened,
     sides,
     unbounded,
 )
-from ..context import Context, Finding, Rule, algebra_of, demand_finite, inner, inside, numbers, on, printed
+from ..context import Context, Finding, Rule, algebra_of, demand_finite, inner, inside, numbers, on_ranges, printed
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
 from ..matrix import Matrix, demand_nonnegative, outer, unit_row
@@ -116,7 +116,7 @@ def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSyste
     def with_errors(names: set[str]) -> set[str]:
         return names | {e for x, e in zip(plant.states, around, strict=True) if x in names}
 
-    words = ", ".join(f"{name} = {cut(text_of(rows))}" for name, rows in zip(PARTS, (gain, G1, G2), strict=False))
+    words = ", ".join(f"{name} = {shortened(text_of(rows))}" for name, rows in zip(PARTS, (gain, G1, G2), strict=False))
     return ErrorSystem(
         plant,
         around,
@@ -142,7 +142,7 @@ def demand_smooth(texts: Iterable[Expression]) -> None:
     """Demand that the expressions have no kinks or jumps. Raises: `Unproved`."""
     for text in texts:
         if text.kinked:
-            raise Unproved(f"{cut(text.text)} has kinks or jumps")
+            raise Unproved(f"{shortened(text.text)} has kinks or jumps")
 
 
 def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
@@ -199,8 +199,8 @@ def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSy
     rates = _expressions(description, "flow", n, {**free, **around})
     pushed = matrix_of(description, "noise", n, len(unknown), {**free, **around})
     demand_smooth(rates)
-    rows = f"xhat' = {cut(text_of(tuple((row,) for row in observer)))} of xhat and y"
-    on = "".join(f", on {x} = {cut(value.text)}" for x, value in set_.items())
+    rows = f"xhat' = {shortened(text_of(tuple((row,) for row in observer)))} of xhat and y"
+    on = "".join(f", on {x} = {shortened(value.text)}" for x, value in set_.items())
     system = ErrorSystem(
         plant,
         around,
@@ -237,7 +237,7 @@ def _demand_same(
     for name, value in along.items():  # x_k = a_k(x) is invariant: a_k is continuous, and x_k' its derivative
         demand_finite(value, plant.box)
         if not algebra.is_zero(speeds[name] - algebra.speed(value, speeds, at)):
-            raise Unproved(f"the plant is not shown to keep to {name} = {cut(value.text)}")
+            raise Unproved(f"the plant is not shown to keep to {name} = {shortened(value.text)}")
     y = {name: algebra.read(row, at) for name, row in zip(outputs, plant.output, strict=True)}
     estimate = {x: at[x] - at[e] for x, e in zip(plant.states, system.around, strict=True)}
     _demand_values(plant, system.around, along, observer, rows, outputs)
@@ -327,7 +327,7 @@ def is_positive(context: Context, claim: Claim) -> Finding:
         if bound <= 0:
             raise Unproved("V is not kept above zero on a slab")
         boxes += covered(narrowed(slab, claimed.V.names), tree, ranged(claimed.V, bound, math.inf))
-    return claimed.finding(f"V = {cut(claimed.V.text)} > 0 for every e but 0{on(claimed.around)}", boxes)
+    return claimed.finding(f"V = {shortened(claimed.V.text)} > 0 for every e but 0{on_ranges(claimed.around)}", boxes)
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
@@ -345,9 +345,8 @@ def inequality(context: Context, claim: Claim) -> Finding:
             if bound >= 0:
                 raise Unproved("the left side is not kept below zero on a slab")
             boxes += covered(narrowed(slab, lhs.names), tree, ranged(lhs, -math.inf, bound))
-    return claimed.finding(
-        f"inequality (38) holds with V = {cut(claimed.V.text)}, mu = {printed(claimed.mu)}{on(claimed.box)}", boxes
-    )
+    at = f"with V = {shortened(claimed.V.text)}, mu = {printed(claimed.mu)}{on_ranges(claimed.box)}"
+    return claimed.finding(f"inequality (38) holds {at}", boxes)
 
 
 def level(context: Context, claim: Claim) -> Finding:
@@ -365,10 +364,8 @@ def level(context: Context, claim: Claim) -> Finding:
         for i, end in faces:
             face = narrowed({**claimed.around, claimed.errors[i]: (end, end)}, claimed.V.names)
             boxes += covered(face, ".", ranged(claimed.V, floor, math.inf))
-    faced = (
-        f"every {{V <= c}} of V = {cut(claimed.V.text)} with c < {printed(floor, -1)} keeps off the faces of the box"
-    )
-    return claimed.finding(f"{faced}{on(claimed.around)}", boxes)
+    levels = f"every {{V <= c}} of V = {shortened(claimed.V.text)} with c < {printed(floor, -1)}"
+    return claimed.finding(f"{levels} keeps off the faces of the box{on_ranges(claimed.around)}", boxes)
 
 
 # --- the claim's system
@@ -397,12 +394,16 @@ def _vanishing(claimed: ClaimedGain) -> None:
     still = dict.fromkeys(claimed.errors, algebra.zero)
     demand_smooth((claimed.V,))
     if not algebra.is_zero(algebra.read(claimed.V, still)):
-        raise Unproved(f"{cut(claimed.V.text)} is not shown to vanish at e = 0")
+        raise Unproved(f"{shortened(claimed.V.text)} is not shown to vanish at e = 0")
     (slopes,) = jacobian((claimed.V,), still, claimed.errors, algebra.arithmetic)
     if not all(map(algebra.is_zero, slopes)):
         raise Unproved("dV/de is not shown to vanish at e = 0")
     covered(narrowed(claimed.box, claimed.system.read_by_flow | claimed.system.read_by_noise), ".", _regular(claimed))
-    covered(narrowed(claimed.around, claimed.V.names), ".", _smooth(claimed))
+
+    def curvatures(box: Box) -> Iterable[Interval]:
+        return [x.value for x in chain(*_hessian(claimed, {f"c.{k}": side for k, side in box.items()}))]
+
+    covered(narrowed(claimed.around, claimed.V.names), ".", all_finite(curvatures))
 
 
 def _regular(claimed: ClaimedGain) -> Any:
@@ -414,13 +415,6 @@ def _regular(claimed: ClaimedGain) -> Any:
         at = {**dict.fromkeys(claimed.box, point(Fraction(0))), **sides(box)}  # names that are not read have any value
         rates, noise = system.flow(seeded(at, claimed.errors, intervals), _duals), system.noise(at, intervals)
         return *(x for rate in rates for x in rate.slopes.values()), *chain(*noise)
-
-    return all_finite(values)
-
-
-def _smooth(claimed: ClaimedGain) -> Any:
-    def values(box: Box) -> Iterable[Interval]:
-        return [x.value for x in chain(*_hessian(claimed, {f"c.{k}": v for k, v in box.items()}))]
 
     return all_finite(values)
 

@@ -48,7 +48,7 @@ from ..context import (
     witness,
 )
 from ..file import Claim, fields, matrix, part, scalar
-from ..inequality import place
+from ..inequality import index_under
 from ..matrix import inverse
 from ..tables import jumps
 from ..text import KINKS, Expression, expression
@@ -255,7 +255,7 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
     missing = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
     for minor in part(claim.evidence, "minors", list):
         fields(minor, "a minor", ("places", *RANGE))
-        places = tuple(place({"places": k}, "places", n) for k in part(minor, "places", list))
+        places = tuple(index_under({"places": k}, "places", n) for k in part(minor, "places", list))
         if places not in missing:
             raise Unproved(f"{[k + 1 for k in places]} are no places of a minor, or stand twice")
         missing.remove(places)

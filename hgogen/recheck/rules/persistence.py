@@ -38,10 +38,10 @@ from typing import Any, TypeVar
 
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
-from ..box import Attempt, Box, covered, cut, narrowed, ranged
+from ..box import Attempt, Box, covered, narrowed, ranged, shortened
 from ..context import CHAINS, Context, Finding, Rule, algebra_of, demand_only, printed
 from ..file import Claim, above_zero, column, part, whole
-from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
+from ..interval import Interval, Taylor, between, intervals, padded_series, point, taylor
 from ..matrix import Matrix, demand_nonnegative, unit
 from ..text import Expression, expression
 
@@ -196,7 +196,7 @@ _GROUP = 8  # pieces whose series share a bound of the remainder
 TIME = {"t": (-math.inf, math.inf)}
 
 
-def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
+def claimed_inputs(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
     """Return the claim's inputs u(t) as expressions in the time t, by name, and the names that A and C read, which must
     be these inputs and parameters. Raises: `Unproved`."""
     _ = context.equations
@@ -212,7 +212,7 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
 def persistent(context: Context, claim: Claim) -> Finding:
     """Prove that the state of x' = A(u) x + b, y = C(u) x + d is observable along the claim's inputs u(t), for all
     parameters: C, C A + C', .. have rank n at some time."""
-    (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
+    (inputs, read), evidence, form = claimed_inputs(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise Unproved(f"the rank of more than {MOST} states is not computed")
     texts = (*inputs.values(), *form.output, *(entry for entries in form.A for entry in entries))
@@ -225,7 +225,7 @@ def persistent(context: Context, claim: Claim) -> Finding:
         demand_period(moving, period)
         length = _value(period)
         if length.sign <= 0 or not length.at_most(Fraction(10**9)):
-            raise Unproved(f"the period {cut(period.text)} is not shown to be positive, or is too long")
+            raise Unproved(f"the period {shortened(period.text)} is not shown to be positive, or is too long")
         turn: Box = {"t": (Fraction(0), next(Fraction(2**k) for k in range(1, 64) if length.at_most(Fraction(2**k))))}
         for text in moving:
             covered(turn, ".", ranged(text, -math.inf, math.inf))
@@ -237,7 +237,7 @@ def persistent(context: Context, claim: Claim) -> Finding:
 
 
 def _printed(inputs: Mapping[str, Expression]) -> str:
-    return ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
+    return ", ".join(f"{name} = {shortened(text.text)}" for name, text in inputs.items()) or "every input"
 
 
 def _value(text: Expression) -> Any:
@@ -258,7 +258,7 @@ def demand_period(texts: Sequence[Expression], period: Expression) -> None:
                 loose = not _whole_turns(turns, algebra)
             raw.append(loose)
         if raw[text.result]:
-            raise Unproved(f"{cut(period.text)} is not shown to be a period of {cut(text.text)}")
+            raise Unproved(f"{shortened(period.text)} is not shown to be a period of {shortened(text.text)}")
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
@@ -277,7 +277,7 @@ def demand_inside(context: Context, inputs: Mapping[str, Expression], at: Expres
         above = low == -math.inf or (value - point(Fraction(low))).sign > 0
         below = high == math.inf or (point(Fraction(high)) - value).sign > 0
         if not (inner or (above and below)):
-            raise Unproved(f"{name} = {cut(text.text)} is not shown to be inside its range at t = {at.text}")
+            raise Unproved(f"{name} = {shortened(text.text)} is not shown to be inside its range at t = {at.text}")
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
@@ -323,8 +323,8 @@ def series_of(
     parameters in the box. Column k of C is y(z_k = 1) - y(0), for outputs that are affine in z. Raises: `Undefined`."""
     arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
-    known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
-    moving = begin((time, point(Fraction(1))), order)
+    known = {name: padded_series((between(*box[name]),), order) for name in context.file.parameters}
+    moving = padded_series((time, point(Fraction(1))), order)
     known |= {name: evaluate(text, {"t": moving}, arithmetic) for name, text in inputs.items()}
     A = [[evaluate(entry, known, arithmetic) for entry in row] for row in context.form.A]
     remainder, C = {**known, **dict.fromkeys(z, zero)}, []
@@ -337,10 +337,10 @@ def series_of(
 # --- the Gramian over every window
 
 
-def least(context: Context, claim: Claim) -> Finding:
+def smallest_eigenvalue(context: Context, claim: Claim) -> Finding:
     """Prove that the smallest eigenvalue of the observability Gramian over every window of time is at least the claim's
     bound, for all parameters."""
-    (inputs, _), evidence = course(context, claim), claim.evidence
+    (inputs, _), evidence = claimed_inputs(context, claim), claim.evidence
     level, starts = (whole(evidence, name, 0, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
     _demand_period([text for text in inputs.values() if text.names], evidence, length, starts)
@@ -449,7 +449,7 @@ RULES = (
         about=_ABOUT,
     ),
     Rule(
-        *(("kalman_like",), ("gramian",), least),
+        *(("kalman_like",), ("gramian",), smallest_eigenvalue),
         (*_INPUTS, "piece", "level", "starts", "R", "weights", "bound"),
         _KINDS,
         assumes=("{kind}.structure", "kalman_like.persistence"),
