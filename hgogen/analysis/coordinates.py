@@ -153,7 +153,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     further fields of `Form`.
     """
     maker, several = structure.id.maker, "blocks" in more
-    every = [[with_chord_gain(link, shape, plant, links[0].state) for link in links] for links in chains.links]
+    every = [[_with_chord_gain(link, shape, plant, links[0].state) for link in links] for links in chains.links]
     signs = [signs_of(links, plant) for links in every]
     z = coordinates(plant, chains.order, [t for each in signs for t in each])
     A, b, output, head = sp.zeros(len(z.states), len(z.states)), [*z.flow], [*z.output], 0
@@ -180,7 +180,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     return replace(form, checks=(*form.checks, steep))
 
 
-def with_chord_gain(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
+def _with_chord_gain(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
     """Return the link row = gain * state + offset; where the row is not proved to have the `shape`, with a difference
     quotient as the gain and an offset that contains the remainder. `measured`: the state z_1, which the gain may vary
     with."""

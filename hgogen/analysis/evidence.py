@@ -68,7 +68,9 @@ def bisection_text(bisection: Range | Proof, form: Form | None = None) -> str:
     """Return a proof by bisection of a box as the text that a certificate writes, in prefix order: the name of the
     state that is bisected, then both halves; "." for a part that is not divided. The names are those of the form's
     states with a `form`, else those of the plant's."""
-    images = _mirrored(form) if form else {}
+    pairs = zip(form.system.states, form.from_form, strict=True) if form else ()
+    of_form = {*form.states} if form else set()  # x is such a z, or -z: mirrored
+    images = {x: (str(z), z != image) for x, image in pairs for z in (image, -image) if z in of_form}
     names = [images.get(s, (s.name, False)) for s in bisection.variables]
     tokens: list[str] = []
     stack: list[Any] = [bisection.tree]
@@ -82,14 +84,6 @@ def bisection_text(bisection: Range | Proof, form: Form | None = None) -> str:
         tokens.append(name)
         stack += [first, second] if mirrored else [second, first]
     return " ".join(tokens)
-
-
-def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    names = {}
-    for x, image in zip(form.system.states, form.from_form, strict=True):
-        if image in form.states or -image in form.states:
-            names[x] = (str(abs(image.as_coeff_Mul()[0]) * image.as_coeff_Mul()[1]), image not in form.states)
-    return names
 
 
 def _number_text(number: Fraction) -> str:

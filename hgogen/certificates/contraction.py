@@ -165,7 +165,7 @@ def _unknown(
 def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
     slopes = unstable(steps.at(h))
     if slopes is None:
-        known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), sufficient_share(steps, h)
+        known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), _sufficient_share(steps, h)
         if share is None:
             return known
         return because("{why}; one is with {share} of the ranges of all slopes of b", why=known, share=Down(share, 2))
@@ -205,7 +205,7 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
     return Reach(longest, pieces, least, tuned)
 
 
-def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
+def _sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
     """Return a share s, close to the largest, such that the step of length h is proved to contract if the ranges of all
     partial derivatives of b are multiplied by s; None where none is proved. Raises: `NoSolver`."""
 

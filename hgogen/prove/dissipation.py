@@ -217,7 +217,7 @@ def _matrix(name: str, entries: Any, shape: tuple[int, int | None], plant: Syste
     return matrix
 
 
-def error_box(system: ErrorSystem, within: Any) -> Box:
+def _error_box(system: ErrorSystem, within: Any) -> Box:
     """Return the box of the errors by symbol, from half widths (n) or ranges (low, high), low < 0 < high: a sequence in
     the order of the errors, or a mapping by the name of the error or of its state. Raises: `BadErrorSystem`,
     `BadNames`."""
@@ -464,7 +464,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     if not isinstance(system, ErrorSystem):
         raise Misfit("dissipation", system, "an error system: hg.error_system(plant, gain)")
     limits("dissipation", boxes)
-    around, level, mu = error_box(system, within), _function(system, V), _positive("mu", mu)
+    around, level, mu = _error_box(system, within), _function(system, V), _positive("mu", mu)
     obstacle = _obstacle(system, level, around, boxes)
     zero = dict.fromkeys(system.errors, sp.S.Zero)
     if sign_at(level, zero) in ("> 0", "< 0"):
@@ -474,7 +474,8 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
         positive = negative(_positive_function(system, level, around), boxes, obstacle)
     lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
     mismatch = system.caveat if system.lost is None else lost  # whether e' is that of the plant
-    answers = (positive, negative(_inequality(system, level, mu, around), boxes, mismatch or obstacle))
+    inequality = _inequality(system, level, mu, around)
+    answers = (positive, negative(inequality, boxes, mismatch or obstacle))
     floor = _floor(level, around, boxes)
     subject = Dissipates(system, level, mu, around)
     checks = (
@@ -484,7 +485,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
             f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
-            replace(subject, lhs=_inequality(system, level, mu, around).value),
+            replace(subject, lhs=inequality.value),
         ),
         Check(
             ClaimId("dissipation", "level"),

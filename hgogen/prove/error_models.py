@@ -150,7 +150,7 @@ _LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker ari
 
 
 @lru_cache(maxsize=32)  # a search calls it for each gain
-def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
+def _slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
     """Return the uncertain slopes of an observer's error: each partial derivative db_i/dz_j, in units of e, with its
     proved range, widened to contain 0; or the reason why one has no range. `layout`, `scale` (n): as of `Inclusion`;
     `endless`: whether a range may be unbounded on one side."""
@@ -201,7 +201,7 @@ def inclusion(
     `numbers`: the observer's arguments; `others`: uncertain slopes of the linear part; `endless`: whether slopes of b
     may be unbounded on one side.
     """
-    slopes = slopes_of(form, layout, tuple(scale), endless)
+    slopes = _slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]

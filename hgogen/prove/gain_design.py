@@ -533,12 +533,12 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
     if why := no_argument(form) or moving:
         raise BadGain("argument", f"is not designed for {form.system.name}: {why}; leave it out")
     if argument is True:
-        return (), least_noise(form, task, sizes)
+        return (), _least_noise(form, task, sizes)
     entries = entries_of("argument", argument, form)
     return (entries if any(entries) else (),)
 
 
-def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
+def _least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
     """Return the entries of N (n, or n q in the order of `columns`) in b(z + N (y - C z)) with the smallest noise
     bound; () where b depends on no state. `sizes` (p): the largest noise of each output. Raises: `NoSolver`."""
     start = np.array(numbers_in_place(form))

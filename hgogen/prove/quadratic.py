@@ -156,7 +156,8 @@ class ScaledForms:
     def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["ScaledForms", float]:
         """Return the scaled forms in a unit of time in which x changes at a speed close to 1, with the units g of
         `balanced_units`; and this speed (1/time)."""
-        fast = speed_of(forms[0], W)
+        speed = float(np.linalg.norm(np.linalg.inv(W) @ forms[0].pairs[0][1][:, : len(W)] @ W))
+        fast = speed if 0 < speed < math.inf else 1.0
         slow = [form.over(fast) for form in forms]
         return cls(slow, W, balanced_units(slow[0], W)), fast
 
@@ -205,14 +206,6 @@ def balance(N: Array) -> Array:
             column, row = size[:, i].sum() - size[i, i], size[i].sum() - size[i, i]
             d[i] *= np.sqrt(row / column) if row and column else 1.0
     return d
-
-
-def speed_of(form: Quadratic, W: Array) -> float:
-    """Return the speed at which x changes, e = `W` x: the norm of W^-1 Y W of the first pair of a form in floats; 1
-    where it is 0 or not finite."""
-    n = len(W)
-    fast = float(np.linalg.norm(np.linalg.inv(W) @ form.pairs[0][1][:, :n] @ W))
-    return fast if 0 < fast < math.inf else 1.0
 
 
 def balanced_units(form: Quadratic, W: Array) -> Array:

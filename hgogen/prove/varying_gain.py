@@ -524,14 +524,14 @@ def update_checks(
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": one.P, "b": one.b}
     fall, rise = Facts(None, weighted_by), Facts(None, {**weighted_by, "peak": proof.peak})
-    stay = cap_check(chain, p_1, p_2, p_3, cap)
-    each = ((fall_check(one), fall), (rise_check(one, proof.peak, p_3), rise), (stay, *stay.proofs))
+    stay = _cap_check(chain, p_1, p_2, p_3, cap)
+    each = ((_fall_check(one), fall), (_rise_check(one, proof.peak, p_3), rise), (stay, *stay.proofs))
     known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
     law = Law("p_2", p_2, one.sigma, easing=True, b=one.b)
     return (*known, *varying_gain_checks("updated_gain", chain, gains, law, numbers))
 
 
-def fall_check(one: Candidate) -> Check:
+def _fall_check(one: Candidate) -> Check:
     """Return the check N'P + P N + p_1 (D P + P D) < 0, p_1 the sigma of the candidate `one`."""
     gap, spread = definite.floats(replace(one, sigma=Fraction(0)).rate), definite.floats(one.shrink)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap, spread)).real.max()
@@ -539,7 +539,7 @@ def fall_check(one: Candidate) -> Check:
     return _positive("p_1", claim, one.rate, one.b, "not {about}; another P or b may do", fix)
 
 
-def rise_check(one: Candidate, peak: Fraction, p_3: float) -> Check:
+def _rise_check(one: Candidate, peak: Fraction, p_3: float) -> Check:
     """Return the check p_3 (D P + P D) >= 2 lambda_max(P), P of the candidate `one`, lambda_max(P) <= `peak`."""
     least = 2 * float(peak) / np.linalg.eigvalsh(definite.floats(one.shrink))[0]
     claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
@@ -556,7 +556,7 @@ def _positive(fact: str, claim: str, M: Any, b: Fraction, pattern: str, fix: str
     return Check(id, claim, Verdict.UNKNOWN, because(pattern, about=about), fix=fix)
 
 
-def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
+def _cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
     """Return the check p_1 (p_2 - cap) + p_3 sup Gamma(cap) < 0, by which L' < 0 at the upper limit L = `cap` of the
     gain; Gamma is evaluated at an estimate clamped to the declared ranges."""
     id, claim = (

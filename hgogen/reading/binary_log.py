@@ -91,10 +91,6 @@ def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
     return np.array(["" if absent else str(value) for value, absent in pairs], dtype=object)
 
 
-def _read(kind: str, content: bytes) -> Columns:
-    return _READERS[kind](io.BytesIO(content))
-
-
 def _parquet(stream: io.BytesIO) -> Columns:
     import pandas
 
@@ -177,7 +173,7 @@ def main() -> None:
         most = MEMORY + len(content)
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     try:
-        columns = _read(sys.argv[1], content)
+        columns = _READERS[sys.argv[1]](io.BytesIO(content))
     except NotImplementedError:
         sys.exit(UNSUPPORTED)
     except Exception as error:  # the libraries' errors, of several kinds
