@@ -246,9 +246,11 @@ class CallableStep(Step, Displayed):
 
     def reset(self, time: float | None = None) -> None:
         """Set the estimate and all other memory to their values before the first call; tuned parameters stay. `time`:
-        t at the first call, for a plant with functions of t, by default that of the last reset, at first 0.
+        the time t at the first call, for a plant with functions of t; by default the `time` of the previous reset,
+        initially 0.
 
-        Raises: `BadShape` for a time that is no finite number."""
+        Raises: `BadShape` for a time that is no finite number.
+        """
         begin = self._clock[2] if time is None else numbers("time", time, 1).item()
         if not math.isfinite(begin):
             raise BadShape(f"time = {begin}", "must be a finite number")
@@ -334,7 +336,7 @@ class CallableStep(Step, Displayed):
 
     @cached_property
     def undelayed(self) -> "CallableStep":
-        """A step of an equal observer for samples without delay; the step itself if it has no delays."""
+        """Return a step of an equal observer for samples without delay; the step itself if no output has a delay."""
         plain = replace(self.observer, delays=())
         return self._alike(_quietly(plain, self.method, self.limits, self._options)) if self.ages else self
 
@@ -451,34 +453,36 @@ def sample(
 
     Times are in the unit of the model's `time`.
 
-    `dt`: a number, or the shortest and the longest time between two calls. Such a step is given the time since the last
-    call in each call, and predicts over it: over 0 it only corrects; over a longer time than the longest in up to
-    `substeps` equal steps (8 by default), beyond which the status bit DT_LIMITED is set and the estimate lags; a
-    negative time, or none, is refused by the bit DT_REFUSED. A shorter time than the shortest is used as it is.
+    `dt`: a number, or the pair of the shortest and the longest time between two calls. With a pair each call is given
+    the time since the last call, and predicts over that time. Over 0 it only corrects. A time above the longest is
+    divided into up to `substeps` equal steps (8 by default); beyond these the status bit DT_LIMITED is set and the
+    estimate lags. A negative time, or none, is refused by the bit DT_REFUSED. A time below the shortest is used without
+    a change.
 
-    `between`: the course of u between samples, "line" (from the last value to this one) or "hold" (the value given is
-    the one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
-    output, by name, a whole multiple of dt, by default dt: its noise R is for that time. Such a step counts its periods
-    and does not use a sample that belongs to another one according to `update`, or comes a second time. `guards`:
-    "none" leaves out everything but the observer's own mathematics: no clamp, no test of a sample, no status, no
-    restart. A sample that is not a number then destroys the estimate, and the observer has no claims. `prefer`: "flash"
-    for a short program with loops, where the default is a fast one.
+    `between`: the course of u between samples, "line" (from the last value to this one) or "hold" (the value of this
+    call was applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
+    output, by name, a whole multiple of dt, by default dt; the noise R of an output is for that time. Such a step
+    counts its periods and does not use a sample that `update` assigns to another period, or a second sample of one
+    period. `guards`: "none" leaves out everything but the observer's own mathematics: no clamp, no test of a sample, no
+    status, no restart. A sample that is not a number then destroys the estimate, and the observer has no claims.
+    `prefer`: "flash" for a short program with loops, by default "speed".
 
     For a discrete plant x+ = f(x, u), dt is the time from one sample to the next, for reports and time axes alone. The
-    input given with a sample moves the plant to the next one; with `between` "hold" the input given with a sample is
-    the one that moved the plant to it. `first`: "update", the first call corrects the initial state by its sample; or
-    "predict", it predicts before that, by the input at rest, or with "hold" by the input given.
+    input of a call moves the plant to the next sample; with `between` "hold" it has moved the plant to this sample.
+    `first`: "update", the first call corrects the initial state by its sample; or "predict", it predicts before it
+    corrects, with the input at its resting value, or with "hold" by its own input.
 
-    `engine`: "c" or "python", which give the same
-    bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
-    user's cache. `real`: the precision, "float" as on small firmware, or "double". `report`: functions of the emitted
-    code that report on the estimate, whose numbers are among the traces in Python (`stepping.reports`): "sigma", the
-    standard deviation of each state, "age", the samples since the last used one of each output, and "innovation", the
-    innovations of all outputs before any sample is used, with their covariance.
+    `engine`: "c" or "python", which give the same bits; by default C where there is a compiler. The C is compiled at
+    the first sample, and stored in the user's cache. `real`: the precision, "float" as on small firmware, or "double".
+    `report`: functions of the emitted code that report on the estimate, whose numbers are among the traces in Python
+    (`stepping.reports`): "sigma", the standard deviation of each state; "age", the number of calls since the last used
+    sample of each output; "innovation", the innovations of all outputs before any sample is used, with their
+    covariance.
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
-    cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;
-    `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates with the measurement.
+    cannot be stable; `StepTooShort` where rounding freezes a state in this precision, or a count does not fit;
+    `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates with the
+    measurement.
     """
     if not isinstance(observer, Observer):
         raise BadStep(f"{type(observer).__name__} given to sample", "is no observer; make one by hg.observers")

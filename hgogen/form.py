@@ -132,7 +132,7 @@ class Form(Displayed):
 
     @property
     def box(self) -> dict[sp.Symbol, tuple[End, End]]:
-        """The box of z, the inputs and the parameters, those without a range at their values."""
+        """The box of z, the inputs and the parameters; a parameter without a range has its value as both ends."""
         return self.system.box_with(self.states)
 
     @property
@@ -168,7 +168,7 @@ class Form(Displayed):
 
     @property
     def gain_names(self) -> tuple[tuple[str, ...], ...]:
-        """The names of the gains: a_1, .., of one chain, a_(1,1), .., of several."""
+        """The names of the gains: a_1, a_2, .. for one chain; a_(1,1), a_(1,2), .. for several chains."""
         name = "a_({},{})" if len(self.blocks) > 1 else "a_{1}"
         return tuple(tuple(name.format(i, j) for j in range(1, size + 1)) for i, size in enumerate(self.blocks, 1))
 

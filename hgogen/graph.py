@@ -73,8 +73,8 @@ _OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
 def sx(value: Graph) -> Graph:
-    """Return a number, matrix or SX as an SX. An SX is returned itself, not a copy, so the caller must not change it: a
-    copy costs as much as a sum."""
+    """Return a number, a matrix or an SX as an SX. An SX itself is returned without a copy, which would cost as much as
+    a sum; the caller must not change it."""
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 

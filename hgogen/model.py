@@ -202,10 +202,10 @@ class Model(Displayed):
         return _guarded(self.path, lambda: tuning.step(name, default_period, dt, start))
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
-        """Return the model's tunings, completed by one for the observer `name` if it has none: of a textbook name the
-        tuning that is this observer, else starting gains at the period `dt`, else at the period in the setting, else at
-        that of the model's own step. Raises: `MissingPart` for an unknown observer, or one that no form of the plant
-        admits."""
+        """Return the model's tunings, with one for the observer `name` added if it has none. A textbook name gets the
+        tuning of the observer that it stands for; another name gets starting gains, at the period `dt`, else at the
+        period in the setting, else at the period of the model's own step. Raises: `MissingPart` for an unknown
+        observer, or one that no form of the plant admits."""
         tuning = self.tuning.with_textbook_name(name)
         if name in tuning.tables:
             return tuning
@@ -299,8 +299,8 @@ class Model(Displayed):
 
 
 def load(path: str | Path) -> Model:
-    """Return the model at a path, or of a bare name in the folder `models` or, where no file here has that name, among
-    those that come with hgogen.
+    """Return the model at a path. A bare name is searched for in the folder `models`, then among the models that come
+    with hgogen.
 
     The file's prints go to the standard error stream. A file that ends the process by os._exit does end it.
 

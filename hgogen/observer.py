@@ -132,9 +132,9 @@ class Observer(Displayed):
 
     def clamping(self, clamped: bool) -> "Observer":
         """Return the observer with the arguments of b and h clamped to their ranges (True), or with its equations as
-        they are written (False), which has no claims but those of the form.
+        they are written (False); unclamped it has no claims except those of the form.
 
-        Raises: `BadGain` for an observer that is not from `hg.observers`, or around a member.
+        Raises: `BadGain` for an observer that is not from `hg.observers`, or for a bank.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):

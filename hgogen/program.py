@@ -46,7 +46,8 @@ def _column(place: Place, size: int) -> Graph:
 
 
 def address(symbol: Graph) -> tuple[Place, int, int]:
-    """Return (place, index, size) of one scalar symbol of `sym`, whose name contains them."""
+    """Return (place, index, size) of one scalar element of a column from `sym`; the name of the element encodes
+    them."""
     struct, name, index, size = symbol.name().split(":")
     return Place(struct, name), int(index), int(size)
 
@@ -95,7 +96,7 @@ class Field:
 
     @property
     def turns(self) -> tuple[float | None, ...]:
-        """The period of each element that is an angle, of which its box is one turn; None of the others."""
+        """The period of each element that is an angle, None for another element; the box of an angle is one turn."""
         return self.periods or (None,) * self.size
 
     @property
@@ -110,7 +111,7 @@ class Field:
 
 
 def scalar(name: str, initial: float, **data: Any) -> Field:
-    """Return a field of one element."""
+    """Return a field of one element; `data`: further members of the `Field`."""
     low, high = data.pop("low", -INF), data.pop("high", INF)
     return Field(name, (float(initial),), low=(low,), high=(high,), **data)
 
@@ -132,8 +133,8 @@ class Group:
 
 
 def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator[tuple[Group, ...]]:
-    """Yield for every group its tuple of groups from the outermost to itself; a group follows its inner groups.
-    `above`: the groups around these."""
+    """Yield, for each group, the nested groups that contain it, from the outermost to itself; a group comes after its
+    inner groups. `above`: the groups around all of these."""
     for group in groups:
         yield from lines_of(group.groups, (*above, group))
         yield (*above, group)
@@ -358,7 +359,7 @@ class Kernel(_Statement):
 
     @property
     def written(self) -> Sized:
-        """The arguments, any of which the kernel may change, and the place of its result."""
+        """The places that the kernel may write: all its arguments, and the place of its result."""
         return self.arguments + (((self.result, 1),) if self.result else ())
 
 
@@ -375,7 +376,8 @@ Program = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A program that firmware can call by itself; `corrects`: the output whose sample corrects the estimate."""
+    """A program that firmware can call as a function; `corrects`: the name of the output whose sample it uses, None for
+    none."""
 
     name: str
     meaning: str

@@ -252,8 +252,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         return course
 
     def mean(self, values: np.ndarray) -> float:
-        """Return the mean of the finite values (N,), NaN without one; of a periodic signal a centre plus the mean of
-        the differences from it, the centre being the direction of the mean of unit vectors."""
+        """Return the mean of the finite values (N,), NaN without any. For a periodic signal: a centre plus the mean of
+        the differences from it, the centre being the direction of the mean of the unit vectors."""
         finite = values[np.isfinite(values)]
         if not len(finite) or self.period is None:
             return float(finite.mean()) if len(finite) else math.nan
@@ -320,8 +320,8 @@ def supplied(inputs: Iterable[Signal]) -> tuple[Signal, ...]:
 
 
 def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], passed: np.ndarray) -> np.ndarray:
-    """Return the inputs (N, m) from those that a caller supplies, u (N, ..); `first`: each time at the first sample,
-    `passed` (N): the time since then."""
+    """Return all inputs (N, m) from those that a caller supplies, u (N, ..), and the times; `first`: the value of each
+    time at the first sample, `passed` (N): the time since the first sample."""
     return np.column_stack([u, *(start + passed for start, _ in zip(first, times(inputs), strict=True))])
 
 
@@ -337,8 +337,8 @@ def differences(signals: Sequence[Signal], values: np.ndarray, references: np.nd
 def in_turn(
     signals: Sequence[Signal], values: np.ndarray, change: Callable[[Signal, np.ndarray], Any] = Signal.turned
 ) -> np.ndarray:
-    """Return the columns (N, k) of signals, those of periodic ones wrapped to their range by `Signal.turned`, or by
-    another `change`."""
+    """Return the columns (N, k) of k signals, with the columns of periodic signals changed by `change`, by default
+    wrapped to their range."""
     if not any(signal.period for signal in signals):
         return values
     return np.column_stack([change(signal, column) for signal, column in zip(signals, values.T, strict=True)])
@@ -413,8 +413,8 @@ def finer_units(time: str) -> dict[str, int]:
 
 
 def of_time(unit: str, time: str, declared: Iterable[str] = ()) -> str:
-    """Return `unit`, written with s as in y^2 s, with the model's unit `time` in place of s; a unit in `declared`,
-    those of signals, is not changed."""
+    """Return `unit`, which is written with s, as y^2 s, with the model's unit `time` in place of s. A unit in
+    `declared`, the units of signals, is not changed."""
     return unit if time == "s" or unit in declared else re.sub(r"\bs(\d*)\b", rf"{time}\1", unit)
 
 

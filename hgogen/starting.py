@@ -106,11 +106,11 @@ class Scale:
 
 @dataclass(frozen=True)
 class Rule:
-    """The description of an observer for documentation and for beginners.
+    """The description of an observer in the documentation, and its rule for starting gains.
 
-    `where`: when to use it; `asks`: what it needs from the user; `state`: how many numbers it stores for n states;
+    `where`: when to use it; `asks`: what the user must provide; `state`: how many numbers it stores for n states;
     `gains`: its starting gains, or a sentence why it has none; `quick`: the number of states up to which these are
-    computed at once, 0 where they need a solver; `costly`: whether it takes seconds to build with any gains.
+    computed without delay, 0 if they need a solver; `costly`: whether it takes seconds to build with any gains.
     """
 
     where: str = ""
@@ -158,8 +158,8 @@ class Starting:
 
 
 def per_sample(observer: Callable[..., Observer], gains: Mapping[str, Any], dt: float) -> dict[str, Any]:
-    """Return gains of an observer with R, a density at the period `dt`, as the variance of one sample, R/dt, for a step
-    in which dt varies; unchanged for an observer without either."""
+    """Return the gains of an observer for a step in which dt varies: R, a density at the period `dt`, is replaced by
+    the variance R/dt of one sample. Gains without R, or of an observer without R_per_sample, are unchanged."""
     if "R" not in gains or PER_SAMPLE not in signature(observer).parameters:
         return dict(gains)
     variance = (np.asarray(gains["R"]) / dt).tolist()

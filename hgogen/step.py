@@ -297,7 +297,7 @@ class Step:
 
     @cached_property
     def traced(self) -> tuple[Element, ...]:
-        """The further numbers in the results of a log: the observer's traces, and those of the reports."""
+        """The further numbers in the results of a log: the observer's traces and the numbers of the reports."""
         own = (Element(name, Place("state", name)) for name in self.observer.traces)
         return (*own, *(each for report in self.code.reports for each in report.elements))
 
@@ -317,7 +317,7 @@ class Step:
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
     def action_of(self, bit: Bit) -> str:
-        """Return the action that a status bit asks of the caller, which may depend on what is proved of the
+        """Return the action that a status bit recommends to the caller; it may depend on the proved claims of the
         observer."""
         return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
@@ -415,7 +415,8 @@ def _guarded(observer: Observer, guards: Guards, every: Any) -> Observer:
 
 
 def _demand_sampled(system: System, pieces: Sequence[Pieces], method: Method, guards: Guards, every: Any) -> None:
-    """Raise `BadStep` for a gate without guards or with periods; of a discrete plant, for a method without updates."""
+    """Raise `BadStep` for a gate without guards or with periods, and for a discrete plant with a method that has no
+    updates."""
     if any(piece.gate for piece in pieces) and (every or guards == "none"):
         way = "without periods, with NaN for a missing sample" if every else 'with guards = "all"'
         raise BadStep(f"{system.name} with a gate", f"is sampled {way}")

@@ -133,7 +133,7 @@ class System(Displayed):
 
     @property
     def times(self) -> tuple[Time, ...]:
-        """The times modulo a period of which flow and output are functions, the last inputs."""
+        """The inputs that are a `Time`, the last ones: flow and output are periodic functions of these."""
         return times(self.inputs)
 
     @property

@@ -185,7 +185,8 @@ class Truth:
     opposites: tuple[tuple[int, ...], ...] = ()
 
     def error(self, estimate: np.ndarray) -> np.ndarray:
-        """Return estimate - x (N, n), of angles the short way round, of opposites with the sign that is nearer."""
+        """Return estimate - x (N, n); angles are compared the short way round, and states of which both signs together
+        are equivalent with the nearer sign."""
         estimate = estimate.copy() if self.opposites else estimate
         for v in map(list, self.opposites):
             estimate[:, v] *= np.where((estimate[:, v] * self.x[:, v]).sum(axis=1) < 0, -1, 1)[:, None]
@@ -371,9 +372,8 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """The time from an event at `begin` to the next: the samples `here` at
-    the event itself (a mask), the samples `inside` (their numbers), and
-    the times at which the integration stops, including the next event."""
+    """The time from an event at `begin` to the next event: the samples `here` at the first event (a mask), the samples
+    `inside` (their indices), and the times at which the integration stops, including the next event."""
 
     begin: float
     here: np.ndarray

@@ -91,9 +91,9 @@ def covariance_limits(
 
 
 def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
-    """Return for each Jacobian F the largest dt at which the explicit method is
-    stable around the steady covariance: by the eigenvalues mu_i of F - P N for
-    the state, mu_i + mu_j for P and S = P^-1; `polynomial`: that of stability."""
+    """Return for each Jacobian F the largest dt at which the explicit method is stable around the steady covariance: by
+    the eigenvalues mu_i of F - P N for the state, and by mu_i + mu_j for P and S = P^-1; `polynomial`: the coefficients
+    of the stability polynomial."""
     each: list[list[Limit]] = [[] for _ in riccati.F]
     pairs = np.triu_indices(len(riccati.Q))
     for theta in dict.fromkeys(thetas):

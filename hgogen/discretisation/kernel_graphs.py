@@ -28,8 +28,8 @@ from hgogen.rigor.lookup import called, instructions
 
 @cache
 def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...] = ()) -> ca.Function:
-    """Return the kernel `name` with its `counts` as a CasADi function: from its arguments, of these sizes, to their new
-    values and its result. A kernel on columns of a matrix has them as first argument, a matrix (n, n)."""
+    """Return the kernel `name` with its constants `counts` as a CasADi function from its arguments, of these sizes, to
+    their new values and its result. A kernel on the columns of a matrix has an (n, n) matrix as its first argument."""
     if name in _ON_MATRICES:
         arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
         return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
@@ -167,8 +167,8 @@ def _halved(size: int) -> Graph:
 
 @cache
 def _squared(n: int) -> Graph:
-    """Return the function of (doublings, phi_0, phi_1, phi_2)
-    of X to those of 2 X, 4 X, .. after all doublings."""
+    """Return the function that maps (doublings, phi_0(X), phi_1(X), phi_2(X)) to phi_0, phi_1, phi_2 of 2^doublings
+    X."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
@@ -304,7 +304,8 @@ class _Counting(Reader[Counter[int]]):
 
 @lru_cache(maxsize=256)  # a routine is called at each stage, and both counts read every block
 def instructions_of(graph: ca.Function) -> Counter[int]:
-    """Return the counts of the instructions of a graph and of the routines it calls, without those of no cost."""
+    """Return the number of each instruction in a graph and in the routines that it calls; instructions without cost do
+    not count."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
     calls = (each for each in instructions(graph) if each.is_call())
     routines = [each for each in map(called, calls) if isinstance(each, ca.Function)]

@@ -241,7 +241,7 @@ def plant_tableau(plant: System) -> Tableau:
 
 
 def repeated(tableau: Tableau, times: int) -> Tableau:
-    """Return the tableau of one step that equals `times` equal steps of the method."""
+    """Return the tableau of one long step that equals `times` equal steps of the method."""
     share = [b / times for b in tableau.b]
     rows = [
         (*share * k, *(a / times for a in row), *[0.0] * (len(share) - len(row)))

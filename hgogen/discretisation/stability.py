@@ -134,8 +134,8 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
 
 
 def pace(jacobians: Array) -> float:
-    """Return the time 1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays,
-    or inf.
+    """Return the time 1/|lambda| of the fastest mode of all F (k, n, n) among the modes that grow, or oscillate more
+    than they decay; inf if there are none.
 
     A step up to it, of order 2 or more, reproduces such a mode to some percent; decaying modes have other limits.
     """

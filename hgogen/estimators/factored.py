@@ -121,8 +121,8 @@ class FilterStep:
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def noise(self, stages: Stages) -> tuple[Graph, Graph]:
-        """Return W (n, k) at mid-step and h theta^(1+g) w (k), SX, of Q_theta = theta^(1+g) W diag(w) W' and the step
-        h."""
+        """Return W (n, k) at mid-step and the weights h theta^(1+g) w (k), SX, of the process noise of a step, h
+        Q_theta = W diag(h theta^(1+g) w) W'."""
         z, c = self._middle(stages)
         W = self.part.scaled_factor(z, self.clock.u(c))
         return W, self.clock.h * self.part.scaling.process(self.part.theta.value) * self.part.densities
@@ -408,7 +408,8 @@ class Unrolled(FactoredStep):
 
     def decoupled(self, states: list[int], cleared: list[Graph], variances: list[Graph]) -> Program:
         """Return the program that sets P_ii of each of these `states` to its variance and all other entries of its row
-        to 0, where `cleared` holds: Z P Z' + W diag(w) W', Z with a 0 for such a state, the columns of W with a 1."""
+        to 0, where `cleared` holds: P <- Z P Z' + W diag(w) W', with Z the unit matrix but 0 in the rows of such
+        states, and W the unit vectors of these."""
         one = ca.SX.eye(self.part.dynamics.n)
         keep = ca.SX.ones(self.part.dynamics.n)
         for i, clear in zip(states, cleared, strict=True):
@@ -446,7 +447,8 @@ class Unrolled(FactoredStep):
         return self.completed(pieces)
 
     def prediction(self) -> Program:
-        """Return the statements that advance z, and the factors to those of Phi P Phi' + h Q_theta."""
+        """Return the statements that advance z by a step of the model, and replace P by Phi P Phi' + h Q_theta, in
+        terms of its factors."""
         stages = self.stages()
         Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
         growth = sym("derived", "growth") if forgets else None

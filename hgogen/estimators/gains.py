@@ -89,7 +89,7 @@ class OutsideParabola(HgogenError):
 
 
 def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
-    """Return poles as complex numbers. Raises: `BadPoles` for anything else."""
+    """Return the poles as complex numbers. Raises: `BadPoles` if they are no sequence of numbers."""
     try:
         return tuple(complex(pole) for pole in poles)
     except (TypeError, ValueError, OverflowError):
@@ -181,8 +181,8 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """Return the low-power gains k (n - 1, 2) of 2n - 2 poles; of several solutions the one with the slowest last pair.
-    Raises: `BadPoles`, also where the search finds no positive gains for the poles."""
+    """Return the low-power gains k (n - 1, 2) that place the 2n - 2 poles; if there are several, those with the slowest
+    last pair. Raises: `BadPoles`, also where the search finds no positive gains for the poles."""
     listed = numbers(poles if isinstance(poles, Sequence | np.ndarray) else (poles,))
     if len(listed) != 2 * n - 2:
         raise BadPoles(listed, f"there are {len(listed)}, {n} states have {2 * n - 2} in low power")

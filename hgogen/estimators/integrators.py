@@ -106,7 +106,7 @@ class Integrators:
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
     def saturated(self, w: Graph, i: int) -> Graph:
-        """An SX scalar clamped to the declared range of w_i; unchanged where there is none."""
+        """Return w_i clamped to its declared range, an SX scalar; w_i itself if it has no range."""
         if self.form.states[i].limits[0] == -INF:
             return w
         low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
@@ -133,7 +133,7 @@ class Integrators:
 
 
 def shifted(w: Graph) -> Graph:
-    """The SX column w_2, .., w_n, 0 of w."""
+    """Return the SX column w_2, .., w_n, 0."""
     return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
 

@@ -71,10 +71,10 @@ _OPEN = because("its numbers follow from the noise of a sample and dt: ask the o
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of an observer as declared: either densities `Q`, `R` and `U`, as the observer accepts them, or the
-    covariance `process` (n, n) that a step adds, the covariance `samples` (p, p) of one sample of the outputs and the
-    variances of `inputs` by name; None for what is given in the other way, or not at all. `inverse`: the observer
-    accepts weights, Q^-1 and R^-1."""
+    """The noise of an observer as declared: as densities `Q`, `R` and `U`, which the observer accepts; or for one
+    sample: the covariance `process` (n, n) that a step adds, the covariance `samples` (p, p) of the outputs, the
+    variances of `inputs` by name. None for each that is not declared. `inverse`: whether the observer accepts weights,
+    Q^-1 and R^-1; `varying`: variances of outputs that are expressions."""
 
     Q: Any = None
     R: Any = None
@@ -319,7 +319,7 @@ def _riccati_parts(step: "Step") -> list[Riccati]:
 
 
 def _varying(step: "Step") -> dict[str, sp.Expr]:
-    """Return the expressions of variances of one sample by the outputs' names."""
+    """Return those variances of one sample that are expressions, by the outputs' names."""
     known = [part.varying for part in _riccati_parts(step) if part.varying is not None]
     each = (zip(names_of(step.outputs), one.expressions, strict=True) for one in known)
     return {name: e for pairs in each for name, e in pairs if not e.is_number}

@@ -178,8 +178,8 @@ def _periodic(
 
 
 def seconds(period: Any) -> float | None:
-    """Return the number that the declared `period` is, in the model's time unit; None where none is declared, or it is
-    not positive. Raises: `BadGain` for an expression of anything but the time."""
+    """Return the declared `period`, an expression, as a number in the model's time unit; None if it is None or not
+    positive. Raises: `BadGain` for an expression with symbols other than the time."""
     length = None if period is None else _expression("period", period)
     return float(length) if length is not None and length.is_positive and length.is_finite else None
 
@@ -524,8 +524,8 @@ def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterat
 
 
 def _smallest(window: WindowGramian) -> Fraction:
-    """Return a lower bound of the smallest eigenvalue of W: that of the
-    matrix of its balls' centres, minus the largest row sum of radii."""
+    """Return a lower bound of the smallest eigenvalue of W: the smallest eigenvalue of the matrix of the balls'
+    centres, minus the largest row sum of their radii."""
     n = range(window.W.nrows())
     balls = [[(window.W[i, j] + window.W[j, i]) / 2 for j in n] for i in n]
     if not all(ball.is_finite() for row in balls for ball in row):

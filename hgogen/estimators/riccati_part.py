@@ -400,8 +400,8 @@ Ends = tuple[float, ...]
 def packed_triangle(
     name: str, matrix: np.ndarray, meaning: str, first: int = 0, low: Ends = (), high: Ends = ()
 ) -> Field:
-    """Return the memory field of a lower triangle, stored by columns, with that of `matrix` as initial value; `low`,
-    `high`: its limits."""
+    """Return the memory field of a lower triangle, stored by columns; its initial values are those of `matrix`, its
+    limits `low` and `high`."""
     pairs = lower(len(matrix), first)
     start, entries = tuple(float(matrix[i, j]) for i, j in pairs), tuple((i + 1, j + 1) for i, j in pairs)
     return Field(name, start, entries=entries, meaning=f"{meaning} by columns", low=low, high=high)

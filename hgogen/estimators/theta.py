@@ -197,8 +197,9 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 
 def of_form(theorem: Theorem, form: Form, *, rank: str = "") -> Theorem:
-    """Return `theorem` with the hypotheses that `form` adds: on chains of several outputs, and on coordinates other
-    than the theorem's; for a discrete plant that of discrete time. `rank`: why Q may be singular, else ""."""
+    """Return `theorem` with the hypotheses that `form` adds: for chains of several outputs, and for coordinates other
+    than the theorem's. For a discrete plant it is the theorem of the discrete-time filter. `rank`: why Q may be
+    singular, else ""."""
     if form.system.discrete:
         return discrete.THEOREM
     if form.system.invariants and not rank:
@@ -364,7 +365,8 @@ class Constant(Theta):
 
     @property
     def theorem(self) -> Theorem:
-        """The convergence theorem: local, of the extended Kalman filter, for theta = 1, else global, of a high gain."""
+        """The convergence theorem: for theta = 1 the local one of the extended Kalman filter, else the global one of a
+        high gain."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
 

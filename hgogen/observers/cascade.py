@@ -125,8 +125,8 @@ def cascade(
 
 
 def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
-    """Return alpha (n) from `gains` or `poles`; the complex
-    poles, or else the two fastest, are those of v_1, v_2."""
+    """Return alpha (n) from `gains` or `poles`; v_1 and v_2 get the complex pair of poles, or else the two fastest
+    poles."""
     if gains is not None and poles is not None:
         raise BadGain("cascade", "takes gains or poles, not both; leave one out")
     if poles is None:
@@ -142,8 +142,8 @@ def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] | Sequence[float] | None) -> Field:
-    """Return the memory of v (n), in equilibrium with the initial estimate; `slopes`
-    (n): theta alpha. The outer box of v_i is that of w_(i-1), of v_2 that of w_1'."""
+    """Return the memory field of v (n), initially in equilibrium with the initial estimate; `slopes` (n): theta alpha.
+    The outer box of v_i is the outer box of w_(i-1); that of v_2 bounds w_1'."""
     w, n = chain.field(initial, float(slopes[0])), chain.n
     u = column(map(resting, chain.form.system.inputs))
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), of_form(chain.form)).reshape(-1)

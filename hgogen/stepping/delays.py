@@ -167,9 +167,8 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """The sections of the step without delays, which read a period's stored input and samples in place of the
-        caller's. The caller's updates raise the status bits for missing samples; those for a wrong order cannot
-        occur."""
+        """The sections of the step without delays, which read the stored input and samples of a period. The updates
+        that the caller calls raise the status bits for missing samples; samples in a wrong order cannot occur here."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]

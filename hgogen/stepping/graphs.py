@@ -188,8 +188,8 @@ class Symbolic(Reader[Memory]):
         return self.program(program, {**memory, **work})
 
     def program(self, program: Iterable[Statement], *before: Memory) -> Memory:
-        """Return the values of all places after statements, as expressions of the values before, those of work places
-        included."""
+        """Return the values of all places after statements, work places included, as expressions of the values
+        before."""
         (memory,) = before
         for statement in program:
             memory = {**memory, **self.statement(statement, memory)}

@@ -205,8 +205,8 @@ def plausible(signal: Signal, reading: tuple[float, float], raw: Graph) -> Graph
 
 
 def plausible_range(signal: Signal, reading: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of a sensor, widened by its width at both ends, that of an angle by `TURNS` turns, in the six
-    digits of a status text."""
+    """Return the range in which a sample is plausible: the range of its sensor widened by its width at both ends, or by
+    `TURNS` turns for an angle, in the six digits of a status text."""
     low, high = widened(*reading, 1 if signal.period is None else TURNS)
     return float(f"{low:g}"), float(f"{high:g}")
 
@@ -365,11 +365,12 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 def guard_state(
     program: Program, state: tuple[Field, ...], others: Program = (), before: Program = (), keep: Program = ()
 ) -> Program:
-    """Return the program that clamps to their boxes the fields of `state` that `program` has written.
+    """Return the program that clamps the fields of `state` that `program` has written to their boxes.
 
-    If a value is lost, all fields are reset, those that the program `others` writes by that program. Values inside
-    their boxes, the usual case, cost one test. `before`: a program with such a clamp earlier in this call, so that its
-    unchanged values are not tested again. `keep`: a call that replaces the inline program `clamp_fields`.
+    If a value is lost (not a number, or beyond `LOST`), all fields are reset, by the program `others` those that
+    `others` writes. Values inside their boxes, the usual case, cost one test. `before`: a program with such a clamp
+    earlier in this call, so that its unchanged values are not tested again. `keep`: a call that replaces the inline
+    program `clamp_fields`.
     """
     fields = written_fields(program, state)
     if not fields:
@@ -392,9 +393,9 @@ def written_fields(program: Program, state: tuple[Field, ...]) -> list[Field]:
 
 
 def clamp_fields(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """Return the program that clamps `fields` to their boxes. If a value is not a number, it resets the whole `state`,
-    by the program `others` for the fields that `others` writes. `each`: each value is tested again for being a number,
-    because a static analyser cannot infer this from a loop over many."""
+    """Return the program that clamps `fields` to their boxes. If a value is lost (not a number, or beyond `LOST`), it
+    resets the whole `state`, by the program `others` for the fields that `others` writes. `each`: each value is tested
+    again for being lost, because a static analyser cannot infer this from a loop over many."""
     values = stacked(fields)
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
@@ -425,7 +426,8 @@ def _written(program: Program) -> dict[Place, set[int]]:
 
 def clamp_field(field: Field, each: bool) -> Block:
     """Return the block that clamps a field of the state to its box, and raises STATE_LIMITED if the box is the outer
-    box of an estimate. `each`: whether an element that is not a number gets its initial value."""
+    box of an estimate. `each`: whether an element that is lost (not a number, or beyond `LOST`) gets its initial
+    value."""
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
     values = [into_range(value[i], end, period) for i, (end, period) in enumerate(zip(ends, field.turns, strict=True))]
     if each:

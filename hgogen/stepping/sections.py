@@ -304,8 +304,8 @@ class Assembly:
 
     @cached_property
     def state(self) -> tuple[Field, ...]:
-        """All fields of the step's state: those of the parts, of the law of recovery, and of the clock: calls, the last
-        input, and the last sample where predict reads it."""
+        """All fields of the step's state: the fields of the parts, of the law of recovery, and of the clock, which are
+        the count of calls, the last input, and the last sample if `predict` reads it."""
         system = self.observer.form.system
         counted = period_fields(system.outputs, self.completes) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)

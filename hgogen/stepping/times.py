@@ -13,7 +13,7 @@ Where dt varies, r is the remainder of a part, and N the least power of two with
 
     t = T (count + r)/N,    r + dt N/T = k + r',  k whole, |r'| <= 1/2,    count <- count + k modulo N,  r <- r'
 
-The time goes on by all of a dt that the sub-steps do not reach.
+The count advances by the whole dt, also where the sub-steps of the prediction do not reach it.
 """
 
 from collections.abc import Iterable
