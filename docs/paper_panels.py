@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from hgogen.estimators.theta import Logistic, Smoothstep
 from hgogen.program import sym
 from hgogen.prove.design import core_eigenvalues, gain_of_poles, inside_parabola
-from hgogen.run.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
+from hgogen.run.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, line_style, panels, thinned
 
 _HEIGHT, _POINTS = 2.6, 600
 _OUT = "#cc00cc"  # the paper's magenta
@@ -68,7 +68,7 @@ def sizes(t: np.ndarray, of: Mapping[str, np.ndarray], unit: str) -> Figure:
         figure, (axis,) = panels(1, t, unit)
         for k, (name, error) in enumerate(of.items()):
             axis.plot(
-                *thin(t, np.linalg.norm(error, axis=1)), color=COLOURS[k % 7], linestyle=DASHES[k % 4], label=name
+                *thinned(t, np.linalg.norm(error, axis=1)), color=COLOURS[k % 7], linestyle=DASHES[k % 4], label=name
             )
         axis.set_ylabel(r"$|x - \hat x|$")
         axis.set_ylim(bottom=0)
@@ -99,7 +99,7 @@ def thetas(theta_0: float, rate: float, count: int, period: float, end: float, u
         figure, (axis,) = panels(1, t, unit)
         for k in range(count):
             since = np.where(t < k * period, t, (t - k * period) % (count * period))  # all begin at theta_0
-            axis.plot(t, 1 + (theta_0 - 1) * np.exp(-rate * since), **look(k))
+            axis.plot(t, 1 + (theta_0 - 1) * np.exp(-rate * since), **line_style(k))
         axis.axhline(1, color=TRUTH, linewidth=0.5)
         axis.set_ylabel(r"$\theta$")
         axis.set_ylim(0, 1.05 * theta_0)
