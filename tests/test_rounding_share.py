@@ -36,7 +36,7 @@ from hgogen.recheck import program as recheck_rounding
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.rules.discrete_time import _sizes
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.rounding import REALS, Computed, NoRoundingBound, Real, Rounding, exactly
+from hgogen.rigor.rounding import REALS, Computed, NoRoundingBound, Real, Rounding, error_free
 from hgogen.step import BadStep
 
 TYPE: dict[Real, Any] = {"float": np.float32, "double": np.float64}
@@ -95,7 +95,7 @@ def test_no_graph_is_further_from_exact_arithmetic(rows: list[tuple[str, int, in
         a, b = nodes[i % len(nodes)], nodes[j % len(nodes)]
         nodes.append(UNARY[name][0](a) if name in UNARY else BINARY[name](a, b))
     function = ca.Function("f", [x], [nodes[-1]])
-    held = [exactly(ball(*ends)) for ends in zip(low, low + width, strict=True)]
+    held = [error_free(ball(*ends)) for ends in zip(low, low + width, strict=True)]
     (known,) = walked(rounding, function, held)
     for _ in range(20):
         at = (low + width * rng.random(2)).astype(TYPE[real]).astype(float)
@@ -166,11 +166,11 @@ def walked(rounding: Rounding, function: ca.Function, held: list[Computed]) -> l
 )
 def test_what_has_no_bound_is_not_bounded(op: int, held: tuple[Any, ...]) -> None:
     with pytest.raises(NoRoundingBound):
-        Rounding("float").apply(op, [exactly(each) for each in held])
+        Rounding("float").apply(op, [error_free(each) for each in held])
 
 
 def test_a_square_of_numbers_about_zero_is_bounded_and_keeps_its_sign() -> None:
-    square = Rounding("float").apply(ca.OP_SQ, [exactly(ball(-1, 1))])
+    square = Rounding("float").apply(ca.OP_SQ, [error_free(ball(-1, 1))])
     assert -1e-6 < square.value.lower() <= 0
     assert 1 <= square.value.upper() < 1 + 1e-6
     assert square.error < 2.0**-23
@@ -183,7 +183,7 @@ _AWAY = st.lists(st.floats(0.1, 1e3), min_size=3, max_size=3).map(sorted)  # a r
 def test_a_product_of_numbers_that_are_not_zero_is_not_zero(
     a: list[float], b: list[float], signs: tuple[int, int]
 ) -> None:
-    wide = [exactly(ball(sign * low, sign * high)) for sign, (low, _, high) in zip(signs, (a, b), strict=True)]
+    wide = [error_free(ball(sign * low, sign * high)) for sign, (low, _, high) in zip(signs, (a, b), strict=True)]
     product = Rounding("float").apply(ca.OP_MUL, wide).value
     assert not product.contains(0)
     assert product.contains(signs[0] * arb(a[1]) * signs[1] * arb(b[1]))
@@ -192,16 +192,16 @@ def test_a_product_of_numbers_that_are_not_zero_is_not_zero(
 def test_a_division_by_what_rounding_may_make_zero_is_not_bounded() -> None:
     divisor = Computed(ball(0.5, 1), arb(0.75))
     with pytest.raises(NoRoundingBound):
-        Rounding("float").apply(ca.OP_DIV, [exactly(1), divisor])
+        Rounding("float").apply(ca.OP_DIV, [error_free(1), divisor])
 
 
 def test_a_choice_that_rounding_may_turn_errs_by_what_is_between_its_branches() -> None:
     """Of what is the same in both, it does not turn."""
-    rounding, x = Rounding("float"), exactly(ball(0, 1))
+    rounding, x = Rounding("float"), error_free(ball(0, 1))
 
     def chosen(of: Computed) -> Computed:
-        test = rounding.apply(ca.OP_LT, [of, exactly(0.5)])
-        parts = [exactly(3), exactly(7)]
+        test = rounding.apply(ca.OP_LT, [of, error_free(0.5)])
+        parts = [error_free(3), error_free(7)]
         tests = [test, rounding.apply(ca.OP_NOT, [test])]
         each = [rounding.apply(ca.OP_IF_ELSE_ZERO, list(pair)) for pair in zip(tests, parts, strict=True)]
         return rounding.apply(ca.OP_ADD, each)

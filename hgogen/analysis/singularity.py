@@ -577,7 +577,7 @@ def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, p
     for j, u in enumerate(inputs):
         driven, driven_slope = _field(plant, numbers, point, j)
         g, slope = [a - b for a, b in zip(driven, drift, strict=True)], driven_slope - drift_slope
-        states = tuple(x + numbers.nudge * v for x, v in zip(point.states, g, strict=True))
+        states = tuple(x + numbers.small_step * v for x, v in zip(point.states, g, strict=True))
         shifted = first_gradients(plant, numbers, replace(point, states=states), n)
         for i, (row, shifted_row) in enumerate(zip(rows, shifted, strict=True)):
             turn = [numbers.slope(a, b) for a, b in zip(shifted_row.entries(), row.entries(), strict=True)]

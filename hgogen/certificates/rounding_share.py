@@ -49,7 +49,7 @@ from hgogen.rigor.bounds import bound
 from hgogen.rigor.box import box, exact
 from hgogen.rigor.definite import root
 from hgogen.rigor.lookup import Lookup, folded
-from hgogen.rigor.rounding import FOLDED, NoRoundingBound, Real, Rounding, exactly
+from hgogen.rigor.rounding import FOLDED, NoRoundingBound, Real, Rounding, error_free
 from hgogen.rigor.series import between, magnitude
 from hgogen.sentence import because
 from hgogen.step import Step
@@ -115,7 +115,7 @@ def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[A
     for memory in the balls `fields` (N), and samples in the balls `y` (p) and inputs in `u` (m), now and at the last
     call. Memory, samples and inputs are exact numbers of this precision; gains, parameters, constants and the results
     of `tune` are rounded. Raises: `NoRoundingBound`."""
-    elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
+    elements, samples, inputs = (list(map(error_free, each)) for each in (fields, y, u))
     return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
 
 

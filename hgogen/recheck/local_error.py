@@ -67,7 +67,7 @@ _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 
 @dataclass(frozen=True)
-class Remainder:
+class LocalError:
     """The local error of a Runge-Kutta method on the plant x' = F(x, u) with constant u', from bounds that a
     certificate states.
 
@@ -193,10 +193,10 @@ def demand_remainder(
     lines = matrix(follows, "lines", p, len(tableau.cubic) if any(entries(follows, "lines", p)) else 0)
     rows = column(follows, "flow", n), column(follows, "step", n)
     tree = part(follows, "tree", str)
-    residual = Remainder(context, tableau, motion, slopes, lines, orders, *rows, steepness, tree)
+    local_error = LocalError(context, tableau, motion, slopes, lines, orders, *rows, steepness, tree)
     stages, deviation = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
-    demand_at_least("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
-    return motion, residual.demand()
+    demand_at_least("the method", (*deviation, *chain(*stages)), (*local_error.deviation, *chain(*local_error.stages)))
+    return motion, local_error.demand()
 
 
 # --- where the flow is Lipschitz

@@ -285,7 +285,7 @@ class Walk:
         return _applied(word, [self.value(each) for each in operands], self.arithmetic)
 
 
-def listed_program(holder: Mapping[str, Any], fields: int, stages: int) -> ListedProgram:
+def _listed_program(holder: Mapping[str, Any], fields: int, stages: int) -> ListedProgram:
     """Return the program in the evidence, with so many `fields` (states of the observer) and `stages`. Raises:
     `Unproved`."""
     texts = part(holder, "program", list)
@@ -626,7 +626,7 @@ def demand_rounding(
     drifts = [h * (speed + sum(each, _ZERO)) for speed, *each in zip(speeds, *deviations, strict=True)]
     noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
     samples = [sum(each, _ZERO) for each in zip(*noisy, strict=True)] or [_ZERO] * p
-    program = listed_program(follows, count, len(tableau.weights))
+    program = _listed_program(follows, count, len(tableau.weights))
     step = StepProgram(equation, tableau, h, program, _between(context, follows, shares))
     rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, drifts)
     boxes += rounded.demand_sizes(column(share, "fields", count))
@@ -636,10 +636,10 @@ def demand_rounding(
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
     """Return the equation of the observer whose program the evidence `follows` lists. Raises: `Unproved`."""
     demand_keys(follows, _ROUNDING_KEYS, "its rounding")
-    return Equation(context, error, theta, parameters_of(context, follows))
+    return Equation(context, error, theta, _parameters_of(context, follows))
 
 
-def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
+def _parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
     """Return the values of the plant's parameters in the listed program, each inside its range. Raises: `Unproved`."""
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))

@@ -331,7 +331,7 @@ def clamped(expression: sp.Expr, box: Box) -> sp.Expr:
     return replaced(expression, lambda node: clamped_cells(node, node.args, box))
 
 
-def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
+def _breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
     """Return a breakpoint at an end of the range of a table's argument, and the name of the table; None if there is
     none. By rounding a program may read the other cell at this breakpoint, where the table or its derivative jumps."""
     box = around.box
@@ -499,7 +499,7 @@ _DENSE = 20  # symbols beyond which it takes seconds, since SymPy's polynomials 
 _REWRITTEN = 12  # exponents beyond which it would grow out of hand
 
 
-def steep(e: sp.exp) -> bool:
+def becomes_high_power(e: sp.exp) -> bool:
     """Return whether e is an exponential that SymPy would rewrite as a high power: exp(-8750/T) as exp(1/T)^-8750."""
     return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
 
@@ -514,7 +514,7 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
         return (expression,)
     forms = [expression]
     try:
-        dummies = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
+        dummies = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if becomes_high_power(e)}
         forms.append(sp.factor(expression.xreplace(dummies)).xreplace({d: e for e, d in dummies.items()}))
         if expression.is_polynomial(*symbols):
             whole = sp.expand(expression)
@@ -781,7 +781,7 @@ def _nonzero(
             break
     undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
     reason = because(undecided, boxes=counted(outcome.boxes))
-    if end := breakpoint_at_end(problem.expression, problem.sides):
+    if end := _breakpoint_at_end(problem.expression, problem.sides):
         pattern = "{why}; the ranges end on {point} of the table {table}, whose slope beyond is taken there: move one"
         reason = because(pattern, why=reason, point=float(end[0]), table=end[1])
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
@@ -869,7 +869,7 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
     """Return the irreducible factors of the expression, by exact algebra alone if it has an exponential that SymPy
     would rewrite as a high power; [] if it cannot be factored."""
-    if any(steep(e) for e in expression.atoms(sp.exp)):
+    if any(becomes_high_power(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []
     try:

@@ -68,7 +68,7 @@ class Computed:
         return True if self.value == 1 else False if self.value == 0 else None
 
 
-def exactly(value: Any) -> Computed:
+def error_free(value: Any) -> Computed:
     """Return a number or a ball as a `Computed` with the error 0."""
     return Computed(arb(value))
 
@@ -165,20 +165,20 @@ def _below(equal: bool, a: Computed, b: Computed) -> Computed:
     alike = bool(error.is_zero())
     holds = bool(gap > error or (equal and alike and gap >= 0))
     if holds or gap < -error:
-        return exactly(int(holds))
+        return error_free(int(holds))
     return Computed(_NOTHING.union(_ONE), _NOTHING if alike else _ONE)
 
 
 def _all(least: int, a: Computed, b: Computed) -> Computed:
     if bool(least) in (a.known, b.known):
-        return exactly(least)
+        return error_free(least)
     return _extreme(arb.max if least else arb.min, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
     """Return "`value` if `test`, else 0"; its error bound covers a program that decides the test otherwise."""
     if test.known is False:
-        return exactly(0)
+        return error_free(0)
     if test.known is True:
         return Computed(value.value, value.error, test, value)
     error = value.error if test.error.is_zero() else value.size
@@ -253,7 +253,7 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
     ca.OP_MUL: _product,
     ca.OP_SQ: lambda a: (_squared(a.value), (2 * abs(a.value) + a.error) * a.error),
     ca.OP_DIV: _quotient,
-    ca.OP_INV: lambda a: _quotient(exactly(1), a),
+    ca.OP_INV: lambda a: _quotient(error_free(1), a),
 }
 
 

@@ -93,7 +93,7 @@ class BallSeries:
         """Return the series a without the terms from t^order on."""
         return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
 
-    def nothing(self, a: Any) -> bool:
+    def is_zero(self, a: Any) -> bool:
         """Return whether a series is exactly zero."""
         return all(c.is_zero() for c in a.coeffs())
 
@@ -174,14 +174,14 @@ class BallSeries:
         return arb_mat(rows, columns, list(entries))
 
     @property
-    def nudge(self) -> Any:
+    def small_step(self) -> Any:
         """Return a small step d for finite differences: F(x + d v) - F(x) = d F'(x) v up to terms of d^2."""
         return arb(2) ** -(ctx.prec // 2)
 
     def slope(self, shifted: Any, base: Any) -> Any:
         """Return the ball of F'(x) v = (F(x + d v) - F(x))/d, from `shifted` = F(x + d v), `base` = F(x) and d =
-        `nudge`. Its radius is far above the truncation error, unless F'' reaches 2^(bits/8)."""
-        return (shifted - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
+        `small_step`. Its radius is far above the truncation error, unless F'' reaches 2^(bits/8)."""
+        return (shifted - base) / self.small_step + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
 
     def reduced(self, a: Any) -> Any:
         """Return the number unchanged, as balls have no modulus."""
@@ -467,7 +467,7 @@ class ModularSeries:
         """Return the product a b of series below t^order."""
         return a.mul_low(b, order)
 
-    def nothing(self, a: Any) -> bool:
+    def is_zero(self, a: Any) -> bool:
         """Return whether a series is zero."""
         return bool(a.is_zero())
 
@@ -493,7 +493,7 @@ class ModularSeries:
         return flint.nmod_mat(rows, columns, list(entries), self.modulus)
 
     @property
-    def nudge(self) -> int:
+    def small_step(self) -> int:
         """Return a step d with d^2 = 0 modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
         return self.prime
 
@@ -656,7 +656,7 @@ def evaluate(
 
 
 def _scaled(numbers: Arithmetic, slopes: Gradient, factor: Any, order: int) -> Gradient:
-    if not slopes or numbers.nothing(factor):
+    if not slopes or numbers.is_zero(factor):
         return {}
     return {k: numbers.mul(slope, factor, order) for k, slope in slopes.items()}
 
