@@ -55,7 +55,7 @@ from hgogen.discretisation.notation import (
 
 @on_arrays
 def expand(L: Columns) -> None:
-    """unit diagonal and zeros above it in the columns of L"""
+    """set the diagonal of L to 1 and the entries above it to 0"""
     for k in range(n):
         for i in range(k):
             L[k].v[i] = 0.0
@@ -64,7 +64,8 @@ def expand(L: Columns) -> None:
 
 @on_arrays
 def triangularise(L: Columns, D: Vector, band: int) -> None:
-    """L, D of M diag(D) M', M in L with so many diagonals above the main one, by rotations without square roots"""
+    """replace M in L, with band diagonals above the main one, and D by L, D with L D L' = M diag(D) M', by rotations
+    without square roots"""
     for i in range(n):
         pivot = L[i].v[i]
         for step in range(band):
@@ -91,7 +92,7 @@ def triangularise(L: Columns, D: Vector, band: int) -> None:
 
 @on_arrays
 def add(L: Columns, D: Vector, w: FixedVector) -> None:
-    """L, D of L D L' + diag(w), by rank-one updates, two at a time"""
+    """replace L, D by the factors of L D L' + diag(w), by rank-one updates, two at a time"""
     first = array(n)
     second = array(n)
     first[0] = 0.0
@@ -129,7 +130,7 @@ def add(L: Columns, D: Vector, w: FixedVector) -> None:
 
 @on_arrays
 def disturb(L: Columns, D: Vector, w: FixedVector, r: float) -> None:
-    """L, D of L D L' + r w w'"""
+    """replace L, D by the factors of L D L' + r w w'"""
     x = array(n)
     weight = r
     for i in range(n):
@@ -147,7 +148,8 @@ def disturb(L: Columns, D: Vector, w: FixedVector, r: float) -> None:
 
 @on_arrays
 def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read: int) -> None:
-    """L, D after a measurement of row c, of which so many elements may not be 0, and variance r; its gain"""
+    """replace L, D by the factors after a scalar measurement of row c and variance r, and compute its gain; c[i] is 0
+    for i >= read"""
     alpha = r
     for i in range(n):
         gain[i] = 0.0
@@ -171,8 +173,8 @@ def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read:
 
 @on_arrays
 def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
-    """scale row i of L where P_ii exceeds its cap; whether one did, or is not a number, or a D is negative; a
-    D that is none then is its cap"""
+    """scale row i of L and D so that P_ii = caps_i where P_ii exceeds caps_i; return whether a P_ii did so or is not a
+    number, or a D_i is negative; a D_i that is then invalid becomes caps_i"""
     scale = array(n)
     capped = False
     for i in range(n):
@@ -193,8 +195,8 @@ def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
 
 @on_arrays
 def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
-    """L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i do not add up to 1/2 or
-    less"""
+    """replace L, D by the factors after a measurement of each state i with the variance 1/c_i^2; return whether the sum
+    of P_ii/caps_i exceeds 1/2 or is not a number"""
     gain = array(n)
     share = 0.0
     for i in range(n):
@@ -233,7 +235,7 @@ def project(L: FixedColumns, c: FixedVector, f: Vector) -> None:
 
 @on_arrays
 def decouple(L: Columns, D: Vector, w: FixedVector) -> None:
-    """L, D after P_ii = w_i and 0 elsewhere in row and column i, where w_i > 0"""
+    """replace L, D by the factors of P with P_ii = w_i and 0 elsewhere in row and column i, for each i with w_i > 0"""
     x = array(n)
     for i in range(n):
         weight = D[i] if w[i] > 0.0 else 0.0
@@ -256,7 +258,7 @@ def decouple(L: Columns, D: Vector, w: FixedVector) -> None:
 
 @on_arrays
 def balance(x: Matrix, scale: Vector) -> None:
-    """X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size"""
+    """X <- S^-1 X S, S a diagonal matrix of powers of two, so that row i and column i get about the same size"""
     for i in range(n):
         scale[i] = 1.0
     for sweep in range(SWEEPS):  # noqa: B007
@@ -344,7 +346,7 @@ def exponential(x: Matrix, phi_0: Matrix, phi_1: Matrix, phi_2: Matrix) -> None:
 
 @on_arrays
 def resolvent(x: Matrix, inverse: Matrix) -> None:
-    """(1 - X)^-1 by Gauss-Jordan with row pivots; x is left in pieces"""
+    """inverse = (1 - X)^-1 by Gauss-Jordan elimination with row pivots; x is overwritten"""
     for i in range(square):
         inverse[i] = 1.0 if i % line == 0 else 0.0
         x[i] = inverse[i] - x[i]

@@ -226,7 +226,7 @@ def minimum_energy_pieces(part: MinimumEnergy, method: Any, clock: Clock) -> Pie
         plain,
         bits=(*plain.bits, RESTARTED),
         projected=None,  # Pi^-1 is that of weights
-        predict=(*integration.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
+        predict=(*integration.predict, *_reset_unless_definite(covariance, part.plain.dynamics.n)),
     )
 
 
@@ -242,7 +242,7 @@ def _explicit(method: Any) -> Explicit:
     return method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
 
 
-def _kept_definite(covariance: Field, n: int) -> Program:
+def _reset_unless_definite(covariance: Field, n: int) -> Program:
     """Return the statements that reset a packed matrix (n, n) = L D L' to its initial value unless D > 0."""
     place = Place("state", covariance.name)
     definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
