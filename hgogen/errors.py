@@ -36,7 +36,7 @@ class ReportedWarning(UserWarning):
 
 
 def is_ignored(category: type[Warning]) -> bool:
-    """Return whether the user's warning filters ignore warnings of a `category` from every module."""
+    """Return whether the user's warning filters ignore warnings of a `category` everywhere."""
     rules = (action for action, text, kind, module, line in warnings.filters if issubclass(category, kind) and not text)
     return next(rules, "default") == "ignore"
 

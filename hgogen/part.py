@@ -172,15 +172,15 @@ class Clock:
 
 
 def clock_of(plant: System, dt: float, between: str, **options: Any) -> Clock:
-    """Return the sampling of a plant; `options`: further members of the `Clock`."""
+    """Return the `Clock` of a step for a plant; `options`: further members of the clock."""
     turns, counts = tuple(u.period for u in plant.inputs), (len(plant.inputs), len(plant.outputs))
     return Clock(dt, between, *counts, turns=turns, times=len(plant.times), **options)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """The joint innovations of k outputs: `program` computes places that the graphs read; `bias` (k) is subtracted from
-    y - h(z); `covariance` (k, k) is S = H P H' + R; SX."""
+    """The joint innovations of k outputs: `program` computes the places that both graphs read; `bias` (k) is subtracted
+    from y - h(z); `covariance` (k, k) is S = H P H' + R; both are SX."""
 
     program: Program
     bias: Graph
@@ -229,7 +229,8 @@ class Pieces:
 
 
 class Part:
-    """A piece of an observer as data; `stepping.discretise.pieces` converts it to memory and statements."""
+    """A piece of an observer as data, such as its differential equation; `stepping.discretise.pieces` converts it to
+    memory and statements."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -301,7 +301,8 @@ class When(_Statement):
 
 @dataclass(frozen=True, eq=False)
 class Repeat(_Statement):
-    """Run `body` for each row k of numbers: the k-th numbers in `given`, assigned to its scalar places, in `work`."""
+    """A loop with numbers: run `body` once for each row k, after assigning the k-th numbers in `given` to its scalar
+    places in `work`."""
 
     given: Mapping[Place, tuple[float, ...]]
     body: tuple["Statement", ...]
@@ -417,7 +418,8 @@ class Report:
 
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
-    """Yield every statement, outer ones first."""
+    """Yield every statement of a program, and every statement within another one; an outer statement comes before its
+    inner ones."""
     pending = list(reversed(program))
     while pending:
         yield (statement := pending.pop())
@@ -426,7 +428,7 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def blocks(program: Sequence[Statement]) -> Iterator[Block]:
-    """Yield every block, also of the programs within."""
+    """Yield every `Block` of a program, also those within other statements."""
     return (statement for statement in walk(program) if isinstance(statement, Block))
 
 
@@ -441,7 +443,8 @@ def read(program: Sequence[Statement]) -> set[Place]:
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
-    """Return the work places that the program reads but never writes: the emitted code does not share them."""
+    """Return the work places that the program reads but never writes. They are faults: emitted functions do not share
+    work places."""
     written = {place for statement in walk(program) for place, _ in statement.written}
     return {place for place in read(program) if place.struct == "work"} - written
 
@@ -475,8 +478,8 @@ T = TypeVar("T")
 
 
 class Reader(Generic[T]):
-    """A function on programs, defined by a method for each kind of statement, which returns its result, and `joined`,
-    which combines the results of successive statements.
+    """The base class of functions on programs: a subclass has a method for each kind of statement, which returns its
+    result, and `joined`, which combines the results of successive statements.
 
     `known`: information from the enclosing statements. A `Repeat` is evaluated as its unrolled statements, unless a
     reader has a method for it.

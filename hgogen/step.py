@@ -59,7 +59,7 @@ class NoStep(BadArgument):
 
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
-    """Raise `BadStep` for a value that is not among the choices of an option."""
+    """Raise `BadStep` unless the `value` of the option `name` is one of `choices`."""
     if not among(value, choices):
         *others, last = ("None" if each is None else f'"{each}"' for each in choices)
         raise BadStep(f"{name} = {value!r}", f"must be {', '.join(others)} or {last}")

@@ -26,9 +26,9 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """Return whether an observer is proved to converge, by its own checks: that it converges for large theta, that its
-    theta is above the bound, and, of a switched gain, that each gain lasts long enough; a larger theta also ensures the
-    last."""
+    """Return the status of an observer's convergence, from its own checks: that it converges for every large theta,
+    that its theta is above the bound, and, for a switched gain, that it applies each gain for long enough. An observer
+    without the second check needs the first only. If the second or the third is not proved, the status is BELOW."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN

@@ -463,7 +463,8 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
-    """Raise `BadTrial` unless every name is in the plant, every required one is given, and every number is valid."""
+    """Raise `BadTrial` unless every name in the trial is one of the plant, every required name has a value, and every
+    number is valid."""
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
     _names(trial, "inputs", trial.inputs.keys() - {*names_of(plant.times)}, {*names_of(plant.supplied)}, needed=True)

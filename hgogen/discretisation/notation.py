@@ -50,7 +50,8 @@ def real(count: int) -> float:
 
 
 def aligned(first: int) -> int:
-    """Return the first index of a loop; emitted code may begin earlier, at a multiple of an instruction's width."""
+    """Return `first`, the first index of a loop; emitted code may begin earlier, at a multiple of the width of a vector
+    instruction."""
     return first
 
 
@@ -74,8 +75,9 @@ def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
 
 
 def on_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a kernel as a function on numpy arrays, each operation rounded to their type. Its first argument is the
-    columns, an array (n, n) with column k in row k, or a matrix, an array (n n); a number is an array (1)."""
+    """Return a kernel as a function on numpy arrays; each operation is rounded to the type of the arrays. The first
+    argument is either the columns of a matrix, an array (n, n) with column k in row k, or a matrix, an array (n n) by
+    rows; a number is an array (1)."""
     written = _WRITTEN[function.__name__] = cast(FunctionType, function)
     numbers = [kind is float for name, kind in written.__annotations__.items() if name != "return"]
 
@@ -116,7 +118,8 @@ def _bound(name: str, size: int, kind: Any) -> Any:
 
 
 def bound(functions: Mapping[str, Any], words: Mapping[str, Any], real: Any) -> dict[str, Any]:
-    """Return kernels, which may call each other, with constants of the type `real`; `words`: values of other names."""
+    """Return the functions of kernels, by name, so that they may call each other, with real constants converted to the
+    type `real`; `words`: values of the other names that they use."""
     names: dict[str, Any] = {**words, "real": real}
     for name, written in functions.items():
         constants = (real(value) if isinstance(value, float) else value for value in written.__code__.co_consts)

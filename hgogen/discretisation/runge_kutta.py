@@ -108,8 +108,8 @@ def _is_place(symbol: Graph) -> bool:
 def routine(
     name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
 ) -> Callable[[Values], dict[str, Graph]]:
-    """Return a function that calls a routine on columns, by the names of `sizes`, and returns the values of `body` by
-    name.
+    """Return a function from columns, whose sizes are `sizes` by name, to the values of `body` by name. It calls the
+    routine `name`, which the emitted code keeps as one function.
 
     The routine has only arguments that `body` reads, and only results and elements that are not constant numbers.
     """
@@ -272,7 +272,8 @@ class Stages:
 
 
 def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float | Graph) -> Stages:
-    """Return a step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
+    """Return a Runge-Kutta step of length h from the values `start`, by name; `rate(values, c)` is the derivative of
+    the values at the fraction c of the step."""
     if tableau.map:
         return Stages(dict(rate(start, 0.0)), (dict(start),), ())
     arguments: list[dict[str, Graph]] = []
@@ -304,7 +305,7 @@ class Rounds:
 
 
 def rounds(tableau: Tableau, h: float) -> Rounds:
-    """Return the step of length h of a `chained` tableau as a loop over its stages."""
+    """Return the coefficients of a `chained` tableau for a loop over its stages, for a step of length h."""
     ahead = (*(h * row[-1] for row in tableau.a[1:]), 0.0)
     return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
 

@@ -211,8 +211,8 @@ class FrozenRiccati:
 
 @dataclass(frozen=True)
 class FrozenMap(FrozenRiccati):
-    """The data of P <- F (P - K C P) F' + Q, K = P C' (C P C' + R)^-1, the Riccati equation of a map, at k points;
-    theta is 1, and the time is counted in samples."""
+    """The data of the Riccati equation of a discrete plant at k points, P <- F (P - K C P) F' + Q, K = P C' (C P C' +
+    R)^-1; theta is 1, and time is counted in samples."""
 
     def steady(self, theta: float) -> Array:
         """Return the stabilising P (k, n, n), the covariance before a sample; nan where there is none.
@@ -386,8 +386,8 @@ def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float])
 
 
 def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: str) -> Lengths:
-    """Return the longest stable step of e' = F e as an advised step length, with its point; `time`: the unit of
-    time."""
+    """Return the longest step that keeps decaying modes of e' = F e decaying (`open_loop_limit`) as an advised step
+    length, with the point that limits it; `time`: the unit of time."""
     limit = open_loop_limit(slopes, ranges, tableau.polynomial)
     if not np.isfinite(limit.dt):
         return Lengths()

@@ -81,7 +81,8 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def of_form(form: Form) -> dict[Place, np.ndarray]:
-    """Return the nominal values of the form's parameters by place, and 0 for each stored last finite value."""
+    """Return the nominal values of the form's parameters by place, and 0 for each stored value of a rate or output that
+    may be infinite."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
     return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 

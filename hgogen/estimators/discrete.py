@@ -76,7 +76,7 @@ def no_proof(observer: str) -> Check:
 
 
 def demand_plain_gain(form: Form, theta: float) -> None:
-    """Raise `BadGain` for a discrete plant and a theta above 1, which scales the rates of differential equations."""
+    """Raise `BadGain` for a discrete plant with a theta above 1: theta speeds up differential equations only."""
     if form.system.discrete and theta != 1:
         reason = "speeds up the correction of differential equations, and the plant is discrete in time; leave it at 1"
         raise BadGain(f"theta = {theta:g}", reason)

@@ -220,8 +220,8 @@ def _waits(y: Signal) -> str:
 
 
 def decorrelated(R: Graph, used: Sequence[Graph]) -> tuple[Graph, Graph]:
-    """Return L (p, p), unit lower triangular and sparse, and d (p) of R_u = L diag(d) L', the block of `R` (p, p) of
-    the samples that are `used` (p)."""
+    """Return the factors of R_u, the block of `R` (p, p) for the samples that are `used` (p): L (p, p), unit lower
+    triangular and sparse, and d (p) with R_u = L diag(d) L'."""
     R, L, d = ca.sparsify(R), ca.SX.eye(len(used)), list[Graph]()
     for j in range(len(used)):
         for k in range(j):

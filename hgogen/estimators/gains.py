@@ -148,7 +148,8 @@ def filtered_core(L: np.ndarray, alpha: float, beta: float) -> np.ndarray:
 
 
 def parabola_advice(L: np.ndarray, alpha: float, beta: float) -> str:
-    """Return advice on gains L (n) for which M of `filtered_core` is not Hurwitz."""
+    """Return advice for gains L (n) with which the filtered output injection is unstable, M of `filtered_core` not
+    being Hurwitz."""
     poles = np.roots([1.0, *L]).astype(complex)
     unstable = poles[poles.real >= 0]
     if unstable.size:
@@ -162,8 +163,9 @@ _REAL = 1e-20  # the imaginary part of a real root at most, as a share of the la
 
 
 def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
-    """Return the low-power gains k (n - 1, 2) from `gains` or 2n - 2 `poles`; by default (2, (n - i)/i), all poles at
-    -1. Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`."""
+    """Return the gains k (n - 1, 2) of the low-power injection from `gains`, or from the 2n - 2 `poles` of its linear
+    core; by default (2, (n - i)/i), all poles at -1. Raises: `BadGain` for both arguments, or for gains of another
+    shape or not finite; `BadPoles`."""
     if gains is not None and poles is not None:
         raise BadGain(observer, "takes gains or poles, not both; leave one out")
     if poles is not None:

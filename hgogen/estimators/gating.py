@@ -164,7 +164,8 @@ def squared_distance(errors: Sequence[Graph], usable: Sequence[Graph], covarianc
 
 
 def passing_limit(group: GatedGroup, usable: Sequence[Graph]) -> Graph:
-    """Return the largest d that passes the gate of a group for as many samples as are `usable`, SX."""
+    """Return the largest squared distance d that passes the gate of a group, SX: it depends on the number of samples
+    that are `usable`."""
     number, most = sum(usable[1:], usable[0]), ca.SX(INF)
     for i in reversed(range(len(usable))):
         most = ca.if_else(number < i + 1.5, group.limits[i], most)

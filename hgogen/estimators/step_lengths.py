@@ -206,8 +206,8 @@ HALVINGS = 12  # of the interval in which `refused` lies
 
 
 class ErrorMap(Protocol):
-    """A numerical method as the map e <- T(h) e of frozen errors e' = M e, M (k, N, N), whose part `core` (N, N) the
-    method may integrate exactly; core and M are scaled by one diagonal matrix."""
+    """A numerical method as a linear map of small errors: e' = M e becomes e <- T(h) e, for constant M (k, N, N). The
+    method may integrate the part `core` (N, N) of M exactly; core and M are scaled by one diagonal matrix."""
 
     @property
     def exact(self) -> bool:
@@ -295,8 +295,9 @@ def first_unstable(core: Array, M: Array, method: ErrorMap) -> Array:
 
 
 def longest_advised(core: Array, M: Array, method: ErrorMap, refused: float) -> float:
-    """Return SHARE times the largest step up to which errors of the stable, balanced M (k, N, N) grow by at most GROWTH
-    times as much as in continuous time, at least SHARE times DEEPEST times the step `refused`; inf without a limit."""
+    """Return the advised step length: half of the largest step up to which errors of the stable, balanced M (k, N, N)
+    grow by at most `GROWTH` times as much as in continuous time, at least 1/16 of the step length `refused`; inf
+    without a limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf

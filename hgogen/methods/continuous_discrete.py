@@ -29,7 +29,8 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class ContinuousDiscrete(Staged):
-    """The method that predicts, then corrects by each sample, with P = L D L'; by Runge-Kutta without a covariance."""
+    """The method that predicts between samples and corrects at each sample, with the covariance as P = L D L'; an
+    observer without a covariance is integrated by classical Runge-Kutta."""
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS

@@ -107,8 +107,8 @@ class NoEquation(HgogenError):
 
 
 def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:
-    """Return the differential equation of a part, with S = P^-1 or P by `view`; None for a part that changes only at
-    samples. Raises: `NoEquation`."""
+    """Return the differential equation of a part, with the information matrix S = P^-1 or the covariance P, by `view`;
+    None for a part that changes only at samples. Raises: `NoEquation`."""
     match part:
         case Ode():
             return part

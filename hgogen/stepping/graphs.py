@@ -126,7 +126,7 @@ class Vector:
 
 
 def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
-    """Return the vector of signals, each with its value at equilibrium as initial value."""
+    """Return the vector of signals; the initial value of each is its default value (`signal.resting`)."""
     return Vector(title, tuple(Entry(s.name, resting(s), s.unit, *s.interval, s.meaning, s.name) for s in signals))
 
 

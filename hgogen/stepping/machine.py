@@ -30,7 +30,8 @@ Bound = tuple[Action, list[np.ndarray]]
 
 
 def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
-    """Return a function that evaluates the block's graph on the arrays `arguments` in place, and its result arrays."""
+    """Return a function without arguments that evaluates the block's graph on the arrays `arguments`, and the arrays
+    into which it writes the results."""
     buffer: Any  # its type stubs require the size, which it reads from the memory itself
     buffer, evaluate = block.graph.buffer()
     results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]

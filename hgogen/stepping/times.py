@@ -43,7 +43,8 @@ class BadTime(BadArgument):
 
 @lru_cache(maxsize=32)
 def ratio(time: Time, dt: float) -> tuple[Fraction, bool]:
-    """Return M/N = dt/T in lowest terms, and whether it is exact. Raises: `BadTime`."""
+    """Return dt/T as a fraction M/N in lowest terms, T the period of a function of time, and whether the fraction is
+    exact. Raises: `BadTime`."""
     share = sp.simplify(sp.Rational(repr(dt)) / time.turn)
     exact = Fraction(str(share if share.is_Rational else share.evalf(_DIGITS)))
     unit = time.unit
