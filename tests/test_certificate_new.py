@@ -13,7 +13,7 @@ import pytest
 import hgogen as hg
 from hgogen.analysis.evidence import Grounds, texts
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
-from hgogen.prove.convergence import AtTheta, DecayProof, FromTheta, claims
+from hgogen.prove.convergence import AtTheta, DecayProof, FromTheta, convergence_checks
 from hgogen.prove.inequality import Piece
 from hgogen.prove.quadratic import Weights
 from hgogen.prove.questions import InputBound
@@ -64,7 +64,7 @@ class Renamed:
 def proved(name: str = "newcomer", numbers: Any = None) -> hg.Observer:
     """An observer with a proof of its own, which `recheck` knows nothing of unless it knows the name."""
     built = plants.pendulum()
-    own = claims(name, built.form, Margin(), {"theta": 20, **(numbers or {"gains": (1, Fraction(2, 3))})})
+    own = convergence_checks(name, built.form, Margin(), {"theta": 20, **(numbers or {"gains": (1, Fraction(2, 3))})})
     return replace(built, name=name, claims=lambda: (*built.form.checks, *own))
 
 

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.certificates.rounding_share import Listing, listed
+from hgogen.certificates.rounding_share import Listing, program_listing
 from hgogen.program import Place
 from hgogen.recheck.algebra import Algebra, Quotient
 from hgogen.recheck.arithmetic import Undefined, Unproved
@@ -160,7 +160,7 @@ def run(program: Listing, values: Mapping[str, Any], number: Callable[[Fraction]
 def test_it_is_the_program_bit_for_bit(case: str, method: str) -> None:
     """Of one call in floats."""
     step = step_of(case, method)
-    program = listed(step, step.observer.error)
+    program = program_listing(step, step.observer.error)
     assert program
     fields = [(field.name, field.size) for field in step.observer.parts[0].fields]
     each, rng, p = machine(step, "float"), np.random.default_rng(3), len(step.observer.form.output)
@@ -183,7 +183,7 @@ def test_it_is_the_program_bit_for_bit(case: str, method: str) -> None:
 
 def test_it_reads_as_the_step_does() -> None:
     """A constant as it was before a double held it; what nothing reads is not there."""
-    program = listed(step_of("parameters", "euler"), step_of("parameters", "euler").observer.error)
+    program = program_listing(step_of("parameters", "euler"), step_of("parameters", "euler").observer.error)
     assert program
     assert program.statements == (
         *("mul 2 20", "square 20", "sub y1_last x1", "mul v1 v3", "add x2 v4", "mul v2 v3"),
@@ -198,7 +198,7 @@ def test_an_end_of_a_range_stands_in_the_unit_of_its_field() -> None:
     w = hg.Signal("w", low=-3, high=Fraction(30000001, 10**7))
     system = plant(3 * w, -sp.sin(x / 10) + u, output=(x / 7,), states=(x, w))
     observer = hg.observers.peaking_free(hg.forms.triangular(system), theta=6)
-    program = listed(hg.sample(observer, hg.methods.euler, dt=1e-3), observer.error)
+    program = program_listing(hg.sample(observer, hg.methods.euler, dt=1e-3), observer.error)
     assert program
     assert "Min v5 90000003/70000000" in program.statements
 

@@ -516,8 +516,8 @@ class Affine:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured state: y_output = gain * x_state + offset (both by index), `gain` and `offset` free of states, |gain|
-    >= m > 0 on the box."""
+    """A state that is measured by an output of it alone: y_output = gain * x_state + offset, `output` and `state` by
+    index, `gain` and `offset` free of states, |gain| >= m > 0 on the box."""
 
     state: int
     output: int

@@ -25,7 +25,7 @@ from hgogen.sentence import up
 _DIGITS = 12
 
 
-def text(form: Form, expression: sp.Expr) -> str:
+def certificate_text(form: Form, expression: sp.Expr) -> str:
     """Return an expression of a form's symbols, or of its plant's, as the text that a certificate writes."""
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
@@ -47,7 +47,7 @@ def exact_texts(form: Form, value: Any) -> Any:
         return texts(form, value)
     if isinstance(value, Iterable):
         return [exact_texts(form, each) for each in value]
-    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
+    return certificate_text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
 
 
 def end_text(value: Fraction | float) -> str | None:
@@ -177,7 +177,7 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
         return None
     number = Fraction(str(expression)) if expression.is_Rational else None
     return {
-        "expression": text(form, expression),
+        "expression": certificate_text(form, expression),
         "box": _sides(sides(form, expression.free_symbols) if where is None else where),
         "low": outward(low, -1) if number is None else number,
         "high": outward(high, 1) if number is None else number,

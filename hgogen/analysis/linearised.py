@@ -232,7 +232,8 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
 
 
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
-    """Return the scaled linearisation of the plant at x (N, n), u (N, m)."""
+    """Return the linearisation of the plant at N states x (N, n) and inputs u (N, m), scaled by half the ranges as in
+    `Linear`."""
     return _linearised(plant, x, u)[1]
 
 

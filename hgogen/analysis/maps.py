@@ -274,16 +274,15 @@ def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
 
 
 def time_derivative(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """Return the time derivative of an expression along the plant; `rates`: those of its symbols, others are constant.
-    Polynomials are expanded."""
+    """Return the time derivative of an expression by the chain rule; `rates`: the time derivatives of its symbols, of
+    which those that are not listed are constant. Polynomials are expanded."""
     moving = sorted(expression.free_symbols & rates.keys(), key=str)
     result = sp.Add(*(expression.diff(symbol) * rates[symbol] for symbol in moving))
     return sp.expand(result) if result.is_polynomial() else result
 
 
 def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: int) -> tuple[sp.Expr, ...]:
-    """Return the expression and its time derivatives along the plant, `count` expressions in all; `rates`: those of its
-    symbols."""
+    """Return an expression and its first count - 1 time derivatives; `rates`: the time derivatives of its symbols."""
     chain = [expression]
     while len(chain) < count:
         chain.append(time_derivative(chain[-1], rates))

@@ -532,7 +532,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     outputs at later samples.
 
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
-    function without a rule.
+    function without interval arithmetic.
     """
     unknowns: tuple[sp.Symbol, ...] = plant.tunable
     if unknown is not None:

@@ -32,7 +32,7 @@ from hgogen.check import Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.reading.expression import Fold, read
-from hgogen.reading.given import BadGain, in_order, limits, real, reals, scalar
+from hgogen.reading.given import BadGain, demand_limits, in_order, real, reals, scalar
 from hgogen.rigor import bounds
 from hgogen.rigor.bounds import LIMIT, Range, Sign
 from hgogen.rigor.box import Box, End, box, exact
@@ -61,8 +61,8 @@ def signals(form: Form) -> tuple[sp.Symbol, ...]:
 
 
 def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
-    """Return the proved range of an expression on the form's declared ranges; None for a function without a rule.
-    `boxes`: the most boxes of a bisection."""
+    """Return the proved range of an expression on the form's declared ranges; None for a function without interval
+    arithmetic. `boxes`: the most boxes of a bisection."""
     try:
         return bounds.bound(expression, box(signals(form)), boxes=boxes, relative=0.005)
     except NoTape:
@@ -82,8 +82,8 @@ def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
-    """Return the matrices (A, C) of a chain z_i' = a_(i+1) z_(i+1), y = a_1 z_1 for all combinations of the ends of the
-    ranges of the a_i; or the reason why there are none."""
+    """Return the pairs of A (n, n) and C (n) of a chain z_i' = a_(i+1) z_(i+1), y = a_1 z_1, for all combinations of
+    the ends of the ranges of its gains a_i on the declared ranges; or the reason why there are none."""
     ranges = extents(chain, form)
     if isinstance(ranges, Reason):
         return ranges
@@ -224,9 +224,9 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
     their equations; or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if
     unbounded; `boxes`: the most boxes of a bisection. Raises: `BadExpression` for text outside the grammar; `Misfit`
     for a value that is no expression, and for limits out of range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a
-    function without a rule.
+    function without interval arithmetic.
     """
-    limits("bound", boxes, relative)
+    demand_limits("bound", boxes, relative)
     resolved, box, folded = _resolved("bound", expression, where)
     extent = bounds.bound(resolved, box, boxes=boxes, relative=relative)
     return replace(extent, defined=False, note=joined(folded, extent.note)) if folded else extent
@@ -238,7 +238,7 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 
     The verdict is `unknown` for a text in which SymPy cancelled a singularity on the box, as that of x/x at 0.
     """
-    limits("nonzero", boxes)
+    demand_limits("nonzero", boxes)
     resolved, box, folded = _resolved("nonzero", expression, where)
     answer = bounds.nonzero(resolved, box, boxes=boxes)
     if folded and answer.verdict is Verdict.PROVED:

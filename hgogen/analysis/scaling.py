@@ -182,8 +182,8 @@ def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
 
 
 def unused(form: Form) -> tuple[int, ...]:
-    """Return the indices of the outputs that no chain uses: they are neither a chain's own output nor redundant to
-    one."""
+    """Return the indices of the outputs that no chain uses: each is neither a chain's own output nor redundant to such
+    an output."""
     used = heads(form)
     return tuple(j for j in range(len(form.blocks)) if j not in used)
 
@@ -204,7 +204,7 @@ def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
     return ratio if alike else None
 
 
-def weighted(form: Form, weights: Any) -> tuple[float, ...]:
+def output_weights(form: Form, weights: Any) -> tuple[float, ...]:
     """Return the weights (p) of the outputs in the means of redundant outputs, from a mapping by name, 1 for a missing
     name; None gives 1 for all. Raises: `BadGain`, also where no output is redundant; `BadNames`."""
     names = tuple(y.name for y in form.system.outputs)
@@ -226,7 +226,7 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
     return tuple(positive(f"weight of {name}", ordered[name]) if name in ordered else 1.0 for name in names)
 
 
-def mean(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
+def chain_errors(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
     """Return the error (q) of each chain: the weighted mean, with the `weights` (p), of the errors `e` (p) of its
     redundant outputs that are `valid` (p); 0 where none is."""
     errors = []

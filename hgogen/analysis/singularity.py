@@ -482,7 +482,7 @@ class UniformObservability:
 
 def gauthier_bornard(model: Model) -> UniformObservability:
     """Return the result of Gauthier and Bornard's test of observability for every input of a model, at random points.
-    Raises: `NowhereDefined`; `NoTape` for a function without a rule."""
+    Raises: `NowhereDefined`; `NoTape` for a function without interval arithmetic."""
     plant, outside = model.plant, _outside(model.flow, model.output, model.inputs)
     if outside:
         return UniformObservability(None, False, outside)

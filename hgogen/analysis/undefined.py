@@ -322,7 +322,8 @@ def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> SampledBranches:
     `loose` parameters in their ranges and the others at their nominal values. For a plant with constraints: the
     branches that points on the constraints reach, with the rows simplified there (`rigor.invariant.restricted`).
 
-    Raises: `NowhereDefined` where a comparison has no value at these points; `NoTape` for a function without a rule.
+    Raises: `NowhereDefined` where a comparison has no value at these points; `NoTape` for a function without interval
+    arithmetic.
     """
     loose, plain, constraints = tuple(loose), on_box(plant), plant.constraints
     fixed = {p: value for p, value in plant.nominal.items() if p not in loose}

@@ -51,7 +51,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.analysis.evidence import Grounds, end_text, exact_texts, text, texts
+from hgogen.analysis.evidence import Grounds, certificate_text, end_text, exact_texts, texts
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
@@ -184,7 +184,7 @@ def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
 
 
 def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
-    return [text(form, row) for row in rows]
+    return [certificate_text(form, row) for row in rows]
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:

@@ -117,7 +117,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
     pattern = "|e|_P falls at least like exp(-{rate} t), in {arithmetic} arithmetic"
     rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
     facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, "V": proof.weights}
-    known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, facts)
+    known = proved_check(observer, "step", _claim(observer, rule, dt), rate, error, facts)
     return Contraction((known, *_neighbour_checks(observer, rule, steps, far)), proof.rate, far, proof)
 
 
@@ -127,11 +127,11 @@ def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -
         longest = far.pieces[-1].high
         upto, most = f"{Down(longest, 3)} {observer.form.system.time}", Down(longest * steps.theta, 3)
         claim = f"so they do at every dt up to {upto}, of a larger theta while theta dt is up to {most}"
-        yield claimed(observer, "shorter", claim, reason, steps.error, _facts(rule, steps.theta, far.pieces))
+        yield proved_check(observer, "shorter", claim, reason, steps.error, _facts(rule, steps.theta, far.pieces))
     if far.tuned and far.least is not None:
         ends = f"from {same(float(far.least))} to {same(float(steps.theta))}"
         facts = _facts(rule, far.least, far.tuned)
-        yield claimed(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, facts)
+        yield proved_check(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, facts)
 
 
 def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
@@ -139,16 +139,16 @@ def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
 
 
 def _claim(observer: Observer, rule: str, dt: float) -> str:
-    return f"{running(observer, rule, dt)}, any two estimates that are given the same samples come together"
+    return f"{method_phrase(observer, rule, dt)}, any two estimates that are given the same samples come together"
 
 
-def running(observer: Observer, rule: str, dt: float) -> str:
+def method_phrase(observer: Observer, rule: str, dt: float) -> str:
     """Return the text "as it runs, by METHOD at dt = .. s", with which claims about a step begin; `rule`: the
     method."""
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
-def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
+def proved_check(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
     """Return the proved check OBSERVER.`fact` with the text `claim` and the `reason`; `facts`: its evidence for a
     certificate, which assumes the ranges of slopes in the `error` dynamics."""
     grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Facts(error, facts))

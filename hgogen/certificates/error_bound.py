@@ -26,9 +26,9 @@ import sympy as sp
 from hgogen.analysis.dynamics import linear_terms, reach, transformed
 from hgogen.analysis.maps import sided
 from hgogen.analysis.scaling import sizes_of_used
-from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.contraction import contraction, method_phrase, proved_check
 from hgogen.certificates.rounding_share import rounding_share
-from hgogen.certificates.start_set import NO_WAY, Running, Start, restart_calls, room, start_of
+from hgogen.certificates.start_set import NO_WAY, ContractingStep, Start, restart_calls, slack_before_guards, start_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.method import ProvableMethod
@@ -258,7 +258,7 @@ def _bounded(
     error_inputs |= _method_input(step, proof, plant)
     if not (error_inputs or real):
         raise Unbounded(because("nothing enters the error: that of the start decays, to nothing"))
-    running = Running(step, proof, plant, scales, heads)
+    running = ContractingStep(step, proof, plant, scales, heads)
     shares, fields = _shares(running, error_inputs), running.fields
     each_sample = zip(*(one.sizes.samples for one in error_inputs.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(plant.form.output)
@@ -275,7 +275,7 @@ def _bounded(
         begun = _start_multiple(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
-    return _stated(running, shares, begun, room(running, samples, early), start_residual, calls)
+    return _stated(running, shares, begun, slack_before_guards(running, samples, early), start_residual, calls)
 
 
 def _method_input(step: Step, proof: Contracts, plant: PlantStep) -> dict[str, ErrorInput]:
@@ -285,7 +285,7 @@ def _method_input(step: Step, proof: Contracts, plant: PlantStep) -> dict[str, E
     return {"method": method} if method.sizes.largest else {}
 
 
-def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
+def _shares(running: ContractingStep, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
     for name, one in error_inputs.items():
         relative = one.sizes.over(one.sizes.largest)
@@ -303,7 +303,7 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
 
 
 def _start_multiple(
-    running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
+    running: ContractingStep, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
     """Return the largest multiple of the initial errors from which the estimate, with
     further errors `totals` from inputs, reaches no limit; or why there is none."""
@@ -319,7 +319,7 @@ def _start_multiple(
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 
-def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
+def _calls(running: ContractingStep, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
     """Return the number of calls after which the initial error times min(1, `multiple`) has decayed
     to `residual`, by component of e: V(0) at the corners decreases by (1 - alpha h)^k."""
     begins, proof = running.begins(start, residual), running.proof
@@ -331,7 +331,7 @@ def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping
 
 
 def _stated(
-    running: Running,
+    running: ContractingStep,
     shares: Sequence[Share],
     begun: tuple[Start, Fraction] | Nothing,
     room: Mapping[int, Fraction] | None,
@@ -362,7 +362,9 @@ def _stated(
     bounded_states = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
     reason = joined(bounded_states, _settling(step, settled, multiple), NONE if alone else because(_GUARDS))
     facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": shares}
-    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
+    check = proved_check(
+        step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts
+    )
     return ErrorBound(
         check,
         parts,
@@ -395,7 +397,7 @@ def _bound_sentences(bounds: Mapping[str, float], parts: Mapping[str, Mapping[st
 
 
 def _settled(
-    running: Running,
+    running: ContractingStep,
     begun: tuple[Start, Fraction] | Nothing,
     room: Mapping[int, Fraction] | None,
     residual: Mapping[int, Fraction],
@@ -435,7 +437,7 @@ def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
     subject = f"of the states {', '.join(known)}" if known else "every state"
-    return f"{running(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
+    return f"{method_phrase(step.observer, step.code.rule, step.dt)}, {subject} is known within a bound, for ever"
 
 
 def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:

@@ -19,7 +19,7 @@ import sympy as sp
 
 from hgogen.analysis.ranges import fixed_parameters
 from hgogen.analysis.scaling import heads, sizes_of_used
-from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.contraction import contraction, method_phrase, proved_check
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
@@ -92,7 +92,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> N
     outputs = [output.name for output in form.system.outputs]
     gains = {(state, output): 0.0 for state in form.names for output in outputs}  # 0 for an output that is not injected
     gains |= {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
-    at = running(observer, rule, dt)
+    at = method_phrase(observer, rule, dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
     phrases = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
@@ -101,7 +101,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> N
     reason = because("{said}, in {arithmetic} arithmetic", said=phrases, arithmetic=proof.step.arithmetic)
     written = [{"state": i + 1, "output": j + 1, "bound": one} for (i, j), one in bounds.items()]
     facts = {"method": rule, "dt": Fraction(dt), "bounds": written}
-    return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, facts))
+    return NoiseGain(gains, proved_check(observer, "noise", claim, reason, error, facts))
 
 
 _FIX, _NO_V = "Validate by trials.", because("no V is found for all slopes in their ranges")
@@ -161,7 +161,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
         "mu": bound.mu,
         "V": bound.weights,
     }
-    return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
+    return L2Gain(number(bound.mu)[1], proved_check(observer, "l2_gain", claim, reason, known.error, facts))
 
 
 @asks_an_observer
@@ -189,7 +189,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     reason = because("{said}, {inputs}, {while_}", said=phrases, inputs=known.phrases, while_=_WHILE)
     facts = {"noise": known.noise, "beside": known.disturbances, "bounds": bounds}
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
-    return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, facts))
+    return IssGain(gains, proved_check(observer, "iss_gain", claim, reason, known.error, facts))
 
 
 # --- what enters

@@ -33,8 +33,8 @@ from typing import Any, Protocol
 import casadi as ca
 import sympy as sp
 
-from hgogen.analysis.evidence import Evidence, text
-from hgogen.certificates.start_set import Running, Start
+from hgogen.analysis.evidence import Evidence, certificate_text
+from hgogen.certificates.start_set import ContractingStep, Start
 from hgogen.discretisation.runge_kutta import RATE
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -166,7 +166,7 @@ class Listing:
     after: tuple[str, ...]
 
 
-def listed(step: Step, error: Inclusion) -> Listing | None:
+def program_listing(step: Step, error: Inclusion) -> Listing | None:
     """Return the program of a step as texts, for an observer with this `error` dynamics; None where a certificate
     cannot list it: with tables, loops over matrices, or tests of variables."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
@@ -217,7 +217,7 @@ def _constants(form: Form) -> list[Operand]:
     constants = []
     for x in sorted(numbers, key=sp.default_sort_key):
         value = Fraction(str(x)) if x.is_Rational else Fraction(str(x.evalf(_DIGITS)))
-        constants.append(Operand(text(form, x).replace(" ", ""), value))
+        constants.append(Operand(certificate_text(form, x).replace(" ", ""), value))
     return constants
 
 
@@ -357,7 +357,12 @@ class RoundingShare:
 
 
 def rounding_share(
-    running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
+    running: ContractingStep,
+    real: Real,
+    shares: Sequence[Share],
+    start: Start,
+    multiple: Fraction,
+    samples: Sequence[Fraction],
 ) -> RoundingShare:
     """Return the share of rounding errors in the precision `real` in an error bound whose other causes have the
     `shares`, for initial errors of `multiple` times those that the ranges allow, and sample errors of at most `samples`
@@ -387,7 +392,7 @@ def rounding_share(
     return RoundingShare(share, early, residual, calls)
 
 
-def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
+def _bounded(running: ContractingStep, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -431,7 +436,7 @@ class _Sizing:
     errors `samples` (p), `displacements` and `speeds` (n) of the plant in a call. The ranges of
     measured states are cut into pieces, on each of which sample and estimate are near each other."""
 
-    running: Running
+    running: ContractingStep
     real: Real
     samples: Sequence[Fraction]
     displacements: Sequence[Fraction]
@@ -443,7 +448,7 @@ class _Sizing:
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        listing = listed(self.running.step, self.running.error)
+        listing = program_listing(self.running.step, self.running.error)
         if listing is None:
             return {}
         return {

@@ -17,7 +17,7 @@ from functools import lru_cache
 import casadi as ca
 import sympy as sp
 
-from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.contraction import contraction, method_phrase, proved_check
 from hgogen.check import Check
 from hgogen.graph import Graph
 from hgogen.observer import Observer
@@ -65,7 +65,7 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 
 @dataclass(frozen=True, eq=False)
-class Running:
+class ContractingStep:
     """A `step` that is proved to contract, by `proof`, with its `plant` over one call. `scales` (N): e_k over the error
     of the state that e_k belongs to; `heads`: by output, the first state z_i of its chain and dy/dz_i."""
 
@@ -151,10 +151,8 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
     begun = {name: number(value)[1] for name, value in zip(names, start.first, strict=True)}
     pattern = "{state} errs by at most {peak} from {first}"
     phrases = [Sentence.of(pattern, state=x, peak=Up(largest[x], 3), first=Up(begun[x] * scale, 3)) for x in names]
-    claim = (
-        f"{running(observer, rule, dt)}, first errors of up to {Down(multiple, 3)} times what the ranges allow never "
-        "touch the estimate's limits"
-    )
+    at, most = method_phrase(observer, rule, dt), Down(multiple, 3)
+    claim = f"{at}, first errors of up to {most} times what the ranges allow never touch the estimate's limits"
     limits = [{"field": k + 1, "limit": limit} for k, limit in start.limits.items()]
     facts = {
         "method": rule,
@@ -163,7 +161,9 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
         "clear": {"V": clear.weights, "multiple": multiple, "limits": limits},
         "peaks": [{"V": one.weights, "bound": max(one.bounds.values())} for one in peaks],
     }
-    check = claimed(observer, "start", claim, because("without noise {each}", each=phrases), proof.steps.error, facts)
+    check = proved_check(
+        observer, "start", claim, because("without noise {each}", each=phrases), proof.steps.error, facts
+    )
     return StartSet(begun, number(multiple)[0], largest, check)
 
 
@@ -213,9 +213,12 @@ def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> l
 _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, for a comparison in floats
 
 
-def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
+def slack_before_guards(
+    running: ContractingStep, samples: Sequence[Fraction], totals: Mapping[int, Fraction]
+) -> dict[int, Fraction] | None:
     """Return, by index k of e_k, the additional error beyond its bound in `totals` up to which no guard of the step
-    acts; None where a guard may act within these bounds. `samples` (p): the largest errors of samples."""
+    acts (such as a restart after large innovations); None where a guard may act within these bounds. `samples` (p): the
+    largest errors of samples."""
     form, layout = running.step.observer.form, running.error.layout
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
@@ -236,7 +239,7 @@ def restart_calls(step: Step) -> int:
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 
-def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
+def _undetected_errors(running: ContractingStep, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
     form, heads, inside = running.step.observer.form, running.heads, running.plant.margins
     spans = [high - low for low, high in readings(form)]
     for sign in running.step.code.signs:

@@ -25,7 +25,7 @@ import sympy as sp
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.ranges import fixed_parameters, limit_lines, span
-from hgogen.analysis.scaling import mean
+from hgogen.analysis.scaling import chain_errors
 from hgogen.check import Check
 from hgogen.estimators.gains import ScaledGain, coefficients
 from hgogen.form import Form
@@ -334,6 +334,6 @@ def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float],
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + K.injection(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
+        return {"z": A @ values["z"] + K.injection(chain_errors(dynamics.form, weights, y - C @ values["z"], valid), n)}
 
     return Ode((), remainder, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))

@@ -30,7 +30,16 @@ from hgogen.prove.dissipation import BadErrorSystem, Dissipation, dissipation, e
 from hgogen.prove.plant_step import ERROR_INPUTS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import Misfit
-from hgogen.reading.text_model import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
+from hgogen.reading.text_model import (
+    EXPRESSION,
+    NUMBER,
+    TABLE,
+    TEXT,
+    BadModelFile,
+    PlainModel,
+    demand_keys,
+    with_file_errors,
+)
 from hgogen.rigor.rounding import REALS
 from hgogen.system import System
 from hgogen.trial import Settled, Trial, t
@@ -115,8 +124,10 @@ def trial_of(model: PlainModel) -> Trial:
     if not isinstance(count, int) or not 1 <= count <= SEEDS:
         raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {SEEDS}")
     texts = {name: str(value) for name, value in table.get("inputs", {}).items()}
-    inputs = {name: named(file, f"trial.inputs.{name}", parse, text, {"t": t}) for name, text in texts.items()}
+    inputs = {
+        name: with_file_errors(file, f"trial.inputs.{name}", parse, text, {"t": t}) for name, text in texts.items()
+    }
     fields = {"name": "trial", "start": {}, "seeds": 12, **table, "inputs": inputs}
     if "settled" in table:
         fields["settled"] = Settled(**table["settled"])
-    return named(file, "trial", Trial, **fields)
+    return with_file_errors(file, "trial", Trial, **fields)

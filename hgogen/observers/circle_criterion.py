@@ -20,7 +20,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import clamped_lipschitz
-from hgogen.analysis.scaling import mean, weighted
+from hgogen.analysis.scaling import chain_errors, output_weights
 from hgogen.estimators.gains import ScaledGain, columns
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
@@ -28,7 +28,7 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, demand_form, positive_theta, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.constant_gain import bounded, constant_gain, entries_of, injected, no_argument, sample_in_place
+from hgogen.prove.constant_gain import argument_obstacle, bounded, constant_gain, entries_of, injected, sample_in_place
 from hgogen.prove.region import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
@@ -80,8 +80,8 @@ def circle_criterion(
     accept = demand_form("circle_criterion", form, accept)
     high, dynamics = positive_theta(theta), Dynamics(form)
     theta = high.initial[0]
-    chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)
-    if why := no_argument(form):
+    chosen = constant_gain("circle_criterion", form, poles, gains, output_weights(form, None), endless=True)
+    if why := argument_obstacle(form):
         raise BadGain("circle_criterion", f"does not take this form: {why}; use high_gain")
     entries = _entries(form, argument)
     placed = zip(columns(form, len(entries)), entries, strict=True)
@@ -124,11 +124,11 @@ def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
 
 def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
     """Return z' = A z + K (y - C z - offset) + b(z + N (y - C z - offset), u) as a differential equation."""
-    form, weights = dynamics.form, weighted(dynamics.form, None)
+    form, weights = dynamics.form, output_weights(dynamics.form, None)
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
-        e = mean(form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
+        e = chain_errors(form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
         return {"z": dynamics.nonlinear(z + N.injection(e, dynamics.n), u)}
 
     part = injected_chains(dynamics, K, weights, remainder)

@@ -25,7 +25,7 @@ from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import clamped_lipschitz
 from hgogen.analysis.linearised import largest_determinant
 from hgogen.analysis.ranges import Limits, limit_lines, saturated
-from hgogen.analysis.scaling import mean, redundant_outputs, unused, weighted
+from hgogen.analysis.scaling import chain_errors, output_weights, redundant_outputs, unused
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
@@ -103,7 +103,7 @@ def high_gain(
     form = saturated(form, saturate, arguments)
     high, dynamics = positive_theta(theta), Dynamics(form)
     theta = high.initial[0]
-    by_weight = weighted(form, weights)
+    by_weight = output_weights(form, weights)
     chosen = constant_gain("high_gain", form, poles, gains, by_weight)
     z, least = state_field(form, initial, theta), _least(dynamics, singular)
     part = replace(
@@ -145,7 +145,7 @@ def high_gain(
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
-    names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
+    names, numbers = [y.name for y in form.system.outputs], output_weights(form, weights)
     for chain in (chain for chain in redundant_outputs(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
         lead = names[chain[0].output]
@@ -172,7 +172,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
 
     def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
-        e = mean(dynamics.form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
+        e = chain_errors(dynamics.form, weights, dynamics.error(y, dynamics.output(z, u)), valid)
         return {"z": dynamics.flow(z, u) + chosen.K.injection(e, dynamics.n)}
 
     return Ode((), remainder, core=theta * chosen.vertices)

@@ -28,7 +28,7 @@ from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
 from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
-from hgogen.prove.steady_filter import Linear, in_chains, linear, settles
+from hgogen.prove.steady_filter import Linear, demand_chains, divergence_reason, linear
 from hgogen.reading.given import BadGain, Matrix, Values
 from hgogen.sentence import because, joined
 from hgogen.starting import starts
@@ -149,7 +149,7 @@ def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
         return Check(id, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=_TRIALS)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         Q, R = part.noise_covariance, part.nominal[1].tolist()
-        obstacle = settles(plant, Q, theta.theta)
+        obstacle = divergence_reason(plant, Q, theta.theta)
         if obstacle is None:
             numbers = {"theta": Fraction(theta.theta), "Q": Q, "R": tuple(map(Fraction, R))}
             reason = because("the plant is linear, (C, A) is observable and (A, Q) controllable, by exact ranks")
@@ -157,7 +157,7 @@ def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
         return Check(id, LINEAR.conclusion, Verdict.UNKNOWN, obstacle, fix=_TRIALS)
     conclusion, reason, fix = theta.theorem.conclusion, because(_EXISTENTIAL), _TRIALS
     try:
-        in_chains(form)
+        demand_chains(form)
     except BadGain:
         return Check(id, conclusion, Verdict.UNKNOWN, reason, fix=fix)
     settled = because("in chains the gain to which it settles can be proved as it runs, by hg.design.steady_gain")

@@ -29,7 +29,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.ranges import chains, fixed_parameters, several_corners
-from hgogen.analysis.scaling import error_shares, weighted
+from hgogen.analysis.scaling import error_shares, output_weights
 from hgogen.estimators.gains import ScaledGain, as_matrix, coefficients, columns
 from hgogen.estimators.integrators import Integrators, companion, demand_divisor, demand_linear_rows, no_chain
 from hgogen.form import Form
@@ -41,7 +41,7 @@ from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import NONE, Reason, because
 
 
-def no_argument(form: Form) -> Reason:
+def argument_obstacle(form: Form) -> Reason:
     """Return the reason why an observer on this form cannot evaluate the nonlinear part b at z + N (y - C z) instead of
     z; `NONE` where it can."""
     if form.jacobian is not None:
@@ -77,7 +77,7 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
     if len(known) < len(scaled) or not error.B.size:
         error, samples = error.without_samples, np.zeros((form.n, 0))
     else:
-        samples = as_matrix(form, known) @ error_shares(form, weighted(form, None))
+        samples = as_matrix(form, known) @ error_shares(form, output_weights(form, None))
     slopes = list[Slope]()
     for slope in error.slopes:  # slopes of b read the argument of b, and so the samples
         at = None if slope.entry is None else slope.reads.index(1)

@@ -538,7 +538,7 @@ class AtTheta:
         return {"alpha": self.falls.alpha, "V": self.falls}
 
 
-def claims(
+def convergence_checks(
     maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
     """Return the two checks of an observer's convergence that the search `flow` proves: `MAKER.convergence`, that

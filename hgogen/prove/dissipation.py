@@ -42,8 +42,8 @@ from hgogen.form import Form
 from hgogen.reading.given import (
     BadNames,
     Misfit,
+    demand_limits,
     in_order,
-    limits,
     names_of,
     quadratic,
     requires_plant,
@@ -156,13 +156,14 @@ class ErrorSystem:
 
 @requires_plant
 def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> ErrorSystem:
-    """Return the error system of xhat' = f(xhat, u) + gain (y - h(xhat, u)) on the plant, its errors named e_STATE.
+    """Return the error system of the observer xhat' = f(xhat, u) + gain (y - h(xhat, u)) on the plant x' = f + G1 w, y
+    = h + G2 w, with errors named e_STATE.
 
-    Args: `gain` l (n, p) of numbers or expressions, of the plant's states, which mean the estimate there, inputs and
-    parameters (for one output n of them will do); `G1` (n, k), `G2` (p, k) of states, inputs and parameters, by default
-    (I, 0) and (0, I): a disturbance on every row of f and on every output. Rows, and of `gain` columns, may be given by
-    the names of states and outputs. Inputs, parameters and states take their declared ranges; a parameter without one
-    has its value.
+    Args: `gain` l (n, p): numbers, or expressions of the plant's states, which mean the estimate here, inputs and
+    parameters (for one output a sequence of n); `G1` (n, k), `G2` (p, k): expressions of states, inputs and parameters,
+    by default (I, 0) and (0, I), which is a disturbance on every row of f and on every output. Rows, and columns of
+    `gain`, may be given by the names of states and outputs. Inputs, parameters and states have their declared ranges; a
+    parameter without one has its value.
 
     Raises: `Misfit`; `BadNames`; `BadErrorSystem` for matrices of another shape.
     """
@@ -246,14 +247,14 @@ def _ends(name: str, value: Any) -> tuple[Any, Any]:
 def observer_errors(
     plant: System, observer: Any, *, unknown: Iterable[Any] | Signal | str, along: Mapping[Any, Any] | None = None
 ) -> ErrorSystem:
-    """Return the error system of xhat' = observer on the plant, its errors named e_STATE.
+    """Return the error system of an observer xhat' = g(xhat, y, u) of any form on the plant, with errors named e_STATE.
 
-    Args: `observer` (n) expressions of the plant's states, which mean the estimate, outputs, known inputs and
-    parameters, in the order of the states or by their names; `unknown` inputs or their names, or one alone: they are
-    the disturbances w; `along` the states that are functions of others while the plant runs, by name, such as {"x2":
-    x1**2}.
+    Args: `observer`: g (n), expressions of the plant's states, which mean the estimate here, outputs, known inputs and
+    parameters, in the order of the states or by their names; `unknown`: the inputs that the observer does not know, or
+    their names, or a single one: they are the disturbances w; `along`: the states that are functions of others while
+    the plant runs, by name, such as {"x2": x1**2}.
 
-    Raises: `Misfit`; `BadNames`; `BadGain` for an `unknown` that is no names; `BadErrorSystem` where `along` is not
+    Raises: `Misfit`; `BadNames`; `BadGain` for an `unknown` that is no name; `BadErrorSystem` where `along` is not
     invariant, or the error system is not affine in w.
     """
     states = names_of(plant.states)
@@ -463,7 +464,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     """
     if not isinstance(system, ErrorSystem):
         raise Misfit("dissipation", system, "an error system: hg.error_system(plant, gain)")
-    limits("dissipation", boxes)
+    demand_limits("dissipation", boxes)
     around, level, mu = _error_box(system, within), _function(system, V), _positive("mu", mu)
     obstacle = _obstacle(system, level, around, boxes)
     zero = dict.fromkeys(system.errors, sp.S.Zero)

@@ -42,14 +42,14 @@ import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, enclosure, outward
 from hgogen.analysis.ranges import chains, cut_reason, fixed_parameters, span
-from hgogen.analysis.scaling import ALIGNED, error_shares, exponents, heads, sharing, weighted
+from hgogen.analysis.scaling import ALIGNED, error_shares, exponents, heads, output_weights, sharing
 from hgogen.analysis.undefined import part_without_value
 from hgogen.check import Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators
 from hgogen.form import Form
 from hgogen.prove.inclusion import Inclusion, Layout, Nothing, Slope, field_row
-from hgogen.prove.inequality import one_by_one
+from hgogen.prove.inequality import few_corners
 from hgogen.prove.quadratic import (
     Array,
     fractions,
@@ -225,11 +225,14 @@ def on_integrators(
     gates: Iterable[tuple[int, np.ndarray]] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """Return the error dynamics of an estimator on a chain of integrators w, in errors of
-    w in `nominal_units`. `core` (N, N) and `measured` (N, p): effects of errors and
-    samples at theta = 1; `numbers`: the observer's arguments; `gates`: indices of
-    errors that pass a saturation, with a factor in [0, 1], each with its column of the
-    `core`; `endless`: whether partial derivatives of b may be unbounded on one side."""
+    """Return the error dynamics of an observer on a chain of integrators w, in errors of w in `nominal_units`; or the
+    reason why there are none.
+
+    `layout`: the states to which the N components of the error belong; `core` (N, N), `measured` (N, p): the matrices
+    of the error and of the samples' errors at theta = 1; `numbers`: the observer's arguments; `gates`: the indices of
+    errors that pass a saturation, whose uncertain factor is in [0, 1], each with its column of `core`; `endless`:
+    whether partial derivatives of b may be unbounded on one side.
+    """
     reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
@@ -265,11 +268,12 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
 def on_companion(
     chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error dynamics of an observer with gains p_i/(a_1 .. a_i), `p` (n) the coefficients
-    of the chains' polynomials; outputs that measure one state have `weights` (p), by default
-    equal ones. `endless`: whether partial derivatives of b may be unbounded on one side."""
+    """Return the error dynamics of an observer whose gains are p_i/(a_1 .. a_i), a_i the gains of its chains; or the
+    reason why there are none. `p` (n): the coefficients of the chains' characteristic polynomials; `weights` (p): those
+    of outputs in the mean of the outputs that measure the same state, by default equal ones; `endless`: whether partial
+    derivatives of b may be unbounded on one side."""
     form, exactly = chain.form, [Fraction(x) for x in p]
-    weights = weights or weighted(form, None)
+    weights = weights or output_weights(form, None)
     products = from_form(form, [Fraction(1)] * form.n)
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     numbers |= _weights(form, weights)
@@ -285,9 +289,10 @@ def on_companion(
 def with_gains(
     form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """Return the error dynamics of an observer with a constant gain K, entries (n, or n q) in z,
-    whose a_i may vary with inputs; outputs that measure one state have `weights` (p), by default
-    equal ones. `endless`: whether partial derivatives of b may be unbounded on one side."""
+    """Return the error dynamics of an observer with a constant gain `K` (n, or n q in the order of `columns`) in the
+    coordinates z, where the gains a_i of the chains may vary with inputs; or the reason why there are none. `weights`
+    (p): those of outputs in the mean of the outputs that measure the same state, by default equal ones; `endless`:
+    whether partial derivatives of b may be unbounded on one side."""
     reason = obstacle(form, endless)
     if reason:
         return Nothing(reason)
@@ -306,7 +311,7 @@ def with_gains(
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
         slopes.append(Slope(field_row(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
-    weights = weights or weighted(form, None)
+    weights = weights or output_weights(form, None)
     numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
     error = inclusion(form, plain(form), core, gain @ error_shares(form, weights), ones, one, numbers, slopes, endless)
@@ -409,7 +414,7 @@ def _together(
     partial derivatives of b and of the q_k in `shares`, in each range of
     the gains `pushes`, K_i q_1 .. q_(i-1); () if they are too many."""
     ends = [sorted(set(pair)) for pair in shares]
-    if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
+    if not few_corners(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()
     places = [
         tuple(

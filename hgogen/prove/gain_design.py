@@ -38,7 +38,7 @@ import sympy as sp
 from hgogen.errors import HgogenError
 from hgogen.estimators.gains import as_matrix, columns
 from hgogen.form import Form
-from hgogen.prove.constant_gain import entries_of, injected, no_argument, numbers_in_place
+from hgogen.prove.constant_gain import argument_obstacle, entries_of, injected, numbers_in_place
 from hgogen.prove.convergence import DecayProof, Flow
 from hgogen.prove.error_models import with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
@@ -530,7 +530,7 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
     if argument is None or argument is False:
         return ((),)
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
-    if why := no_argument(form) or moving:
+    if why := argument_obstacle(form) or moving:
         raise BadGain("argument", f"is not designed for {form.system.name}: {why}; leave it out")
     if argument is True:
         return (), _least_noise(form, task, sizes)

@@ -190,18 +190,18 @@ def _one(like: Array, size: int) -> Array:
     return np.eye(size) if like.dtype == float else identity(size)
 
 
-def one_by_one(n: int, m: int) -> bool:
-    """Return whether all 2^m corners of m uncertain slopes can be checked, since 2^m n^3 <= 2^13 for an error of n
-    components."""
+def few_corners(n: int, m: int) -> bool:
+    """Return whether the corners of [-1, 1]^m, for m uncertain slopes, are few enough to be checked one by one: 2^m n^3
+    <= 2^13 for an error of n components."""
     return bool(2**m * n**3 <= WORK)
 
 
 def vertex_systems(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
     """Return error systems without uncertain slopes whose convex hull contains e: one for each corner of [-1, 1]^m, or
-    for each point of a `hull` (k, m) that contains the slopes. Where there are too many corners (`one_by_one`) only e
+    for each point of a `hull` (k, m) that contains the slopes. Where there are too many corners (`few_corners`) only e
     itself, with its uncertain slopes."""
     m, n = e.H.shape
-    if not (hull or one_by_one(n, m)):
+    if not (hull or few_corners(n, m)):
         return (e,)
     places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
     return tuple(map(e.with_constant_slopes, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
@@ -222,9 +222,9 @@ def noise_forms(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = (
 
 
 def driven_by_multipliers(e: Uncertain, alpha: Any) -> Quadratic:
-    """Return the noise inequality in continuous time as a single quadratic form for all slopes of e, with one
-    multiplier S_jj >= 0 for each slope instead of the corners of `noise_forms`. It proves V' <= -alpha V + sum_k
-    lambda_k v_k^2."""
+    """Return the noise inequality in continuous time for the error system e as a single quadratic form for all
+    uncertain slopes, with one multiplier S_jj >= 0 for each slope instead of the corners of `noise_forms`. It proves V'
+    <= -alpha V + sum_k lambda_k v_k^2, V = e'P e, v the inputs."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 

@@ -60,10 +60,10 @@ from hgogen.form import Form
 from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym
-from hgogen.prove.convergence import CLOSE, SLOW, DecayProof, Flow, claims, unknown_checks
+from hgogen.prove.convergence import CLOSE, SLOW, DecayProof, Flow, convergence_checks, unknown_checks
 from hgogen.prove.error_models import GROWTHS, from_form, inclusion, nominal_units, obstacle, plain
 from hgogen.prove.inclusion import Nothing
-from hgogen.prove.inequality import one_by_one
+from hgogen.prove.inequality import few_corners
 from hgogen.prove.quadratic import Array, Weights, fractions, rational
 from hgogen.prove.semidefinite import STATES, lyapunov
 from hgogen.reading.given import BadGain, positive, real
@@ -276,7 +276,7 @@ class LimitedInjection(Flow):
         if not all(definite.positive(fmpq_mat(rational(-form).tolist())) for form in forms):
             return None
         P = self._P(one)
-        S = () if one_by_one(len(P), len(H)) else tuple(map(_multiplier, (np.array(P) @ G / theta).T))
+        S = () if few_corners(len(P), len(H)) else tuple(map(_multiplier, (np.array(P) @ G / theta).T))
         return DecayProof(theta, alpha, Weights(P, S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
@@ -295,7 +295,7 @@ class LimitedInjection(Flow):
             """Return the matrices behind the saturation or dead zone, and where all of the error is injected."""
             return way.form(N, K, P, mu, tau) + a * way.value(P, mu), N.T @ P + P @ N + a * P
 
-        if one_by_one(n, m):
+        if few_corners(n, m):
             return [form for d in product((-1, 1), repeat=m) for form in forms(N + (G * np.array(d)) @ H)]
         steps = [forms(N + np.outer(g, h)) for g, h in zip(G.T, H, strict=True)]
         S = [number(_multiplier(v)) for v in (P @ G).T]
@@ -399,7 +399,7 @@ def _claims(name: str, chain: Integrators, theta: float, K: np.ndarray, adaptati
     sought, core = limited_injection(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
     if isinstance(sought, Nothing):
         return core, *unknown_checks(name, theta, sought.reason)
-    return core, *claims(name, chain.form, sought, numbers)
+    return core, *convergence_checks(name, chain.form, sought, numbers)
 
 
 def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shape, decay: float, start: float) -> Ode:

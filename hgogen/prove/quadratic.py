@@ -221,8 +221,8 @@ def balanced_units(form: Quadratic, W: Array) -> Array:
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
-    """Return whether P > 0 and all `forms` (floats) are negative at P and S, by a margin of 1e-8 for rounding, in
-    coordinates e = `W` x in which P is close to the unit matrix; None for e itself."""
+    """Return whether P > 0 and all `forms` (floats) are negative at P and S, by a margin of 1e-8 for rounding. The
+    margin is measured in coordinates x, e = `W` x, in which P is close to the unit matrix; with W = None in e."""
     values, P = _valued(forms, P, S, W)
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
@@ -320,5 +320,5 @@ def _product(*factors: Array) -> tuple[Any, Any]:
 
 
 def stacked(rows: Sequence[Array], size: int) -> Array:
-    """Return the matrix (k, size), in FLINT's rationals, with these k `rows`; (0, size) for none."""
+    """Return the matrix (k, size), in FLINT's rationals, whose rows are the k `rows`; (0, size) for none."""
     return np.array([list(row) for row in rows], dtype=object).reshape(len(rows), size)

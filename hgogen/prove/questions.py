@@ -173,8 +173,8 @@ def weights_in_floats(
 
 @dataclass(frozen=True)
 class Confined:
-    """A proof, by the `weights` P and S, that errors with initial values in a box always have |c e| <= bound; `bounds`:
-    by key of the row c."""
+    """A proof that errors e with initial values in a box have |c e| <= bound at all times, because e'P e, with the
+    `weights` P and S, does not grow. `bounds`: the bound by key of the row c."""
 
     weights: Weights
     bounds: Mapping[int, Fraction]

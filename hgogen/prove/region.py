@@ -22,7 +22,7 @@ from fractions import Fraction
 from hgogen.analysis.evidence import Grounds, outward
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.prove.convergence import Flow, OneSided, claims, unknown_checks
+from hgogen.prove.convergence import Flow, OneSided, convergence_checks, unknown_checks
 from hgogen.prove.inclusion import NO_SCALES, Facts, Inclusion, Nothing, state_row
 from hgogen.prove.inequality import ROWS, Steps, flow
 from hgogen.prove.plant_step import heads_of
@@ -66,7 +66,7 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
     if isinstance(error, Nothing):
         return unknown_checks(maker, theta, error.reason)
     search = (OneSided if error.endless else Flow)(error, Fraction(theta))
-    known = claims(maker, form, search, {"theta": theta, **error.numbers})
+    known = convergence_checks(maker, form, search, {"theta": theta, **error.numbers})
     turning = [y.name for y in form.system.outputs if y.period is not None]
     return tuple(_within(maker, form, search, known, turning)) if turning else known
 

@@ -92,7 +92,7 @@ def steady_gain(
     is observable; `BadNames`; `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not
     have; `Misfit`.
     """
-    in_chains(form)
+    demand_chains(form)
     noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
     variances = np.array(positive_numbers("R", by_output("R", R, form), len(form.output)))
     point, place = _point(form, at, u)
@@ -115,7 +115,7 @@ def steady_gain(
     return tuple(K[:, 0].tolist()) if len(form.output) == 1 else tuple(map(tuple, K.tolist()))
 
 
-def in_chains(form: Form) -> None:
+def demand_chains(form: Form) -> None:
     """Demand a form with a chain for each output, as a constant gain needs in place of a filter's. Raises:
     `BadGain`."""
     constant_chains("steady_gain", form)
@@ -205,9 +205,9 @@ def linear(form: Form) -> Linear | Reason:
     return Linear(*(tuple(tuple(Fraction(int(e.p), int(e.q)) for e in row) for row in M.tolist()) for M in (A, C)))
 
 
-def settles(plant: Linear, Q: definite.Matrix, theta: float) -> Reason | None:
-    """Return None where the Kalman filter of a linear plant with Q (n, n) and a constant theta converges, by the ranks
-    of (C, A) and (A, Q); else the condition that fails."""
+def divergence_reason(plant: Linear, Q: definite.Matrix, theta: float) -> Reason | None:
+    """Return the reason why the Kalman filter of a linear plant with Q (n, n) and a constant theta is not proved to
+    converge, by the ranks of (C, A) and (A, Q); None where it is."""
     A, C, noise = exact(plant.A), exact(plant.C), exact(Q)
     if not theta > 0:
         return because("theta is not positive")

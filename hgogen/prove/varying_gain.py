@@ -96,7 +96,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators, companion
 from hgogen.form import Form
-from hgogen.prove.convergence import DecayProof, Flow, GainVariation, claims, unknown_checks
+from hgogen.prove.convergence import DecayProof, Flow, GainVariation, convergence_checks, unknown_checks
 from hgogen.prove.error_models import companions, on_integrators, plain, slope
 from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.quadratic import Array, floats, identity, inverse_root, rational
@@ -408,8 +408,8 @@ def numbers(candidate: Candidate, assumptions: Assumptions) -> dict[str, Any]:
 
 
 def gain(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
-    """Return a proved bound mu = sqrt(2 s) high^n of the L2 gain, by the inequality (87) with a small s; None where
-    (70) or (87) does not hold."""
+    """Return a proved bound mu = sqrt(2 s) high^n of the L2 gain from the disturbance to the error, by the inequality
+    (87) of Alessandri (2020) with a small s; None where its (70) or (87) does not hold."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
@@ -424,8 +424,8 @@ def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | 
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
-    """Return a small s for which (87) is proved with delta_i alpha_i = s: rate - lambda I - (delta_1 P P + delta_2 P K
-    K'P)/s >= 0, lambda = `decay`; None where there is none."""
+    """Return a small s for which the inequality (87) of Alessandri (2020) is proved with delta_i alpha_i = s, for
+    lambda = `decay`: rate - lambda I - (delta_1 P P + delta_2 P K K'P)/s >= 0; None where there is none."""
     M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
@@ -483,7 +483,7 @@ def varying_gain_checks(
         flow = next((flow for flow in flows if flow.least is not None), flows[0])
     except OverflowError:  # the claims report it
         flow = flows[0]
-    return _named(law, claims(maker, form, flow, numbers, law.name))
+    return _named(law, convergence_checks(maker, form, flow, numbers, law.name))
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
@@ -630,7 +630,7 @@ def switching_checks(
     else:
         numbers = {"theta": theta, "theta_low": low, "hold": hold, **error.numbers}
         flow = Flow(error, Fraction(low))
-        known = claims(maker, form, flow, numbers, "theta_low", "between switches")
+        known = convergence_checks(maker, form, flow, numbers, "theta_low", "between switches")
         if known[1].verdict is Verdict.PROVED:
             hold_check = _dwell(hold_check, flow, Fraction(theta), hold)
         hold_check = replace(hold_check, proofs=tuple(Grounds(numbers, proof) for proof in hold_check.proofs))

@@ -141,7 +141,7 @@ def scalar(value: Any, what: str) -> sp.Expr:
     return expression
 
 
-def limits(what: str, boxes: int, relative: float = 0.0) -> None:
+def demand_limits(what: str, boxes: int, relative: float = 0.0) -> None:
     """Check the limits of a bisection: raise `Misfit` unless the number of boxes is at least 1, and `relative` is a
     number from 0 on."""
     if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:

@@ -97,8 +97,8 @@ def unwrapped_outputs(plant: System) -> tuple[Course, ...]:
 
 
 def jumps_by_turns(courses: Iterable[Course], samples: np.ndarray, dt: float, time: str) -> Iterator[str]:
-    """Yield a sentence for each of the outputs whose samples jump by a whole turn. `courses`: the result of
-    `unwrapped_outputs`; `samples` (N, p): one row each `dt`, in the unit `time`."""
+    """Yield a sentence for each output whose samples jump by a whole turn. `courses`: the outputs without a period, as
+    `unwrapped_outputs` returns them; `samples` (N, p): one row each `dt`, in the unit `time`."""
     for j, y, widths, names in courses:
         column = samples[:, j]
         jump = turn_of(y, column, widths)
@@ -109,7 +109,7 @@ def jumps_by_turns(courses: Iterable[Course], samples: np.ndarray, dt: float, ti
         unit = f" {y.unit}" if y.unit else ""
         yield (
             f"{y.name} jumps by {step:.4g}{unit} at sample {at} ({at * dt:.6g} {time} after the first), a whole turn, "
-            f"which is taken for a motion of the plant: declare period = {written(turn)} of {names}, in place of low "
+            f"which is taken for a motion of the plant: declare period = {turn_text(turn)} of {names}, in place of low "
             "and high"
         )
 
@@ -128,6 +128,6 @@ def other_angle(signal: Signal, values: np.ndarray) -> str | None:
     )
 
 
-def written(turn: float) -> str:
+def turn_text(turn: float) -> str:
     """Return a turn as text for a declaration: 2*pi, or the number."""
     return "2*pi" if turn == RADIANS else f"{turn:g}"

@@ -174,21 +174,24 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
 
     def expressions(kind: str, key: str) -> list[Fold]:
         return [
-            named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols | {t.name: now}, tables)
+            with_file_errors(
+                file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols | {t.name: now}, tables
+            )
             for name, entry in groups[kind].items()
         ]
 
     rows = {"flow": expressions("states", "flow"), "output": expressions("outputs", "equation")}
     rows["invariants"] = [
-        named(file, "invariants", read_expression, str(text), symbols, tables) for text in table.get("invariants", ())
+        with_file_errors(file, "invariants", read_expression, str(text), symbols, tables)
+        for text in table.get("invariants", ())
     ]
     readings = {what: [one.reading for one in group] for what, group in rows.items()}
     about = {"time": table.get("time", "s"), "discrete": table.get("discrete", False)}
-    plant = named(file, "", System, table["name"], **readings, **signals, **about)
+    plant = with_file_errors(file, "", System, table["name"], **readings, **signals, **about)
     for name, entry in table.get("disturbances", {}).items():
         signal = _signal(file, "disturbances", name, entry, DISTURBANCE, "on")
         on, order = entry["on"], entry.get("order", 1)
-        plant = named(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
+        plant = with_file_errors(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
     others = {key: table.get(key, "" if TOP[key] == TEXT else {}) for key in OTHER_KEYS}
     return PlainModel(file, plant, **others, folds=tuple(one for group in rows.values() for one in group if one.lost))
 
@@ -245,8 +248,10 @@ def _signal(file: str, kind: str, name: str, entry: Any, keys: Mapping[str, str]
     demand_keys(file, where, entry, keys, needed)
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     if "period" in entry:
-        declared["period"] = named(file, f"{where}.period", read_expression, str(entry["period"]), {}).reading
-    return named(file, where, Signal, name, nominal=entry.get("value"), **declared)
+        declared["period"] = with_file_errors(
+            file, f"{where}.period", read_expression, str(entry["period"]), {}
+        ).reading
+    return with_file_errors(file, where, Signal, name, nominal=entry.get("value"), **declared)
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
@@ -254,10 +259,10 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
     for key in ("x", "y"):
         demand_keys(file, where, entry, POINTS, key)
     *axes, values = (entry[key] for key in _COORDINATES if key in entry)
-    return named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
+    return with_file_errors(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
 
 
-def named(file: str, where: str, function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
+def with_file_errors(file: str, where: str, function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
     """Return function(*args, **kwargs), with an error in it replaced by a `BadModelFile` that names the `file` and, by
     `where`, the key."""
     try:
