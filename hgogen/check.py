@@ -18,7 +18,8 @@ ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form origina
 
 
 class Verdict(StrEnum):
-    """A verdict on a claim."""
+    """A verdict on a claim: proved, refuted, true under a condition (`where`), true outside a set of measure zero
+    (`generic`), or unknown."""
 
     PROVED = "proved"
     REFUTED = "refuted"

@@ -91,7 +91,7 @@ def binary(operation: int, a: Graph, b: Graph) -> Graph:
 
 
 def is_outside(value: Graph, low: float, high: float) -> Graph:
-    """Return an SX: whether a value is below `low` or above `high`."""
+    """Return an SX that is 1 if the value is below `low` or above `high`, else 0."""
     return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
 
 

@@ -53,7 +53,7 @@ def address(symbol: Graph) -> tuple[Place, int, int]:
 
 
 def column(values: Iterable[Graph]) -> Graph:
-    """Return the SX column of scalars, empty for none."""
+    """Return the SX scalars as one SX column; an empty column for none."""
     values = list(values)
     if len(values) == 1:
         return sx(values[0])

@@ -53,9 +53,9 @@ Names = tuple[list[str], Callable[[], list[str]], Callable[[str], Any]]
 
 
 def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -> Names:
-    """Return `__all__`, `__dir__` and `__getattr__` of a folder, whose names are its cases, each after `prepared`. The
-    file of a case is imported when its name is first read; its import binds the name to the case, not to the module.
-    Raises: `NoCase`, when a case is read."""
+    """Return `__all__`, `__dir__` and `__getattr__` for the folder `package`, whose public names are its cases;
+    `prepared`: a function that is applied to each case. The file of a case is imported when its name is first read, and
+    the name is then bound to the case, not to the module. Raises: `NoCase`, when a case is read."""
     folder = sys.modules[package]
     names = sorted(info.name for info in iter_modules(folder.__path__))
 

@@ -121,7 +121,7 @@ class Sentence:
 
 
 class Reason(Sentence):
-    """The reason of a verdict."""
+    """The reason of a verdict: how it was reached, as a sentence with its values."""
 
 
 because = Reason.of

@@ -214,11 +214,11 @@ class Code:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step:
-    """The program of an observer at the sampling period `dt`, in the unit of the model's time like all times.
+    """The program of an observer at the sampling period `dt`. All its times are in the unit of the model's time.
 
     `clock`: the sampling, the course of the input between samples, the guards and the preference; `layout`: its memory;
-    `code`: its programs; `plain`: for a step that accepts late samples, the step without delays; `signed`: proofs about
-    its errors as it runs, where they were requested, which its code states.
+    `code`: its programs; `plain`: for a step that accepts late samples, the same step without delays; `signed`: proofs
+    about the error of this step, if they were requested; the emitted code states them.
     """
 
     name: str

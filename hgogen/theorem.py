@@ -106,8 +106,8 @@ class Row(Encoded):
 
 
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
-    """Return the theorem's hypotheses, each with the worst verdict of the checks that decide it; unknown without a
-    check."""
+    """Return the theorem's hypotheses, each with the worst verdict of the checks that decide it; a hypothesis without
+    such a check is unknown."""
     known = tuple(checks)
     result = []
     for hypothesis in theorem.hypotheses:

@@ -112,7 +112,8 @@ class Jump:
 
 @dataclass(frozen=True)
 class Settled:
-    """The criterion of settling: |error of `state`| <= `band` from a time on, for at least the time `hold`."""
+    """The criterion of settling: |error of `state`| stays at most `band` from some time on, for at least the time
+    `hold`."""
 
     state: str
     band: float
@@ -173,9 +174,9 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; at a jump the values after it.
-    `states`: the signals of x; the values of a periodic one are in its turn; `opposites`: the sets of states of which
-    both signs together are the same state."""
+    """The simulated plant at the samples, without noise: t (N,), x (N, n), u (N, m), y (N, p); at a jump the values
+    after it. `states`: the signals of x; the values of a periodic one are wrapped to its turn; `opposites`: the sets of
+    states of which both signs together are equivalent, as q and -q of a quaternion."""
 
     t: np.ndarray
     x: np.ndarray
@@ -452,8 +453,8 @@ def run_feeds(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: En
 
 
 def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[Feed]:
-    """Yield the inputs and noisy measurements of each seed on a `truth` of the plant; noise is computed for many seeds
-    at once."""
+    """Yield the inputs and the noisy measurements of each seed, for the `truth` of the plant; the noise of many seeds
+    is computed in one call."""
     system = step.observer.form.system
     u = truth.u if system.inputs == system.declared.inputs else inputs_at(system, trial, truth.t)
     for first in range(0, len(seeds), truth.at_once):
@@ -553,7 +554,8 @@ def _recursion(values: Any, rho: float) -> Any:
 
 
 def read_field(trial: Any, key: str, value: Any) -> Any:
-    """Return a trial's field `key`, converted from a seed count, a single jump or a deviation. Raises: `BadTrial`."""
+    """Return the value of a trial's field `key`; a number of seeds, a single jump or a standard deviation is converted
+    to the type of the field. Raises: `BadTrial`."""
     if key not in _FIELDS:
         return value
     reader, wanted = _FIELDS[key]
@@ -740,11 +742,11 @@ class NoTrial(BadArgument):
 
 @requires_any_plant
 def proposed_trial(plant: System) -> Trial:
-    """Return a trial for a plant without one, without noise: of the motions that are tried the one that stays in the
-    ranges longest. For a plant in other coordinates it is one of the plant as declared.
+    """Return a trial without noise for a plant that declares none: of several motions, the one that stays in the ranges
+    longest. For a plant in other coordinates it is a trial of the plant as declared.
 
     Raises: `NoTrial` where the plant is discrete, a state or an input has no range, no state moves, or every motion
-    leaves the ranges at once.
+    leaves the ranges from the start.
     """
     first = plant.declared
     if plant.discrete:

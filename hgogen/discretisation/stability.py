@@ -101,7 +101,8 @@ class Limit:
 
 @dataclass(eq=False)
 class UnstableCore(HgogenError):
-    """The error that a linear error core has an eigenvalue in the right half plane, and converges at no step length."""
+    """The error for a linear error core with an eigenvalue in the right half plane, which no step length makes
+    stable."""
 
     text = (
         "the error core has the eigenvalue {eigenvalue:.6g}, which no step length makes stable; choose gains whose "

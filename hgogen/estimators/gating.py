@@ -30,7 +30,7 @@ LEAST = 1e-30  # of H P H' in a ratio
 
 
 class Filter(Protocol):
-    """The interface of a filter with a covariance P that its gates use."""
+    """The interface that a gate uses of a filter with a covariance P."""
 
     @property
     def part(self) -> Riccati:

@@ -187,8 +187,8 @@ _RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
 
 @dataclass(frozen=True)
 class Window:
-    """I_d = integral over [t-d, t] of |y - yhat|^2 by simulating the model again from z(t-d) at each sample: `d` (s),
-    the `tableau` that integrates the model, `weights` of the outputs' squares."""
+    """The innovation I_d = integral over [t-d, t] of |y - yhat|^2, for which the model is simulated again from z(t-d)
+    at each sample: `d` (s), the `tableau` that integrates the model, `weights` of the outputs' squares."""
 
     d: float
     tableau: Tableau
@@ -302,8 +302,9 @@ _RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
 
 @dataclass(frozen=True)
 class Staggered:
-    """I_d = integral over [t-d, t] of |y - yhat|^2 by M + 1 copies of the model, one restarted every d/M: `d` (s),
-    `predictors` M, the `tableau` that integrates the copies, `weights` of the outputs' squares."""
+    """The innovation I_d = integral over [t-d, t] of |y - yhat|^2 by M + 1 copies of the model, of which one restarts
+    from the estimate every d/M: `d` (s), `predictors` M, the `tableau` that integrates the copies, `weights` of the
+    outputs' squares."""
 
     d: float
     predictors: int

@@ -47,8 +47,8 @@ _CLAMPED = f"{_PLANT}; c takes w clamped to its ranges"
 
 @dataclass(frozen=True)
 class Integrators:
-    """`form` z_i' = a_i z_(i+1) + b_i in the coordinates w_i = a_1 .. a_i z_i of chains w_i' = w_(i+1) + c_i(w, u);
-    each w is an SX column (n), chain after chain. `gains`: the a_i of each chain."""
+    """The `form` z_i' = a_i z_(i+1) + b_i as chains of integrators, in the coordinates w_i = a_1 .. a_i z_i: w_i' =
+    w_(i+1) + c_i(w, u). Each w is an SX column (n), chain after chain. `gains`: the a_i of each chain."""
 
     form: Form
     gains: tuple[tuple[sp.Expr, ...], ...]

@@ -232,8 +232,8 @@ class Transformed:
 
 @dataclass(frozen=True)
 class Unscented(SquareRoot):
-    """The unscented Kalman filter, sigma points z +- g s_i, s_i the columns of S: `reach` g > 0, and `more` = beta -
-    alpha^2 >= -g^2/n, the weight of d d' in the covariance."""
+    """The unscented Kalman filter on P = S S', with sigma points z +- g s_i, s_i the columns of S: `reach` g > 0, and
+    `more` = beta - alpha^2 >= -g^2/n, the weight of the square of the mean's shift, d d', in the covariance."""
 
     reach: float
     more: float

@@ -445,10 +445,11 @@ class ClosedLoops:
 
 
 def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """Return the step lengths of a predict-and-correct filter by its closed loop, equal for every factorisation of P.
+    """Return the step lengths of a predict-and-correct filter from its linearised closed loops at points of the box;
+    they are equal for every factorisation of P.
 
-    `take`: up to it no error grows much at a point of the box and the motion of the model is resolved, inf where it is
-    above `dt`. `refused`: above it errors decay at no point of the box, inf where dt <= `take`.
+    `take`: up to it no error grows much at any of the points, and a step resolves the motion of the model; inf if it is
+    above `dt`. `refused`: above it errors decay at none of the points; inf if dt <= `take`.
     """
     F, C = part.slopes(POINTS, EDGE)
     jacobians = F if part.measured_state is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]

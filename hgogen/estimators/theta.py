@@ -372,7 +372,8 @@ class Constant(Theta):
 
 @dataclass(frozen=True)
 class Decaying(Theta):
-    """The theta that decays by theta(t) = 1 + (theta_0 - 1) exp(-rate t), `rate` in 1/s."""
+    """A theta that decays to 1, theta(t) = 1 + (theta_0 - 1) exp(-rate t), `rate` in 1/s; `scaled`: the noises that
+    theta scales."""
 
     theta_0: float
     rate: float
@@ -578,9 +579,9 @@ def adaptive(
 
 
 def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> float:
-    """Return log Lambda = (2 (n - 1) + a/rate) log theta_0 - (a/rate) theta_0 (1 - exp(-rate t)) of n states; `rate` is
-    lambda (1/s), `t` (s), `a` (1/s). Raises: `BadGain` for theta_0 < 1, t < 0, n < 1, or a rate or an a that is not
-    positive."""
+    """Return log Lambda = (2 (n - 1) + a/rate) log theta_0 - (a/rate) theta_0 (1 - exp(-rate t)), the growth factor in
+    the error bound of a decaying theta, for n states; `rate` is lambda (1/s), `t` (s), `a` (1/s). Raises: `BadGain` for
+    theta_0 < 1, t < 0, n < 1, or a rate or an a that is not positive."""
     theta_0, t, rate, a = real("theta_0", theta_0), real("t", t), positive("rate", rate), positive("a", a)
     if not 1 <= theta_0 < math.inf:
         raise BadGain(f"theta_0 = {theta_0!r}", "must be a finite number, at least 1")

@@ -31,7 +31,8 @@ EQUATIONS = (
 
 @dataclass(frozen=True)
 class Cholesky:
-    """The method that predicts, then corrects by each sample, a Riccati observer with P = S S'."""
+    """The method that predicts between samples and corrects at each sample, for a Riccati observer, with the covariance
+    as P = S S'."""
 
     name: str = RULE
     equations: tuple[str, ...] = EQUATIONS

@@ -310,8 +310,8 @@ class Flow:
 
 @dataclass(frozen=True, eq=False)
 class Graphs:
-    """The CasADi functions of the step `source`: one call, and the differential equation; `graph` returns the function
-    of a block."""
+    """The CasADi functions of the step `source`: of one call, and of the observer's differential equation; `graph`
+    returns the CasADi function of a block."""
 
     source: Step
     graph: Callable[[Block], ca.Function]

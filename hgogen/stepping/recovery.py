@@ -254,7 +254,8 @@ LONGEST = 1 << 23  # a float adds two such counts exactly
 
 @dataclass(frozen=True)
 class Sampled:
-    """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` y - yhat before the correction."""
+    """A sample of an output, as SX scalars: its value `y`, whether it is `valid`, and its `error` y - yhat before the
+    correction."""
 
     y: Graph
     valid: Graph
