@@ -219,8 +219,10 @@ def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
         return Node(ca.OP_CONST, constant=number)
 
     outputs = folded(function, given_as, constant, apply, _called, operations(function))
-    for node in nodes:
-        _settle(node)
+    for node in (each for each in nodes if each.op == ca.OP_IF_ELSE_ZERO):
+        test, value = node.args
+        if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
+            node.op, node.args = KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
     return outputs
 
 
@@ -253,13 +255,6 @@ def ordered(roots: Iterable[Node]) -> list[Node]:
         else:
             done[stack.pop()] = None
     return list(done)
-
-
-def _settle(node: Node) -> None:
-    if node.op == ca.OP_IF_ELSE_ZERO:
-        test, value = node.args
-        if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
-            node.op, node.args = KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from itertools import count
+from itertools import chain, count
 
 import numpy as np
 
@@ -223,8 +223,12 @@ class SharingWriter(Writer):
         return Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer)
 
     def _new_name(self, part: str, section: Section, function: tuple[str, Code]) -> str:
+        corrects = section.corrects and not part.endswith(f"_{section.corrects}")
+        by_section = f"{part}_{section.name}"
+        usual = f"{part}_{section.corrects}" if corrects else part, by_section
         present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
-        return self.named.setdefault(function, next(n for n in _names(part, section) if n not in present))
+        names = chain(usual, (f"{by_section}_{k}" for k in count(2)))
+        return self.named.setdefault(function, next(name for name in names if name not in present))
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
         if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
@@ -303,12 +307,6 @@ class SharingWriter(Writer):
 def _meaning(part: str) -> str:
     fitted = f"move the estimate to the nearest one that fits the sample of {part.removeprefix('fit_')}"
     return fitted if part.startswith("fit_") else _MEANINGS.get(part, "")
-
-
-def _names(part: str, section: Section) -> Iterator[str]:
-    yield f"{part}_{section.corrects}" if section.corrects and not part.endswith(f"_{section.corrects}") else part
-    yield f"{part}_{section.name}"
-    yield from (f"{part}_{section.name}_{k}" for k in count(2))
 
 
 def _everywhere(program: Program) -> Iterator[Program]:

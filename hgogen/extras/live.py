@@ -95,23 +95,24 @@ def live(step: Step, truth: ca.Function, free: tuple[Signal, ...], sources: Mapp
     command = compiler()
     if command is None:
         raise NoWebAssembly(f"it needs clang with wasm-ld, or Python's package ziglang: {INSTALL}")
-    gains = tuple(_sliders(step))
+    tuned = ((kind, item) for kind, fields in parameters(step) if kind != "derived" for item in fields)
+    gains = tuple(slider for kind, item in tuned for slider in _sliders(kind, item))
     texts = {name: text for name, text in sources.items() if name.endswith((".c", ".h"))}
     names = (*(name for name in texts if name.endswith(".c")), "live.c")
     with tempfile.TemporaryDirectory() as folder:
         write({**texts, "live.c": _source(step, truth, gains), "math.h": template("math.h")}, folder)
         exact = f"-D{step.name.upper()}_EXACT"
-        native.run([*command, *FLAGS, exact, *names, "-o", "live.wasm"], folder, _failed)
+        native.run(
+            [*command, *FLAGS, exact, *names, "-o", "live.wasm"],
+            folder,
+            lambda failed, output: NoWebAssembly(f"{' '.join(failed)} failed: {output.rstrip()}"),
+        )
         wasm = (Path(folder) / "live.wasm").read_bytes()
     outputs, inputs = len(step.outputs), truth.size1_out(2)
     cells = {"x": truth.size1_in(0), "y": outputs, "u": inputs + 1, "p": len(free) + 1}
     cells |= {"given": len(step.given) + 1, "samples": len(step.samples), "estimate": len(step.states)}
     plant = tuple(Slider(p.name, *_range(p), float(p.nominal or 0), p.unit, p.meaning) for p in free)
     return Live(wasm, cells | {"gains": len(gains) + 1}, plant, tuple(slider for _, slider in gains))
-
-
-def _failed(command: tuple[str, ...], output: str) -> NoWebAssembly:
-    return NoWebAssembly(f"{' '.join(command)} failed: {output.rstrip()}")
 
 
 @cache
@@ -126,14 +127,8 @@ def _range(p: Signal) -> tuple[float, float]:
     return p.interval if p.bounded else (min(0.5 * value, 1.5 * value), max(0.5 * value, 1.5 * value))
 
 
-def _sliders(step: Step) -> Iterator[tuple[str, Slider]]:
-    """Yield the C place and the slider of each element of the observer's parameters that may be tuned."""
-    for kind, fields in parameters(step):
-        for item in fields if kind != "derived" else ():
-            yield from _elements(kind, item)
-
-
-def _elements(kind: str, item: Field) -> Iterator[tuple[str, Slider]]:
+def _sliders(kind: str, item: Field) -> Iterator[tuple[str, Slider]]:
+    """Yield the C place and the slider of each element of a parameter of this kind (plant or gain)."""
     for i, (value, (low, high)) in enumerate(zip(item.initial, item.box, strict=True)):
         several = item.size > 1
         name = f"{item.name}[{item.labels[i] if item.labels else i}]" if several else item.name

@@ -7,10 +7,9 @@ number by number in the order of the C structs. Without contraction (`-ffp-contr
 scalar C.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-from hgogen.emit.code import Code, Uses, braced, code, indented, joined
+from hgogen.emit.code import Code, braced, code, indented, joined
 from hgogen.emit.lanewriter import LaneWriter, lane_prefix, prelude, table, with_uniform_counts
 from hgogen.emit.lanewriter import lanes as in_lanes
 from hgogen.emit.naming import c_name, demand_distinct, demand_file
@@ -43,13 +42,11 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     text = routines(writer, whole.uses.routines) + whole
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{lane_prefix(step.name)}_one", real, text.uses.lookups).lines
-    parts = [
-        searches,
-        prelude(step.name, real, 8 * step.layout.word.itemsize),
-        _structs(writer),
-        _shared(writer, text.uses),
-    ]
-    lines = [*includes, "", *_NEEDS, *(line for part in parts for line in part), *text.lines, *_many(writer)]
+    vectors = prelude(step.name, real, 8 * step.layout.word.itemsize)
+    looked = (table(step.name, real, each) for each in sorted(text.uses.lookups, key=lambda each: each.name))
+    matrices = kernels(with_uniform_counts(step.name, real), step.name, real, text.uses.kernels)
+    text = functions(writer.syntax, step.name, real, text.uses.helpers) + joined(looked) + matrices + text
+    lines = [*includes, "", *_NEEDS, *searches, *vectors, *_structs(writer), *text.lines, *_many(writer)]
     return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
 
 
@@ -69,13 +66,6 @@ def _section(writer: LaneWriter, name: str, program: Program) -> Code:
     parameters = ", ".join(f"{writer.prefix}_{kind} *{parameter}" for parameter, kind in _passed(writer.step).items())
     inner = code(f"{status} status = {{0}};") + writer.function(program) + code("return status;")
     return code(f"static {status} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
-
-
-def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
-    name, real = writer.prefix, writer.real
-    looked = (table(name, real, each) for each in sorted(uses.lookups, key=lambda each: each.name))
-    matrices = kernels(with_uniform_counts(name, real), name, real, uses.kernels)
-    return (functions(writer.syntax, name, real, uses.helpers) + joined(looked) + matrices).lines
 
 
 # --- memory
