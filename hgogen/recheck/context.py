@@ -518,8 +518,8 @@ def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Exp
 
 
 def place_of(context: Context, chain: int, index: int) -> int:
-    """Return the index, from 0, among all states of a state of a chain; `chain` and `index` count from 1. Raises:
-    `Unproved`."""
+    """Return the index, from 0, of a chain's state among all states; `chain` and its `index` in the chain count from 1.
+    Raises: `Unproved`."""
     blocks = context.form.blocks
     if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
         raise Unproved("the form has no such row")

@@ -396,7 +396,7 @@ MOST_ROWS = 40  # or columns: an elimination of more in fractions takes too long
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
-    """Return the list under a key, which must have `count` entries. Raises: `Unproved`."""
+    """Return the list under a key of a JSON object, which must have `count` entries. Raises: `Unproved`."""
     values = holder.get(key)
     if not isinstance(values, list) or len(values) != count:
         raise Unproved(f"its {key} has not {count} entries")
@@ -413,12 +413,12 @@ def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
 
 
 def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Return the list of `count` numbers under a key. Raises: `Unproved`."""
+    """Return the list of `count` numbers under a key of a JSON object. Raises: `Unproved`."""
     return [_number_of(value, key) for value in entries(holder, key, count)]
 
 
 def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """Return the matrix of numbers (rows, columns) under a key. Raises: `Unproved`."""
+    """Return the matrix of numbers (rows, columns) under a key of a JSON object. Raises: `Unproved`."""
     lists = entries(holder, key, rows)
     if max(rows, columns) > MOST_ROWS:
         raise Unproved(f"its {key} has more than {MOST_ROWS} rows or columns")
@@ -428,7 +428,7 @@ def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matr
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return the number under a key. Raises: `Unproved`."""
+    """Return the number under a key of a JSON object. Raises: `Unproved`."""
     if holder.get(key) is None:
         raise Unproved(f"its {key} is missing")
     return _number_of(holder[key], key)
@@ -441,7 +441,7 @@ def _number_of(value: Any, key: str) -> Fraction:
 
 
 def whole(holder: Mapping[str, Any], key: str, least: int, most: int) -> int:
-    """Return the integer from `least` to `most` under a key. Raises: `Unproved` for another number."""
+    """Return the integer from `least` to `most` under a key of a JSON object. Raises: `Unproved` for another number."""
     value = scalar(holder, key)
     if value.denominator > 1 or not least <= value <= most:
         raise Unproved(f"its {key} is none of {least} to {most}")
@@ -449,7 +449,7 @@ def whole(holder: Mapping[str, Any], key: str, least: int, most: int) -> int:
 
 
 def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return the number > 0 under a key. Raises: `Unproved`."""
+    """Return the number > 0 under a key of a JSON object. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value <= 0:
         raise Unproved(f"its {key} is not positive")
@@ -457,7 +457,7 @@ def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
 
 
 def signless(holder: Mapping[str, Any], key: str) -> Fraction:
-    """Return the number >= 0 under a key. Raises: `Unproved`."""
+    """Return the number >= 0 under a key of a JSON object. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value < 0:
         raise Unproved(f"its {key} is negative")

@@ -385,8 +385,8 @@ def demand_within(
 
 
 def index_under(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """Return k - 1, an index from 0, for the integer k from 1 to `count` under a key. Raises: `Unproved` for another
-    number."""
+    """Return k - 1, an index from 0, for the integer k from 1 to `count` under a key of a JSON object. Raises:
+    `Unproved` for another number."""
     return whole(holder, key, 1, count) - 1
 
 

@@ -61,7 +61,7 @@ class NotVerified(RecheckError):
 
 @dataclass(eq=False)
 class NothingVerified(RecheckError):
-    """The error that no claim of a certificate asserts anything."""
+    """The error that a certificate has no verified claim, since none is stated as proved or refuted."""
 
     status: ClassVar[int] = 1
     plant: str

@@ -252,12 +252,13 @@ class Sides:
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
     def point(self, x: Iterable[float]) -> Point:
-        """Return the exact point at the floats x, moved into the box: an x beyond an exact end becomes that end."""
+        """Return the exact point at the floats x, one for each symbol; an x beyond an end of its side becomes that
+        end."""
         coordinates = zip(self.symbols, x, self.ends, strict=True)
         return {s: Fraction(max(min(value, high), low)) for s, value, (low, high) in coordinates}
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
-        """Return the box of those of its symbols that are in `symbols`."""
+        """Return the box of these symbols only; symbols that it does not have are ignored."""
         wanted = set(symbols)
         some = {s: ends for s, ends in self.box.items() if s in wanted}
         return Sides(tuple(some), tuple(some.values()))

@@ -501,7 +501,8 @@ def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp
 
 
 def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
-    """Return the expression with other tables at the same arguments; `cells`: the table for each lookup node."""
+    """Return the expression with other tables at the same arguments; `cells`: a function from a lookup node to its new
+    table."""
     if not expression.has(Table):
         return expression
     return expression.replace(

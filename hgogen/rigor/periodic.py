@@ -44,7 +44,7 @@ def half_turn(period: float) -> Fraction:
 
 @lru_cache(maxsize=256)
 def whole_turn(low: Fraction, high: Fraction, period: float) -> tuple[Fraction, Fraction]:
-    """Return the range [low, high] of an angle with its ends rounded outward until it spans a whole exact period."""
+    """Return the range of an angle, the ends `low` and `high` rounded outward until it spans a whole exact period."""
     step = Fraction(10) ** (Decimal(repr(period)).adjusted() - _DIGITS)
     bottom, top = step * math.floor(low / step), step * math.ceil(high / step)
     while top - bottom < Fraction(int(sp.ceiling(exact_turn(period) * _FINE)), _FINE):

@@ -88,7 +88,7 @@ class Branch:
 @dataclass(frozen=True)
 class SampledBranches:
     """The `branches` of piecewise expressions that a number of sample `points` of a box reach; `more`: how many further
-    branches they reach. There is none if no sample point gives all expressions a value."""
+    branches they reach. There are none if no sample point gives all expressions a value."""
 
     branches: tuple[Branch, ...]
     points: int

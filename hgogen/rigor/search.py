@@ -232,8 +232,8 @@ _SPREAD = 160  # first points of that search
 
 
 def tight(relative: float) -> Goal:
-    """Return the goal of a search for a range: bounds within `relative`, as a share of the range's width, of attained
-    values."""
+    """Return the goal of a search for a range: bounds that exceed attained values by at most the share `relative` of
+    the range's width."""
 
     def excess(leaves: LeafBounds, inner: AttainedValues) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0

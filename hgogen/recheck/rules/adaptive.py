@@ -248,7 +248,7 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def below_cap(context: Context, claim: Claim) -> Finding:
-    """Prove L' = L (p_1 (p_2 - L) + p_3 Gamma) < 0 at the gain L = `cap`."""
+    """Prove that the gain L decreases at L = `cap`: L' = L (p_1 (p_2 - L) + p_3 Gamma) < 0."""
     numbers = observer_of(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
