@@ -1,4 +1,4 @@
-"""The order of the states in a triangular form, of one output or several, and the reason where there is none.
+"""The order of the states in a triangular form, of one output or several, or the reason why there is none.
 
 y reads one state first; the rate of that state reads the next one. A row is a link,
 

@@ -1,4 +1,4 @@
-"""The evidence of claims in a certificate: numbers and expressions as exact texts, bisections as prefix texts.
+"""The evidence of claims as texts in a certificate: numbers and expressions exact, bisections in prefix order.
 
 Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. The proof of
 a claim is a dataclass, and its fields are the evidence, or what its `evidence(form)` returns. A proof in the evidence

@@ -1,4 +1,4 @@
-"""The Jacobians of a form in numbers at points of the declared box, with nominal parameters.
+"""The Jacobians of a form, as numbers, at points of the declared ranges, with nominal parameters.
 
 The pace of a plant on its box, and its linearisation there, scaled by its ranges:
 

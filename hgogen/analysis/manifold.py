@@ -1,4 +1,4 @@
-"""Points on the invariants c(x) = 0 of a plant, and directions along them.
+"""The set on which the invariants c(x) = 0 of a plant hold: projections onto it, and its tangent directions.
 
     x <- x - V C' (C V C')^+ c,   C = dc/dx,   V = diag(half range)^2        Gauss-Newton, in units of the ranges
 

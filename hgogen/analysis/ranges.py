@@ -1,4 +1,4 @@
-"""Ranges on the declared box: of a form's a_i, of its b, and of an expression of the user.
+"""Proved ranges on the declared box: of the gains a_i of a form, of its b, and of any expression of the user.
 
 The a_i of a form have ranges on the declared box, with A and C at the ends of these ranges.
 

@@ -1,4 +1,4 @@
-"""Several outputs of a form: how theta scales their noise, and the weighted mean of redundant ones.
+"""Several outputs of a form: the powers of theta that scale their noise, and weighted means of redundant outputs.
 
 A high gain theta scales the noise of a Riccati observer with one output or several.
 

@@ -1,4 +1,5 @@
-"""The singular set of a plant, the zero set of det d(h, h', ..)/dx, where it is not observable, and the next jet there.
+"""The singular set of a plant, where det d(h, h', ..)/dx = 0 and it is not observable, and higher derivatives by which
+it is observable there.
 
     O(x, u, u', ..) = d(y, y', .., y^(k))/dx,   singular where n chosen rows of O have determinant 0
 

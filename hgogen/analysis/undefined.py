@@ -1,4 +1,5 @@
-"""Rows of a plant, and derivatives for an observer, without a finite value somewhere on the declared ranges.
+"""Places in the declared ranges where an equation of a plant, or a derivative that an observer needs, has no finite
+value.
 
 Each part of a row is searched for a pole, a logarithm of 0 or a root of a negative number. A finite value everywhere is
 proved by outward-rounded intervals or exact algebra. A place without one is proved by a point: an exact one, a zero

@@ -1,4 +1,5 @@
-"""Whether the error of an estimate contracts in the running step, at its own gains and dt: the step's own certificate.
+"""The contraction of the error of a discrete step at its own gains and dt, and the limits of dt and theta within which
+it holds.
 
     |e+|_P <= sqrt(1 - alpha dt) |e|_P   over one call of the program, by its method
 

@@ -1,4 +1,5 @@
-"""Error bounds of a running step, for the form's states and the plant's own, with the share of each cause, for ever.
+"""Ultimate bounds of the estimate's errors in a discrete step, for the states of the form and of the plant, with the
+share of each cause.
 
     e+ = Phi e + inputs,   V = |e|_P^2 of the contraction loses alpha h of itself without inputs
 

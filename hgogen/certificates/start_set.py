@@ -1,4 +1,4 @@
-"""Initial errors from which an estimate keeps clear of its limits and of the guards, and its largest errors on the way.
+"""The initial errors from which an estimate never reaches its limits and no guard acts, and its largest errors.
 
 The program keeps the estimate in an outer box, which no proof of contraction covers. From the starts of this file the
 estimate never meets it: errors that begin in a box are always less than its distance from the declared ranges, which

@@ -1,4 +1,5 @@
-"""One quadratic Lyapunov function for all slopes of an error: continuous time, at one theta, and from which theta on.
+"""The convergence of an observer's error in continuous time: one quadratic Lyapunov function for all partial
+derivatives of b in their ranges, at one gain theta or at every theta above a bound.
 
     V = e'P e,   V' <= -alpha V:   M'P + P M + alpha P < 0   for every M = M_0 + G diag(d) H, |d_j| <= 1
 

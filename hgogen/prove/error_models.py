@@ -1,4 +1,5 @@
-"""The inclusions of the errors of high-gain observers: slopes of b in scaled coordinates, and the uniform form.
+"""The error dynamics of high-gain observers as linear differential inclusions: the ranges of the partial derivatives of
+b in scaled coordinates.
 
 1. A Lipschitz constant of b in scaled coordinates of a form in chains, and the hypotheses of a proof there:
 

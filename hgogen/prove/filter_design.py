@@ -1,4 +1,5 @@
-"""The filter of `observers.filtered_injection` with the least noise in a state, at a wanted rate.
+"""The design of the filter of `observers.filtered_injection`: the least effect of noise on one state, at a requested
+decay rate.
 
     e' = (M + G_b diag(d) H) e + B v,   |d_j| <= 1, |v| <= 1;   M and B of the filter's F, G and N H
     X > 0:  (M + rate) X + X (M + rate)' + B B'/(2 rate) + G_b diag(s) G_b' + X H' diag(1/s) H X <= 0,   s > 0

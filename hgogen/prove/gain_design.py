@@ -1,5 +1,5 @@
-"""A constant gain with a small noise bound at a wanted rate: a cone program over P and Y = P K, and a proof of its
-gain.
+"""The design of a constant gain with a small effect of noise at a requested decay rate: a cone program over P and Y = P
+K, and the proof of its gain.
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
     e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v),   |d_j| <= 1,   |v_j| <= 1,   V = e'P e

@@ -1,4 +1,4 @@
-"""The local error of a method: bounds on the declared ranges of how far its step ends from the plant.
+"""The local error of an integration method: bounds of the deviation of its step from the plant on the declared ranges.
 
 1. Explicit Runge-Kutta methods, on a Lipschitz flow. With |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r, W = L
 (V, r) bounds the rates of F along the plant's path, where F may have kinks. The Peano kernel of a sum of values on [0,

@@ -1,4 +1,5 @@
-"""Bounds of an error that decays: its response to inputs, its peak from a set of starts, and its L2 gain.
+"""Bounds of an error that decays: its ultimate bound under inputs, its peak from a set of initial errors, and its L2
+gain.
 
     inputs  |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2,   sum_k lambda_k <= alpha
     start   |e+|_P < |e|_P,   |e(0)|_P <= 1 at every corner of a box

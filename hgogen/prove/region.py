@@ -1,4 +1,4 @@
-"""Initial errors from which the errors of periodic outputs stay below half a turn, where those errors are differences.
+"""The region of initial errors from which the errors of periodic outputs stay below half a turn.
 
     y_j has the period Q_j:   the observer injects y_j - h_j(z), taken to the nearest turn
 

@@ -1,4 +1,4 @@
-"""Steady filters: the constant gain of a settled Riccati equation, and the convergence of a Kalman filter.
+"""Steady-state Kalman filters: the constant gain of a settled Riccati equation, and the convergence of the filter.
 
 1. The gain to which the Riccati equation of a form settles, linearised at a point:
 

@@ -1,4 +1,4 @@
-"""Cells of a log as numbers and as times, whatever wrote them.
+"""The cells of a log, as text from any program, read as numbers and as times.
 
 Cells that can be read in one way only decide for the others: "0,5", "1.234,5" and "1,234.5" for "1,234", and 13/04/2026
 for 03/04/2026. Where no such date is, an order of day, month and year counts in which the log runs on without a jump.

@@ -1,4 +1,5 @@
-"""Checks of user arguments: a plant, an expression, switches, numbers, names. A wrong argument raises a sentence.
+"""Checks of user arguments: a plant, an expression, switches, numbers, names. A wrong argument raises an error with a
+sentence.
 
 A masked entry of a NumPy array is a missing number, NaN. Gains, weights, variances and first estimates have a value for
 each coordinate, in their order or by name:

@@ -1,4 +1,4 @@
-"""Jumps by a whole turn in the course of an angle that is given in one turn.
+"""Jumps by a whole turn in samples of an angle that is wrapped into one turn.
 
 An angle in (-pi, pi] has a course that is smooth on the circle: taken the short way round, a step that crosses the end
 of the turn is as long as those around it, and no value lies outside of one turn. A course of plain numbers has no such

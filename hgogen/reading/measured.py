@@ -1,4 +1,4 @@
-"""Measured logs on the step's grid: u and y at t_0 + k dt, NaN where nothing was measured.
+"""Measured logs resampled to the step's grid of times: u and y at t_0 + k dt, NaN where nothing was measured.
 
 The report counts the cells and rows that were missing, not a number, duplicated, out of order or in a gap, and says how
 each was treated. A row goes to the nearest grid point; of several at one point each column keeps the number nearest in
