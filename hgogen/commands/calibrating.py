@@ -665,7 +665,7 @@ class AdviceReport(ModelReport):
         return {"advised": figures.over_theta(settled, noise, plant.time)} if compared else {}
 
     def tables(self) -> Iterator[Any]:
-        """Yield the gains and their results on the trial."""
+        """Yield a table with the proposed gains of each observer and their results on the trial."""
         states = list(dict.fromkeys(state for row in self.rows for state in row.noise))
         numbers = ("theta", "certified from", "settles from", f"settles in ({self.unit})")
         table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))

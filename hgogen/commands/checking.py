@@ -179,7 +179,7 @@ class CheckReport(ModelReport):
         return self.claims.notes
 
     def latex(self) -> str:
-        """Return the equations and the checks as LaTeX."""
+        """Return the form's equations and the table of checks as LaTeX."""
         claims = self.claims
         return fragment(claims.form, claims.checks, claims.accepted) + self.singular.latex()
 
@@ -278,7 +278,7 @@ class ShortAnswer(CheckReport):
 
     @property
     def judged(self) -> tuple[str, Form, tuple[Check, ...]]:
-        """The name, the form and the checks of the observer that the lines are about."""
+        """The observer whose claims the answer prints: its name, its form and its checks."""
         claims, one = self.claims, None if self.as_set else self.preferred
         if one is None or (one.observer == claims.observer and not one.proposed):
             return claims.observer, claims.form, claims.checks

@@ -156,9 +156,9 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
 
 
 def checked(model: Model, survey: Survey | None = None, name: str | None = None) -> Checked:
-    """Return the claims about the observer of a model's tuning `name`, by default of the model's own step. For a model
-    without an observer they are about the best form in `survey`, by default among the forms that are fast to check. The
-    model's dissipation inequality (38) is added if it declares one.
+    """Return the claims about the observer of the tuning `name`, by default of the model's own step. For a model
+    without an observer, return those about the best form in `survey`, by default among the forms that are fast to
+    check. If the model declares a dissipation inequality (38), that claim is added.
 
     Raises: `MissingPart`, `ModelFails`.
     """

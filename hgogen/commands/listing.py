@@ -35,7 +35,7 @@ class Inventory(Report):
     summaries: Annotated[dict[str, dict[str, str]], "of each kind, what each is in one line"]
 
     def tables(self) -> Iterator[Any]:
-        """Yield a row for each case."""
+        """Yield a table with a row for each form, observer, method, target and model."""
         table = headed("", "", "", "")
         for kind, each in self.summaries.items():
             for k, (name, text) in enumerate((each or {"none": ""}).items()):

@@ -87,8 +87,7 @@ class _Continued(Table):
 
 
 def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
-    """Return a table with the title and the columns; its last `numbers` columns are right-aligned and never broken,
-    those before may be."""
+    """Return a table with a title and columns; the last `numbers` columns are right-aligned and never broken."""
     table = _Continued(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
     )
@@ -234,7 +233,7 @@ def note(*sentences: str) -> None:
 
 
 def printable(text: str) -> str:
-    """Return the text with control characters escaped, which a file from somebody else may contain."""
+    """Return text with control characters escaped, such as those in a file from somebody else."""
     return "".join(c if c.isprintable() or c in "\n\t\xa0" else repr(c)[1:-1] for c in text)
 
 

@@ -136,7 +136,7 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
-    """Yield a sentence for each trial whose plant leaves its declared ranges; `unit`: of time."""
+    """Yield a sentence for each trial in which the plant leaves its declared ranges; `unit`: that of time."""
     return chain.from_iterable(leaving_notes(one.trial.name, one.leaving, unit) for one in done)
 
 
@@ -287,7 +287,7 @@ class CampaignRow:
         return None if self.repeat is None else self.tally.last
 
     def notes(self) -> Iterator[str]:
-        """Yield a sentence on runs that failed."""
+        """Yield a sentence on the runs that failed, if any did."""
         if self.tally.failure:
             share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
             first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"

@@ -213,7 +213,7 @@ class _Precision:
         return k, r + r * r * (0.5 + r * self.polynomial(r, self.exp_tail))
 
     def saturated(self, x: Graph, y: Graph, doublings: int) -> Graph:
-        """Return y (about e^x / 2^doublings), or inf where x is so large that y itself would overflow."""
+        """Return y, or inf where x is so large that y overflows; `y`: an approximation of e^x / 2^doublings."""
         return ca.if_else(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
 
     def exp(self, x: Graph) -> Graph:

@@ -175,8 +175,8 @@ def address(parameter: Parameter) -> str:
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """Return the C function that runs a section (predict, correct ..) after the marks of initialised memory were
-    checked."""
+    """Return the C function that runs a section (predict, correct ..) after a check that the memory is marked as
+    initialised."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 

@@ -204,7 +204,7 @@ class LaneWriter(Writer):
 
     @property
     def lane_prefix(self) -> str:
-        """The prefix of names that exist only in code for lanes (vectors of several logs)."""
+        """The prefix of names that exist only in SIMD code, where each vector element (lane) computes another log."""
         return lane_prefix(self.prefix)
 
     @property

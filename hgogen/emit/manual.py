@@ -206,8 +206,8 @@ def _references(step: Step, syntax: Syntax) -> list[str]:
 
 
 def names_preference(step: Step) -> bool:
-    """Return whether the manual mentions the preference `speed` or `flash`: for flash, or where loops compute the
-    covariance."""
+    """Return whether the manual states the user's preference (speed or flash): for flash, or if the covariance is
+    computed in loops."""
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
@@ -367,7 +367,8 @@ def rates(step: Step) -> str:
 
 
 def late(step: Step, real: Real) -> list[str]:
-    """Return the sentences on late samples and their worst cost, none where no sample may be late."""
+    """Return the sentences on late samples and the cost of a late sample in the worst case, none if no sample may be
+    late."""
     if step.plain is None:
         return []
     pairs = list(zip(step.late, step.ages, strict=True))
@@ -471,7 +472,7 @@ def result(step: Step, bits: str) -> str:
 
 
 def remembered(step: Step) -> str:
-    """Return the comment of the C struct of a step's state: what it remembers between calls."""
+    """Return the comment of the C struct of a step's state, on what the state remembers between calls."""
     limits = "; a call keeps what it computes in its box"
     return f"the memory of the observer between calls: yours to copy, save and restore{limits * step.clock.guarded}"
 

@@ -73,7 +73,8 @@ class OneName(HgogenError):
 
 
 def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
-    """Return the model's names that a language reserves (keywords, macros), each with the name used in its place."""
+    """Return by the model's name the changed name of each signal whose name the language reserves (keywords,
+    macros)."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
     return {name: syntax.name(name) for name in names if syntax.name(name) != name}
 

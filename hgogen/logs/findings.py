@@ -317,8 +317,8 @@ def pulses(course: Course) -> Iterator[Finding]:
 
 
 def of_courses(inputs: Sequence[Course], outputs: Sequence[Course], turned: Container[str]) -> Iterator[Finding]:
-    """Yield the findings about inputs and outputs by their courses alone; inputs may be constant. `turned`: the outputs
-    that jump by whole turns."""
+    """Yield the findings about inputs and outputs that their samples alone reveal, without an observer; an input may be
+    constant. `turned`: the names of the outputs that jump by whole turns."""
     signals = [*inputs, *outputs]
     for course in signals:
         if len(course.there) < LEAST:

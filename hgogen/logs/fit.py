@@ -733,8 +733,8 @@ def measured_states(states: Sequence[Signal], rows: Iterable[sp.Expr]) -> Iterat
 
 
 def with_rates(plant: System, courses: Mapping[sp.Expr, Array], length: int, t: Array) -> dict[sp.Expr, Array]:
-    """Return the courses (N) of states, with those of the states that are by definition their rates (x_i' = +-x_j), by
-    differences over `length` rows at the times `t` (N)."""
+    """Return the courses (N) of states by symbol, extended by the states that are by definition their rates (x_i' =
+    +-x_j): differences over `length` rows at the times `t` (N)."""
     complete, half = dict(courses), max(1, length // 2)
     for _ in plant.states:
         for x, rate in zip(plant.states, plant.flow, strict=True):

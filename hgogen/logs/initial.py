@@ -40,8 +40,8 @@ def first_states(
     step: CallableStep, u: Array, y: Array, elapsed: Array | None, measured: Mapping[str, float], steady: bool = False
 ) -> dict[str, float]:
     """Return the initial states, by name, that the first samples of a log u (N, m), y (N, p) determine, without those
-    in `measured`; `elapsed` (N): the time since the row before, for a step in which dt varies; `steady`: whether the
-    plant is assumed to be at rest, in which case there are none if the samples change."""
+    in `measured`. `elapsed` (N): the time since the row before, for a step in which dt varies; `steady`: whether to
+    return only states of a plant at rest, none if the samples change."""
     form = step.observer.form
     states = [signal for signal, _ in form.estimates]
     size = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in states])

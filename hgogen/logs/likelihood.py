@@ -272,8 +272,8 @@ class Likelihood:
     robust: bool = False
 
     def ended(self, begin: tuple[float, float] | Noise) -> Ended:
-        """Return the end of a search for a maximum of the likelihood, begun from the logarithms of all process noise
-        and of all sample noise (in units), or from a `Noise`."""
+        """Return the end of a search for a maximum of the likelihood. `begin`: the logarithms of all process noise and
+        of all sensor noise (in the units of `scale`), or the noise at which to begin."""
         if isinstance(begin, Noise):
             return self._ended(self._logs(begin))
         process, sample = begin

@@ -143,7 +143,7 @@ class Task:
         return longest(self.limits)
 
     def likelihood(self, row: int) -> Likelihood:
-        """Return the likelihood of the logs on the form number `row`; all observers share it."""
+        """Return the likelihood of the logs on form number `row`, which is computed once for all observers."""
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None
@@ -187,7 +187,7 @@ class Start:
         return task.likelihood(self.row).ended(task.starts(self.row)[self.number])
 
     def read(self, stored: Any) -> Ended:
-        """Return the result that was stored as lists of numbers (`stored`)."""
+        """Return the end of the search from the lists of numbers in which a file stores it."""
         likelihood, logs, settled = stored
         return likelihood, np.array(logs, dtype=float), settled
 
@@ -207,7 +207,7 @@ class Attempt:
         return first if isinstance(first, str) else task.judge.errors(first.step)
 
     def read(self, stored: Any) -> Array | str:
-        """Return the result that was stored as a list of numbers or a reason (`stored`)."""
+        """Return the result, squared errors by segment or a reason, from the form in which a file stores it."""
         return stored if isinstance(stored, str) else np.array(stored, dtype=float)
 
 
@@ -428,7 +428,8 @@ class Calibration(Displayed):
 
     @property
     def best(self) -> Tuned:
-        """The recommended row: the one of lowest `rank` among the tied rows, or its repetition on the whole logs."""
+        """The recommended observer with its gains: the one of lowest `rank` among the tied rows, tuned on the whole
+        logs if that was done."""
         return self[self.final[0].name] if self.final else min(self.tied, key=lambda row: row.rank)
 
     def __getitem__(self, name: str) -> Tuned:

@@ -35,7 +35,7 @@ _TUNING = Option("A file of tunings that `hgogen tune` wrote; the recommended on
 
 @dataclass(frozen=True)
 class Setting:
-    """The settings of a model that command-line options override; None for the file's own setting. `dt` may be a pair
+    """The settings of a model that command-line options override; None keeps the file's own setting. `dt` may be a pair
     of the shortest and the longest time between two calls."""
 
     form: Annotated[str | None, Option("The form, instead of the model's.", "NAME")] = None

@@ -73,7 +73,7 @@ class Whiteness(Encoded):
 
     @property
     def test(self) -> str:
-        """Name of the test."""
+        """The name of the statistical test."""
         return "Ljung-Box"
 
     @property

@@ -66,7 +66,8 @@ Points = Sequence[tuple[float, float]]
 
 @rc_context(STYLE)
 def states(step: Step, trajectory: Trajectory) -> Figure:
-    """Return a figure with a panel for each state: truth, estimate, and its measurement."""
+    """Return a figure of a trial with a panel for each state: the truth, the estimate, and a measurement if an output
+    measures the state directly."""
     t, true = trajectory.truth.t, trajectory.truth.x
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
@@ -223,7 +224,7 @@ def line_style(k: int) -> Any:
 
 
 def measured_as(step: Step, state: Signal) -> int | None:
-    """Return the index of the output that measures this state directly; None without one."""
+    """Return the index of the output that is equal to this state; None if there is none."""
     output = step.observer.form.system.output
     return output.index(state) if state in output else None
 

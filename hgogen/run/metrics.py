@@ -161,7 +161,8 @@ class Summary:
 
 
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
-    """Return the metrics of all seeds (at least one) of a trial as one `Summary`; `unit`: that of the plant's time."""
+    """Return the metrics of one trial over its seeds, at least one, as a `Summary`; `alarm_ratio`: as the function of
+    this name returns it; `unit`: that of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
     settled: list[list[Any]] = [[r.settled for r in event] for event in events]
     peaks, triggers, louds = (

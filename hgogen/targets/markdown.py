@@ -11,7 +11,8 @@ from hgogen.target import Files
 
 
 def markdown(step: Step, *, real: Real = "float") -> Files:
-    """Return the document of a step, the same in either precision. Raises: `NoStep`, `BadReal`."""
+    """Return the Markdown document of a step: equations, gains, claims and references, equal for both values of `real`.
+    Raises: `NoStep`, `BadReal`."""
     demand_step(step, "markdown")
     demand_real(real)
     return Files(((document_name(step), "\n".join(document(step)).rstrip("\n") + "\n"),))
