@@ -168,8 +168,8 @@ def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
 
 
 def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, ...]:
-    """Return the keys of the first n rows (n entries each) that are generically independent, in order; fewer than n
-    where the rank is lower.
+    """Return the keys of the first n rows, each of n expressions, that are linearly independent at general points, in
+    order; fewer than n keys where the rank is lower.
 
     The rows are eliminated with balls at two random points: unless these lie on a set without volume, a row that is
     dependent there is dependent everywhere.
@@ -290,7 +290,7 @@ Weights = tuple[tuple[Fraction, ...], ...]
 
 
 def subsets(n: int) -> Iterator[tuple[int, ...]]:
-    """Yield the nonempty subsets of 0, .., n - 1 as tuples, the small ones first."""
+    """Yield the nonempty subsets of {0, .., n - 1} as tuples, in the order of their sizes."""
     return chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1))
 
 

@@ -238,8 +238,8 @@ def nonzero_slope(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Chec
 
 @dataclass(frozen=True)
 class Offset:
-    """The evidence that c_i in y_i = a_(i,1) z_(i,1) + c_i, i = `chain`, is finite on the box of inputs and
-    parameters."""
+    """The evidence that the offset c_i of an output y_i = a_(i,1) z_(i,1) + c_i, i = `chain`, is finite on the box of
+    inputs and parameters."""
 
     chain: int
 

@@ -299,7 +299,7 @@ def _functions(plant: System) -> Any:
 
 
 def ranged(signals: tuple[Signal, ...]) -> None:
-    """Raise `NoLinearisation` where one of `signals` has no range, or where `signals` is empty."""
+    """Demand that there are `signals` and that each has a range. Raises: `NoLinearisation`."""
     loose = [s.name for s in signals if not s.bounded]
     if loose or not signals:
         raise NoLinearisation(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")

@@ -233,10 +233,10 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
 
 
 def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
-    """Return whether an expression is finite and has one sign on the whole closed box; arguments and errors as of
-    `bound`.
+    """Return whether an expression is finite and has one sign on the whole closed box, as a proved or refuted `Sign`;
+    arguments and errors as of `bound`.
 
-    The verdict is `unknown` for a text in which SymPy cancelled a singularity on the box, as that of x/x at 0.
+    The verdict is `unknown` for a text in which SymPy cancelled a singularity on the box, such as x/x at 0.
     """
     demand_limits("nonzero", boxes)
     resolved, box, folded = _resolved("nonzero", expression, where)

@@ -132,7 +132,7 @@ def noise_equation(form: Form, scaled: Scaled) -> str:
 
 
 def power(theta: Graph, exponent: int) -> Graph:
-    """Return theta^exponent for exponent >= 0 as products, which cost less than pow and are exact at theta = 1."""
+    """Return theta^exponent, exponent >= 0, as a product, which costs less than pow and is exact at theta = 1."""
     return reduce(operator.mul, [theta] * exponent) if exponent else 1.0
 
 
@@ -141,7 +141,8 @@ def power(theta: Graph, exponent: int) -> Graph:
 
 @dataclass(frozen=True)
 class RedundantOutput:
-    """An output y_j, j = `output`, that is `ratio` times the first output of a chain up to a known offset."""
+    """An output y_j, j = `output`, that measures the first state of a chain as well: it is `ratio` times the chain's
+    own output plus a known offset."""
 
     output: int
     ratio: sp.Rational

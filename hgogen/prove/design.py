@@ -92,7 +92,7 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
 
 
 class Checks(tuple[Check, ...]):
-    """A tuple of checks that prints each on a line of its own."""
+    """A tuple of checks whose text has each check on a line of its own."""
 
     __slots__ = ()
 
@@ -253,13 +253,13 @@ def disturbed_error(
 
 
 def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
-    """Return 2 phi |P| sqrt(cond P)/k^(n+1-i), i = 1, .., n: the limits of |x_i - xhat_i| of the observer without a
-    model,
+    """Return ultimate bounds (n) of the errors |x_i - xhat_i| of a high-gain observer without a model of the plant, 2
+    phi |P| sqrt(cond P)/k^(n+1-i) for i = 1, .., n:
 
-        xhat_i' = xhat_(i+1) + p_i k^i (y - xhat_1),   xhat_n' = p_n k^n (y - xhat_1),   A'P + P A <= -I,
+        xhat_i' = xhat_(i+1) + p_i k^i (y - xhat_1),   xhat_n' = p_n k^n (y - xhat_1),   A'P + P A <= -I
 
-    p the `gains` (n), A their companion matrix, |x_n'| <= `phi`, and `k` > 0 the first value of a gain that does not
-    decrease and converges. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises:
+    `gains`: p (n), with the companion matrix A; `phi`: a bound of |x_n'|; `k` > 0: the first value of a gain that does
+    not decrease and converges. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises:
     `BadGain`; `NotHurwitz`.
     """
     p, P, peak = _decaying(gains)

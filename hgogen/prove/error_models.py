@@ -260,8 +260,8 @@ def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
 
 
 def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
-    """Return the factors s_i a_1 .. a_i (n) of each chain, s the `units`, which
-    scale z_i to s_i w_i, w the coordinates of integrators w_i' = w_(i+1) + .."""
+    """Return the factors s_i a_1 .. a_i (n) that scale z_i to s_i w_i, where w are the coordinates of integrators, w_i'
+    = w_(i+1) + .., a_i the gains of each chain, and s the `units` (n)."""
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 

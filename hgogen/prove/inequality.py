@@ -267,8 +267,8 @@ def _exactly(coefficient: float) -> Any:
 
 
 def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Return phi_1 = (1 - h L/2)^-1 and phi_2 = phi_1/2 (N, N) in FLINT's rationals, for the linear core L and step
-    length h."""
+    """Return the matrices phi_1 = (1 - h L/2)^-1 and phi_2 = phi_1/2 (N, N) of the bilinear rule, in FLINT's rationals,
+    for the linear core L (N, N) and step length h."""
     resolvent = fmpq_mat((identity(len(L)) - L * (number(h) / 2)).tolist()).inv()
     phi_1 = np.array([[resolvent[i, j] for j in range(len(L))] for i in range(len(L))], dtype=object)
     return phi_1, phi_1 / 2
@@ -427,8 +427,8 @@ class Steps:
 
 @dataclass(frozen=True)
 class Contracts:
-    """A proof, by rational `weights` P and S, that one of the `steps`, of length `h`, contracts: |e+|_P^2 <= (1 - alpha
-    h) |e|_P^2."""
+    """A proof, by rational `weights` P and S, that a step of length `h` contracts: |e+|_P^2 <= (1 - alpha h) |e|_P^2.
+    `steps`: the method's steps of any length, of which it is one."""
 
     steps: Steps
     h: Fraction
@@ -477,7 +477,7 @@ def _frozen(step: Inequality) -> tuple[float, Array]:
 
 @dataclass(frozen=True)
 class Piece:
-    """A proof, by one pair of `weights` P and S, that the steps of every length from `low` to `high` contract."""
+    """A proof, by one pair of `weights` P and S, that the steps of all lengths from `low` to `high` contract."""
 
     low: Fraction
     high: Fraction

@@ -486,8 +486,8 @@ class LocalError:
 
 
 def by_bilinear_rule(step: CoreDeviation) -> Array:
-    """Return the bound |(1 - h L/2)^-1 s| h^3/12 sup|z'''| (N) of the bilinear rule's local error. Raises:
-    `Unbounded`."""
+    """Return the bound (N) of the bilinear rule's local error, |(1 - h L/2)^-1 s| h^3/12 sup|z'''|, s the matrix from
+    errors of the form's states z to e. Raises: `Unbounded`."""
     resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
     return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
 

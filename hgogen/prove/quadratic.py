@@ -260,7 +260,8 @@ def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
 
 
 def extent(P: Array, c: Array) -> Fraction:
-    """Return c P^-1 c', the largest |c e|^2 where e'P e <= 1, for a row c (n), in FLINT's rationals."""
+    """Return c P^-1 c', which is the largest |c e|^2 over the ellipsoid e'P e <= 1, for a row c (n), in FLINT's
+    rationals."""
     row = fmpq_mat([c.tolist()])
     return fraction((row * fmpq_mat(P.tolist()).solve(row.transpose()))[0, 0])
 
@@ -286,7 +287,7 @@ def on_grid(values: Array, bits: int) -> Array:
 
 
 def rational(values: Any) -> Array:
-    """Return an array of FLINT's rationals with exactly these values: fractions, floats or integers."""
+    """Return an array of numbers (fractions, floats or integers) exactly, as FLINT's rationals."""
     array = np.array(values, dtype=object)
     exactly = [fmpq(*each.as_integer_ratio()) for each in array.ravel().tolist()]
     return np.array(exactly, dtype=object).reshape(array.shape)

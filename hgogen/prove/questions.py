@@ -244,8 +244,8 @@ class Driven:
 
 @dataclass(frozen=True)
 class L2Bound:
-    """A proof that the L2 gain is at most `mu`: V' <= -|C e|^2 + sum_k lambda_k v_k^2, lambda_k <= mu^2, by the
-    `weights` P and S, whose last entries are the lambda_k."""
+    """A proof that the L2 gain from v to C e is at most `mu`, by V' <= -|C e|^2 + sum_k lambda_k v_k^2 with lambda_k <=
+    mu^2. `weights`: P of V = e'P e, and S, whose last entries are the lambda_k."""
 
     weights: Weights
     mu: Fraction

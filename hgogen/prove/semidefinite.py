@@ -71,8 +71,8 @@ def no_solver(what: str) -> Reason:
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """A proof of N'P + P N <= -I: `P` (n, n), symmetric and rational, `peak` >= its largest eigenvalue, and `N` (n,
-    n)."""
+    """A proof of the Lyapunov inequality N'P + P N <= -I for a matrix `N` (n, n): `P` (n, n), symmetric and rational,
+    and an upper bound `peak` of its largest eigenvalue."""
 
     P: Matrix
     peak: Fraction
@@ -80,7 +80,8 @@ class Lyapunov:
 
 
 def verified(candidate: Lyapunov) -> bool:
-    """Return whether P > 0, peak I - P > 0 and -I - N'P - P N > 0 for a `candidate` P, peak, N, in exact arithmetic."""
+    """Return whether a `candidate` satisfies P > 0, peak I - P > 0 and -I - N'P - P N > 0, decided in exact
+    arithmetic."""
     P, N, one = exact(candidate.P), exact(candidate.N), unit(len(candidate.P))
     gaps = (P, one * number(candidate.peak) - P, -one - (N.transpose() * P + P * N))
     return bool(P.transpose() == P) and all(map(positive, gaps))
@@ -440,7 +441,8 @@ def coefficient_matrices(form: Quadratic, groups: Sequence[Group] = ()) -> Array
 
 @cache
 def basis(n: int) -> Array:
-    """Return the symmetric matrices (p, n, n) with one 1 on or above the diagonal, p = n (n + 1)/2."""
+    """Return the basis (p, n, n) of the symmetric matrices, each with one 1 on or above the diagonal, p = n (n +
+    1)/2."""
     return np.array([symmetric(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 

@@ -174,7 +174,7 @@ STATES = 40  # above, products of rational matrices are slow
 
 @dataclass(frozen=True)
 class Linear:
-    """The matrices `A` (n, n) and `C` (p, n) of z' = A z + b(u), y = C z + d(u), in rationals."""
+    """The constant matrices of a linear plant z' = A z + b(u), y = C z + d(u), in rationals: `A` (n, n), `C` (p, n)."""
 
     A: definite.Matrix
     C: definite.Matrix

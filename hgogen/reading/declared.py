@@ -133,16 +133,17 @@ class BadTable(BadArgument):
 
 
 def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear", name: str = "table") -> sp.Expr:
-    """Return the value at `x`, an expression of a model, of the function through the points (xs, ys).
+    """Return the value at `x`, an expression of a model, of the function given by the points (xs, ys); it is constant
+    before the first and after the last point.
 
-    Beyond the first and the last point the function is constant. `kind`: "linear" between two points, Lipschitz with
-    kinks at the points; or "monotone", cubics that rise and fall with the points and have no other extrema (Fritsch and
-    Carlson's conditions, Fritsch and Butland's slopes, as in PCHIP), continuously differentiable between the ends.
-    `name`: the table's name in reports and in the emitted code.
+    `kind`: "linear", which interpolates linearly, is Lipschitz and has kinks at the points; or "monotone", cubic pieces
+    that rise and fall with the points and have no other extrema (Fritsch and Carlson's conditions, Fritsch and
+    Butland's slopes, as in PCHIP), continuously differentiable between the ends. `name`: the table's name in reports
+    and in the emitted code.
 
     A function of two expressions is a map, hg.table((x, y), (xs, ys), zs): bilinear between the lines of the grid and
-    constant beyond its ends, Lipschitz with kinks at those lines. `zs` (len(xs), len(ys)) has a row for each of xs, as
-    in SciPy's RegularGridInterpolator.
+    constant beyond its ends, Lipschitz with kinks at the lines. `zs` (len(xs), len(ys)) has a row for each of xs, as in
+    SciPy's RegularGridInterpolator.
 
     Raises: `BadTable` for fewer than two points, lists of different lengths, entries that are not finite numbers, `xs`
     that do not increase, an `x` that is no real expression, a map that is not linear, more than two expressions;

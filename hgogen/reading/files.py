@@ -36,8 +36,8 @@ class Unread(BadArgument):
 
 
 def content_of(path: str | Path, most: int) -> bytes:
-    """Return the content of a regular file of no more than `most` bytes. Raises: `Unread` for a larger or missing file,
-    a folder, a pipe, a device or a socket."""
+    """Return the content of a regular file of at most `most` bytes. Raises: `Unread` for a larger or missing file, a
+    folder, a pipe, a device or a socket."""
     try:
         _demand_regular(path, os.stat(path))  # before opening: to open a device may have effects
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -134,7 +134,7 @@ def file_name_fault(name: str) -> str:
 
 
 def demand_file_name(name: str) -> str:
-    """Return the name unchanged. Raises: `BadFileName` if it cannot be part of a path."""
+    """Return the name unchanged if it can be part of a path. Raises: `BadFileName` if not."""
     if why := file_name_fault(name):
         raise BadFileName(quoted(name), why)
     return name
