@@ -441,7 +441,7 @@ def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTrial:
-    """A trial of a step as it is printed in JSON."""
+    """A trial of a step as printed in JSON."""
 
     json_keys = "*row bounds falling each=row.tried.each"
 

@@ -577,7 +577,7 @@ def _row(calibration: Calibration, row: Judged) -> TunedRow:
 
 @dataclass(frozen=True, eq=False)
 class AdvisedRow:
-    """Proposed gains of an observer as they are printed in JSON."""
+    """Proposed gains of an observer as printed in JSON."""
 
     json_keys = (
         "name=gains.name form theta=gains.theta certified=gains.certified settles settled=gains.own.settled noise "

@@ -73,7 +73,7 @@ class OptionalFile(TyperCommand):
 
 @dataclass(frozen=True)
 class ObservedPlant:
-    """The observability of a plant as it is printed in JSON."""
+    """The observability of a plant as printed in JSON."""
 
     json_keys = "*observability least_seen=weakest"
 
@@ -85,7 +85,7 @@ class ObservedPlant:
 
 @dataclass(frozen=True)
 class NamedRange:
-    """The range of an expression as it is printed in JSON."""
+    """The range of an expression as printed in JSON."""
 
     json_keys = "expression *range"
 

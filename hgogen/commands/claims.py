@@ -34,7 +34,7 @@ from hgogen.which_forms import Survey
 
 @dataclass(frozen=True)
 class ListedCheck:
-    """A check in a list, as it is printed in JSON."""
+    """A check in a list, as printed in JSON."""
 
     json_keys = "*check accepted"
 
@@ -44,7 +44,7 @@ class ListedCheck:
 
 @dataclass(frozen=True)
 class AppliedTheorem:
-    """A theorem about a step, as it is printed in JSON."""
+    """A theorem about a step, as printed in JSON."""
 
     json_keys = "conclusion=theorem.conclusion reference=theorem.reference hypotheses"
 

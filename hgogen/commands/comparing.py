@@ -142,15 +142,16 @@ def compare_(
     campaign_options: Runs = NO_RUNS,
     out: Out = None,
 ) -> Comparison | ComparedCampaigns:
-    """Try several observers of a model on its trials, each on the same noise, at the same sampling period, the shortest
-    of theirs, and from the same estimate of the plant's state, the trial's `estimate`, else the nominal values; print
-    convergence, steady error, peaking and cost side by side, and draw the errors. One that is refused is named with the
-    reason, and the others are compared.
+    """Try several observers of a model on its trials and print convergence, steady error, peaking and cost in one
+    table; draw the errors. All observers have the same noise, the same sampling period (the shortest of their own), and
+    the same initial estimate of the plant's state: the trial's `estimate`, else the nominal values. A refused observer
+    is named with the reason, and the others are compared.
 
     Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
-    seeds. Peaking: how far the error rises above what it is at the start or at a jump, of all seeds, over the state's
-    range. Functions: sine, exponential, root and such, of one call. Of a model that says how large noise and the like
-    are at most, beside it what is proved of each error, or why nothing is.
+    seeds. Peaking: the largest rise of the error above its value at the start or at a jump, over all seeds, relative to
+    the state's range. Functions: calls of sine, exponential, root and the like in one call of the step. For a model
+    that declares bounds on noise and disturbances, the table also has the proved bound of each error, or the reason why
+    there is none.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -269,7 +270,7 @@ def _names(model: Model, requested: str | None) -> list[str]:
 
 
 def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
-    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: that of
+    """Return the figure of the estimation errors of several observers on the first seed of a trial; `unit`: the unit of
     time."""
     from hgogen.run import figures as figure
 

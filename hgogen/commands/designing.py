@@ -41,7 +41,7 @@ class NoiseBound:
 
 @dataclass(frozen=True, eq=False)
 class DesignedPoint:
-    """A designed gain as it is printed in JSON."""
+    """A designed gain as printed in JSON."""
 
     json_keys = (
         "observer=point.observer.name designed=point.wanted theta K=point.gain.K argument=point.gain.argument "
@@ -130,12 +130,12 @@ def design_(
     ] = False,
     out: Out = None,
 ) -> Designs:
-    """Design constant gains of high_gain for wanted rates, each of a small noise bound, and compare them with the
-    model's tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the
-    model's dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times
-    that; the tuning is that of --observer, the model's own, or of high_gain. With --argument they are gains of
-    circle_criterion, where that does better. Draws the figure design.svg and design.png.
-    """
+    """Design constant gains of high_gain for requested rates of decay, each with a small bound of the error by noise,
+    and compare them with the model's tuning: the proved rate, the effect of noise on each state in continuous time and
+    by the step at the model's dt, and the longest dt for which the step is proved. The default rates are the tuning's
+    own, a third and three times that; the tuning is that of --observer, the model's own, or of high_gain. With
+    --argument the gains are those of circle_criterion, where these do better. Draws the figure design.svg and
+    design.png."""
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
     folder.demand("design.svg")

@@ -65,9 +65,8 @@ def new_(
     name: Annotated[str, typer.Argument(metavar="NAME", help="The name of the model, of its file and of its C.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the file; by default this one.")] = Path(),
 ) -> Begun:
-    """Write NAME.py, a small model that builds at once, each part explained by a comment; NAME.py is taken for its name
-    as well. A file that is there is never replaced.
-    """
+    """Write NAME.py, a small model that builds at once, each part explained by a comment. The argument may also be
+    NAME.py. An existing file is never replaced."""
     name = name.removesuffix(".py")
     return Begun(name, tuple(Folder(out).write(new_model(name, out))))
 

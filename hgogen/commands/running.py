@@ -157,7 +157,7 @@ class RecordRun(ModelReport):
         return self.run.raised
 
     def written(self, name: str) -> dict[str, str | bytes]:
-        """Return by file name the estimates and innovations as CSV, and the figures; `name`: that of the log."""
+        """Return by file name the estimates and innovations as CSV, and the figures; `name`: the log's name."""
         texts = {"estimates": _estimates(self.step, self.record, self.run)}
         texts |= {"innovations": _innovations(self.step, self.record, self.run)}
         drawn = rendered(self._figures(name))
@@ -493,7 +493,7 @@ class InspectReport(ModelReport):
             yield "no fault found, in the signals and in the innovations of the model's observer"
 
     def written(self, name: str) -> dict[str, str | bytes]:
-        """Return by file name the figure of the signals with their faults marked; `name`: that of the log."""
+        """Return by file name the figure of the signals with their faults marked; `name`: the log's name."""
         from hgogen.run import figures
 
         signals = (*self.step.inputs, *self.step.outputs)
@@ -639,7 +639,7 @@ def window_(
 
 
 def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
-    """Return the table of the RMS errors of predictions; `dt`: the sampling period, `unit`: that of time."""
+    """Return the table of the RMS errors of predictions; `dt`: the sampling period, `unit`: the unit of time."""
     table = headed(
         "RMS prediction error of the measured outputs",
         *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
@@ -709,7 +709,7 @@ def gates_table(shares: Iterable[GateShare]) -> Iterable[RenderableType]:
 
 
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
-    """Return the table of the observability Gramians of windows along a trial; `unit`: that of time."""
+    """Return the table of the observability Gramians of windows along a trial; `unit`: the unit of time."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in gramians:

@@ -102,7 +102,7 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class TrialRow:
-    """The results of a trial as they are printed in JSON."""
+    """The results of a trial as printed in JSON."""
 
     json_keys = "*summary left=tried.leaving acted=tried.acted"
 
@@ -136,7 +136,7 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
-    """Yield a sentence for each trial in which the plant leaves its declared ranges; `unit`: that of time."""
+    """Yield a sentence for each trial in which the plant leaves its declared ranges; `unit`: the unit of time."""
     return chain.from_iterable(leaving_notes(one.trial.name, one.leaving, unit) for one in done)
 
 
@@ -165,7 +165,7 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
 
 
 def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
-    """Return the table of the responses to each event of each trial, over the seeds; `unit`: of time."""
+    """Return the table of the responses to each event of each trial, over the seeds; `unit`: the unit of time."""
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
@@ -220,7 +220,7 @@ def _range(low: float, high: float) -> str:
 
 
 def agreement_table(each: Iterable[Agreement], unit: str) -> RenderableType:
-    """Return the table of differences between C and Python on each trial; `unit`: that of the model's time."""
+    """Return the table of differences between C and Python on each trial; `unit`: the unit of the model's time."""
     table = headed(
         "C against Python, double precision, relative to each state's peak",
         *(
@@ -249,7 +249,7 @@ NAMED = 5  # invalid lines that are listed
 
 @dataclass(frozen=True, eq=False)
 class CampaignRow:
-    """The results of many runs of one observer on a trial; `name` is that of its tuning."""
+    """The results of many runs of one observer on a trial; `name`: the tuning's name."""
 
     json_keys = (
         "trial=campaign.trial.name observer=name engine=campaign.engine criterion runs failed "

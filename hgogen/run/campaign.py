@@ -538,7 +538,7 @@ class Spread:
 
 class Tally:
     """The statistics of a campaign's outcomes, which are added one by one: settling times after each event, steady
-    errors by state, and the largest theta if theta is adaptive; `unit`: that of the plant's time.
+    errors by state, and the largest theta if theta is adaptive; `unit`: the unit of the plant's time.
 
     `failed`: the number of runs whose plant cannot be simulated, `failure` the first of them; `last`: the outcome added
     last.

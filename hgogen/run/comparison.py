@@ -88,8 +88,8 @@ def measured(
     tick: Callable[[], None],
     known: ErrorBound | None = None,
 ) -> Measured:
-    """Return the results of a step over several seeds; `name`: that of its tuning; `tick` is called after each seed;
-    `known`: the proved error bounds of the step."""
+    """Return the results of a step over several seeds; `name`: the name of the step's tuning; `tick` is called after
+    each seed; `known`: the proved error bounds of the step."""
     each = []
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
@@ -258,7 +258,7 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
 
 def precision_warnings(each: Sequence[Difference], unit: str) -> Iterator[str]:
     """Yield a sentence for each state whose estimate in float differs from that in double by more than rounding, and
-    one for statuses that differ; `unit`: that of time."""
+    one for statuses that differ; `unit`: the unit of time."""
     for one in each:
         if one.share > COARSE:
             yield (
@@ -283,7 +283,7 @@ class LyapunovDecay:
     eigenvalues: Annotated[tuple[float, float], "least and largest eigenvalue of scaled S along the trial"]
 
     def sentence(self, unit: str) -> str:
-        """Return the decay of V = e' S e as a sentence in one line; `unit`: that of the model's time."""
+        """Return the decay of V = e' S e as a sentence in one line; `unit`: the unit of the model's time."""
         low, high = self.eigenvalues
         bounds = f"scaled S has eigenvalues from {low:.3g} to {high:.3g}"
         if self.ratio is None:

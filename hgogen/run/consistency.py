@@ -357,7 +357,7 @@ class Suggestion:
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
     """Return the sensor noise and the thresholds of an adaptive theta, estimated from y (N,), NaN where missing,
-    sampled every `dt` without excitation; `d`: the window of the innovation; `unit`: that of `dt` and `d`. Raises:
+    sampled every `dt` without excitation; `d`: the window of the innovation; `unit`: the unit of `dt` and `d`. Raises:
     `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST_SAMPLES:

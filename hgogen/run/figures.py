@@ -201,7 +201,7 @@ def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[st
 @rc_context(STYLE)
 def response(continuous: Response, sampled: Response, unit: str) -> Figure:
     """Return a figure with a panel for each state: the gain |H| over the frequency omega, of the observer in continuous
-    time and, dashed, of its step; `unit`: that of time."""
+    time and, dashed, of its step; `unit`: the unit of time."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     figure, axes = panels(len(continuous.states), continuous.omega, unit)
@@ -266,7 +266,7 @@ def _symbol(name: str) -> str:
 
 def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
     """Return a figure with `panels` axes, one below the other, over the times t; `top`, `margin`: inches above and to
-    the right of the axes; `unit`: that of time."""
+    the right of the axes; `unit`: the unit of time."""
     height, width = PANEL * panels + top + BOTTOM, WIDTH + margin
     figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
@@ -399,7 +399,7 @@ def log_faults(
     signals: Sequence[Signal], t: Array, values: Array, faults: Mapping[str, Sequence[tuple[int, int]]], unit: str
 ) -> Figure:
     """Return a figure with a panel for each of the `signals`: its `values` (N, k) at the times t (N,), with the
-    stretches of samples (first, last) of its `faults` shaded; `unit`: that of time."""
+    stretches of samples (first, last) of its `faults` shaded; `unit`: the unit of time."""
     figure, axes = panels(len(signals), t, unit)
     half = float(np.median(np.diff(t))) / 2
     for axis, signal, column in zip(axes, signals, values.T, strict=True):

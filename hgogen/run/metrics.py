@@ -81,7 +81,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """Return in words when a trial counts as settled, such as the error band; `unit`: that of time."""
+    """Return in words when a trial counts as settled, such as the error band; `unit`: the unit of time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
@@ -162,7 +162,7 @@ class Summary:
 
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
     """Return the metrics of one trial over its seeds, at least one, as a `Summary`; `alarm_ratio`: as the function of
-    this name returns it; `unit`: that of the plant's time."""
+    this name returns it; `unit`: the unit of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
     settled: list[list[Any]] = [[r.settled for r in event] for event in events]
     peaks, triggers, louds = (
@@ -305,7 +305,7 @@ def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Intervention
 
 def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool, unit: str) -> Iterator[str]:
     """Yield a sentence for a trial with restarts or projections of the estimate (a warning unless the trial is
-    `disturbed`), and one for each gate that rejects too many samples. `trial`, `observer`: names; `unit`: that of
+    `disturbed`), and one for each gate that rejects too many samples. `trial`, `observer`: names; `unit`: the unit of
     time."""
     yield from (f"trial {trial}, {observer}: {sentence}" for sentence in each.excessive)
     if each and disturbed:
