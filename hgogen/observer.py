@@ -391,9 +391,10 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
     The outer box has the centre of the declared box, and a half-width larger by peak^(i-1) for state i, by which a
     high-gain observer overshoots (with several chains, peak to the power of theta in Delta^-1), and at least by 3.
-    `initial`: the plant's states, by name or in order; a state that it does not name is at its nominal value, else at 0
-    or the end of its range nearest to 0; an angle may be some turns off. It may also name inputs, at which z(x, u) is
-    then evaluated in place of their resting values; where z depends on u, the estimate is x for these inputs only.
+    `initial`: the plant's states, by name or in order; a state without a value there starts at its nominal value, else
+    at 0 or the end of its range nearest to 0; an angle may be off by some turns. It may also name inputs, at which z(x,
+    u) is then evaluated in place of their resting values; where z depends on u, the estimate is x for these inputs
+    only.
 
     Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """

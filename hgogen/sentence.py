@@ -42,13 +42,14 @@ def down(value: float | Fraction, digits: int = 4) -> str:
 
 
 def same(value: float) -> str:
-    """Return a float as text that reads back as an equal float: in six digits if they suffice, else in more."""
+    """Return a float as text that reads back as the same float: in six digits if these suffice, else in more."""
     six_digits = f"{value:g}"
     return six_digits if float(six_digits) == value else repr(float(value))
 
 
 def tidy(value: float) -> str:
-    """Return a float as text of 12 digits that are off by rounding errors only, 0.01 of 0.1 * 0.1, or by `same`."""
+    """Return a float as text: in 12 digits if these differ from it by rounding errors only, as 0.01 for 0.1 * 0.1, else
+    by `same`."""
     twelve_digits = float(f"{value:.12g}")
     return same(twelve_digits if abs(twelve_digits - value) <= 4 * math.ulp(value) else value)
 

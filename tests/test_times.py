@@ -363,6 +363,17 @@ def test_a_varying_dt_loses_no_more_than_its_own_digits(real: str, digits: float
     assert not step.run(y=np.full(3, np.nan), dt=0.01).status.max() & (1 << step.flags(2**30 - 1).index("TIME_LOST"))
 
 
+def test_a_lost_value_keeps_the_remainder_of_the_time() -> None:
+    """The count alone is off by up to half a part."""
+    step = varying(sp.cos(2 * sp.pi * 5 * t))
+    step.run(y=np.zeros(7), dt=np.full(7, 0.0033))
+    before = float(step._kept.places[REMAINDER][0])
+    assert before
+    step._kept.places[Place("state", "z")][:] = math.nan
+    assert "RESTARTED" in step(y=math.nan, dt=0.0).flags
+    assert step._kept.places[REMAINDER] == before
+
+
 @pytest.mark.parametrize("between", ["line", "hold"])
 def test_sub_steps_have_the_time_of_calls(between: str) -> None:
     """A call over 5 dt is five calls without samples; at a constant dt it is the fixed step, and time goes on by all of

@@ -116,7 +116,8 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """Return the exact (Im mu)^2/(-Re mu): alpha^2 Re mu + beta (Im mu)^2 < 0 where alpha^2/beta is above it."""
+    """Return the bound (Im mu)^2/(-Re mu), exactly, above which alpha^2/beta admits the pole mu: alpha^2 Re mu + beta
+    (Im mu)^2 < 0."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 

@@ -138,8 +138,9 @@ def quantile(probability: float, degrees: int) -> float:
 
 
 def gated_groups(declared: Any, outputs: Iterable[Signal]) -> tuple[GatedGroup, ...]:
-    """Return the groups of a mapping from an output, or several outputs, to a probability, a `Gate`, or a table of its
-    arguments. Several outputs are a tuple, or in one text "px, py". Raises: `BadGain`."""
+    """Return the gated groups of outputs that `declared` maps to their gates. A key is one output or several, as a
+    tuple or in one text "px, py"; a value is a probability, a `Gate`, or a table of its arguments. Raises:
+    `BadGain`."""
     if declared is None:
         return ()
     if not isinstance(declared, Mapping):

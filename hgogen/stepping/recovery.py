@@ -111,8 +111,9 @@ def settling_time(observer: Observer, clock: Clock, r: float) -> float:
 
 @lru_cache(maxsize=32)
 def plant_rate(dynamics: Dynamics) -> float | None:
-    """Return lambda, the median over points of the box of the geometric mean of the plant's |eigenvalues|, of a
-    discrete plant of their |log|; None where the Jacobian is 0, or not finite at a point."""
+    """Return the typical rate lambda of a plant: the geometric mean of the absolute eigenvalues of its Jacobian, for a
+    discrete plant of their absolute logarithms, as the median over points of the box; None where the Jacobian is 0, or
+    not finite at a point."""
     try:
         slopes, _ = jacobians_on_box(dynamics, POINTS)
     except Singular:
