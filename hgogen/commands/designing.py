@@ -265,10 +265,10 @@ def response_(
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figure; by default none.")] = None,
 ) -> Gains:
-    """Tell what sinusoidal noise of an output does to each estimate: the error's amplitude over the noise's, of the
-    linear error core in continuous time and as its step discretises it.
+    """Compute the effect of sinusoidal noise of an output on each estimate: the amplitude of the error over that of the
+    noise, for the linear error core in continuous time and for its step.
 
-    By default at frequencies around the core's poles. With --out a figure is drawn, response.svg and response.png.
+    By default at frequencies around the core's poles. With --out the figure is drawn as response.svg and response.png.
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)

@@ -35,9 +35,8 @@ def report_(
     trial: Annotated[str | None, typer.Option(help="The trial that the page follows; by default the first.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file, by default MODEL.html.")] = None,
 ) -> PageReport:
-    """Write a model, its proofs, figures and C into one HTML file that needs no network, with the observer live in it:
-    the C compiled to WebAssembly, where clang with wasm-ld or Python's package ziglang is installed.
-    """
+    """Write a model, its proofs, figures and C into one HTML file that needs no network. The observer runs live in the
+    page: its C is compiled to WebAssembly, if clang with wasm-ld or Python's package ziglang is installed."""
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     path = out or Path(f"{named(loaded, observer)}.html")

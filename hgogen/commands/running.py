@@ -622,10 +622,11 @@ def window_(
     observer: Tuned = None,
     trial: Annotated[str | None, typer.Option(help="The trial of this name; by default the first.")] = None,
 ) -> Windows:
-    """Tell how well windows d of the innovation show the state along a trial: the observability Gramian of each.
+    """Compute the observability Gramian of windows of length d along a trial: how well the innovation over a window
+    determines the state.
 
-    By default half of the window d of the model, or of one of its tunings, itself, twice and four times it, as far as
-    the trial is long.
+    By default d is half, once, twice and four times the window of the model or of one of its tunings, up to the length
+    of the trial.
     """
     loaded = load(model)
     chosen, *_ = one_or_all(trials_or_proposed(loaded), trial)

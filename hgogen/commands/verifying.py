@@ -62,10 +62,11 @@ class Verification(Report):
 def recheck_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A certificate that hgogen check wrote.")],
 ) -> Verification:
-    """Verify a certificate again, by other code and another arithmetic than those that wrote it.
+    """Verify a certificate again, by code and an arithmetic that are independent of those that wrote it.
 
-    Exit status: 0 every claim that is said to be proved or refuted is verified, 1 one of them is not or there is none,
-    2 the file is no certificate. The model's digest is that in the banner of its C; the file's digest is no signature.
+    Exit status: 0 if every claim that is declared proved or refuted is verified, 1 if one of them is not or there is
+    none, 2 if the file is no certificate. The model's digest is that in the banner of its C; the file's digest is no
+    signature.
     """
     try:
         text = content_of(file, LARGEST).decode()
